@@ -13,7 +13,7 @@ CAMERA   ?=
 PROCESSES ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup navigation try demo test unit rostest docs study clean
+.PHONY: help setup navigation try demo test unit rostest study clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -39,10 +39,6 @@ unit: setup ## only the unit tests, without a ROS master
 
 rostest: setup ## only the tests of nodes
 	@. scripts/env.sh && python3 scripts/test --only rostest
-
-docs: ## the documentation as a site, into out/site
-	@test -x out/mkdocs/bin/mkdocs || { python3 -m venv out/mkdocs && out/mkdocs/bin/pip install -q mkdocs-material==9.6.14; }
-	@out/mkdocs/bin/mkdocs build --quiet --strict
 
 study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 CONFIG=file OUT=folder PROCESSES=number
 	@. scripts/env.sh && python3 -m vb_evaluation.study --out "$(OUT)" $(if $(QUICK),--quick) \

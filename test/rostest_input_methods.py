@@ -10,7 +10,6 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
-from std_srvs.srv import Trigger
 
 from vb_testing import Newest, wait_until
 from speech import RATE, say
@@ -28,7 +27,7 @@ from vb_msgs.msg import (
     SpeechCommand,
     VirtualBorderArray,
 )
-from vb_msgs.srv import Command
+from vb_msgs.srv import Command, UndoRedo
 
 COMMANDS = ("define_border", "define_seed", "save")
 FRAME_S = 0.04  # 25 images a second
@@ -143,7 +142,7 @@ class InputMethods(unittest.TestCase):
         self.assertTrue(promised.success, promised.message)
         self.assertEqual(np.array(promised.region.data).sum() / 100, (cells != room().data.ravel()).sum())
         self.found[way] = (stored.kind, array_from_points([*stored.points, stored.seed]), cells)
-        rospy.ServiceProxy(names.UNDO, Trigger)()
+        rospy.ServiceProxy(names.UNDO, UndoRedo)()
         self.borders.wait(lambda message: not message.borders, f"{way}: the undone border")
         self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
         record = wait_until(lambda: self.record_of(identity), f"{way}: the record")
@@ -191,25 +190,20 @@ class InputMethods(unittest.TestCase):
             self.joy.publish(buttons=list(buttons))
 
     def speak(self, command):
-        self.utter(command)
-        if command == "save":
-            # a single short word is asked about if it was not quite clear; a person says what the question names
-            answered = self.state.wait(
-                lambda message: message.confirm_save or (message.name == "default" and message.last_outcome == "saved"),
-                "an answer to the spoken save",
-            )
-            for seed in range(8 if answered.confirm_save else 0):
-                told = len(self.heard.all)
-                self.utter("yes, save", seed)
-                answers = wait_until(
-                    lambda: [heard for heard in self.heard.all[told:] if heard.command != "save"],  # noqa: B023
-                    "what was made of the answer",
-                )
-                if answers[0].accepted:
-                    return
+        """Says a command as people do: again until it is understood, and what a question names if there is one."""
+        said = command.replace("_", " ")
+        for seed in range(20):
+            told = len(self.heard.all)
+            self.utter(said, seed)
+            heard = wait_until(lambda: self.heard.all[told:], "what was made of a command")[0]  # noqa: B023
+            if heard.success:
+                return
+            if heard.code.startswith("confirm_"):
+                said = f"yes, {said}"
+        self.fail(f"{said} was not understood")
 
-    def utter(self, command, seed=0):
-        pcm = say(command.replace("_", " "), seed=seed)
+    def utter(self, command, seed):
+        pcm = say(command, seed=seed)
         for at in range(0, len(pcm), RATE // 10):
             self.audio.publish(Audio(sample_rate=RATE, data=pcm[at : at + RATE // 10].tobytes()))
 

@@ -14,8 +14,8 @@ TOP = Path(__file__).resolve().parents[1]
 SAMPLES = {
     "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/clips.py": "{clips} --roles window",
-    "detection/constants.py": "--clips {clips} --share 0 --only _MIN_LEVEL",
-    "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1",
+    "detection/constants.py": "--clips {clips} --only _MIN_LEVEL",
+    "detection/rendered.py": "'held still' --share 0.02",
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/constants.py": "--times 0.03 --only CORNER_MISFIT",
     "extraction/model_hand.py": "--times 0.01",
@@ -27,7 +27,7 @@ SAMPLES = {
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
     "mutants.py": "--modules vb_core.geometry --each 1",
-    "detection/training.py": "--clips {clips} --scenes grey --share 0.02 --examples {folder}/examples --out {folder}/made.json",
+    "detection/training.py": "--clips {clips} --scenes grey --examples {folder}/examples --out {folder}/made.json",
 }
 
 

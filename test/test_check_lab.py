@@ -129,7 +129,7 @@ def test_what_the_nodes_tell_people_is_the_result():
 def test_what_is_connected_to_a_robot_is_a_line_with_its_severity_once():
     good = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
     bad = dataclasses.replace(good, name="bob", plans_round_borders=False)
-    connected = [line.notice() for line in offer(Connections((good, bad))).lines]
+    connected = offer(Connections((good, bad))).lines
     lines = lines_from_notices(connected)
     assert [line.code for line in lines if line.subject == "robot ada"] == [
         "robot_plans_round_borders",

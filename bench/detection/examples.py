@@ -8,32 +8,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Dict, Iterable, List, Optional, Tuple
 
 import numpy as np
 import pandas
 
-from vb_core.image_format import Picture
+from bench.detection.clip_frames import LabeledFrame
 from vb_laser_detect.detection.features import Blob, SpotClassifier
-from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-
-
-class LabeledFrame(NamedTuple):
-    """One image of a clip or scene.
-
-    Attributes:
-        spots: (u, v) [px] of those in it.
-        unclear: (u, v) [px] of what is neither asked for nor wrong: a pulse's first or last light.
-        image: as `SpotDetector.detect` takes it.
-        geometry: where its pixels are on the floor, or None.
-    """
-
-    stamp: float
-    image: Union[np.ndarray, Picture]
-    spots: Sequence[Tuple[float, float]]
-    unclear: Sequence[Tuple[float, float]] = ()
-    geometry: Optional[ImageGeometry] = None
 
 
 class Oracle(SpotClassifier):

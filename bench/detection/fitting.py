@@ -9,12 +9,13 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Dict, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterable, NamedTuple, Tuple
 
 import numpy as np
 import pandas
 
 from bench.detection.clip_frames import is_clip, left_out_with
+from bench.detection.examples import load_examples
 from vb_laser_detect.detection.features import SpotClassifier
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
@@ -94,36 +95,42 @@ def _kind(group: str) -> str:
 
 def logits(classifier: SpotClassifier, examples: pandas.DataFrame) -> np.ndarray:
     """Returns what (N,) the classifier says of each example, from all features."""
-    total = np.full(len(examples.truth), classifier.intercept)
-    for name, curve in classifier.curves.items():
-        column = examples[name].to_numpy()
-        total += np.where(np.isnan(column), 0.0, np.interp(np.nan_to_num(column), *curve))
-    return total
+    parts = [np.nan_to_num(np.interp(examples[name], *curve)) for name, curve in classifier.curves.items()]
+    return classifier.intercept + np.sum(parts, axis=0)
 
 
-def fit_without(examples: pandas.DataFrame, left_out: Mapping[str, Sequence[str]]) -> Dict[str, SpotClassifier]:
-    """Fits, for each of some clips or scenes, a classifier without those that are left out with it."""
-    judges = {tuple(sorted(out)): SpotClassifier({}, 0.0) for out in left_out.values()}
-    for out in judges:
-        judges[out] = fit(examples[~examples.index.isin(out)])
-    return {group: judges[tuple(sorted(out))] for group, out in left_out.items()}
+class LeftOut(NamedTuple):
+    """What a classifier that was fitted without a clip or scene, and all that is left out with it, says of its examples.
 
-
-def validate(
-    examples: pandas.DataFrame, judges: Mapping[str, SpotClassifier]
-) -> List[Tuple[str, np.ndarray, np.ndarray]]:
-    """Returns (group, truth, logits) of each group, by the classifier that was fitted without it."""
-    own = {group: examples[examples.index == group] for group in sorted(judges)}
-    return [(group, some.truth.to_numpy(), logits(judges[group], some)) for group, some in own.items()]
-
-
-def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray) -> SpotClassifier:
-    """Makes a classifier's probabilities right on average (Platt's scaling).
-
-    Args:
-        truth, judged: (N,) bool and logits of examples by classifiers that had not seen their cameras and rooms.
+    Attributes:
+        truth, logits: (N,) of its examples.
     """
+
+    judge: SpotClassifier
+    truth: np.ndarray
+    logits: np.ndarray
+
+
+def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str, LeftOut]:
+    """Leaves out each clip, with all of its camera and of its room, and each scene."""
+    judges: Dict[Tuple[str, ...], SpotClassifier] = {}
+    found = {}
+    for group, out in sorted(left_out_with(sorted(set(examples.index))).items()):
+        if only_clips and not is_clip(group):
+            continue
+        kin = tuple(sorted(out))
+        if kin not in judges:
+            judges[kin] = fit(examples[~examples.index.isin(kin)])
+        own = examples[examples.index == group]
+        found[group] = LeftOut(judges[kin], own.truth.to_numpy(), logits(judges[kin], own))
+    return found
+
+
+def calibrate(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
+    """Makes a classifier's probabilities right on average on cameras and rooms that were not seen (Platt's scaling)."""
     from scipy.optimize import minimize
+
+    truth, judged = (np.concatenate(arrays) for arrays in zip(*((one.truth, one.logits) for one in left_out)))
 
     def loss(scaling: np.ndarray) -> float:
         margins = scaling[0] * judged + scaling[1]
@@ -134,13 +141,10 @@ def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray)
     return SpotClassifier(curves, float(scale * classifier.intercept + shift))
 
 
-def judges_of_clips(examples: pandas.DataFrame) -> Dict[str, SpotClassifier]:
-    """Fits a classifier for each clip without all of its camera and of its room, calibrated on what was left out."""
-    left_out = left_out_with(sorted(set(examples.index)))
-    judges = fit_without(examples, {group: out for group, out in left_out.items() if is_clip(group)})
-    judged = validate(examples, judges)
-    scores = [np.concatenate([one[i] for one in judged]) for i in (1, 2)]
-    return {group: calibrate(judge, *scores) for group, judge in judges.items()}
+def judges_of_clips(folder: Path) -> Dict[str, SpotClassifier]:
+    """Fits a calibrated classifier for each clip, to the examples of a folder without its camera and its room."""
+    left_out = leave_out(load_examples(sorted(folder.glob("*.csv"))), only_clips=True)
+    return {group: calibrate(one.judge, left_out.values()) for group, one in left_out.items()}
 
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:

@@ -83,48 +83,38 @@ class Outcome:
         }
 
 
-class SeenFrame(ImageGeometry):
-    """An image's geometry, and the truth."""
-
-    def __init__(self, snapshot: DisturbedSnapshot, *geometry_of_it: Any) -> None:
-        super().__init__(*geometry_of_it)
-        self.snapshot = snapshot
-
-
 class Camera:
     """A rendered camera and its detector, of this or another version (`source`)."""
 
     def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None) -> None:
         self._mobile, role = scene.mobile, "mobile" if scene.mobile else "stationary"
-        self.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{role}.yaml").read_text())
         floor = physical_map(scene.worlds[0])
         self._projector = FloorProjection(ProjectionParams.from_mapping(config["projection"]), floor)
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
+        self.encoding = self._views[0].encoding
         first = next(course(scene))[2]
         for view in self._views:
             # a scene's noise is its own, whichever scenes were played before in the same room
             view.draw_from(make_generator(rooms.seed, f"scene {scene.name}"))
             if not scene.mobile:
                 view.frame(first)
-        self.search_with(Finder(role, source))
-
-    def search_with(self, finder: Finder) -> None:
-        """Begins again, with a detector."""
-        self._finder = finder
+        self._finder = Finder(role, source)
         self._lasers: Dict[float, Optional[Place]] = {}
         self._missed: Set[float] = set()  # times [s] at which nothing was seen, until a later frame recalls it
 
-    def picture(self, index: int, snapshot: DisturbedSnapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
+    def picture(self, index: int, snapshot: DisturbedSnapshot) -> Tuple[np.ndarray, ImageGeometry, Any]:
         """Renders one frame: the image, its geometry, and the view that drew it."""
         view = self._views[index]
         image, pose = view.frame(snapshot), view.camera_pose(snapshot)
         depth = (lambda: (view.depth(snapshot), view.depth_model)) if self._mobile else None
-        return image, SeenFrame(snapshot, view.model, lambda: pose, self._projector, depth), view
+        return image, ImageGeometry(view.model, lambda: pose, self._projector, depth), view
 
-    def look(self, t: float, image: np.ndarray, frame: SeenFrame, view: Any, outcome: Outcome) -> None:
+    def look(
+        self, snapshot: DisturbedSnapshot, image: np.ndarray, frame: ImageGeometry, view: Any, outcome: Outcome
+    ) -> None:
         """Searches one picture, and counts."""
-        snapshot, hit = frame.snapshot, False
+        t, hit = snapshot.stamp, False
         self._lasers[t] = snapshot.laser
         outcome.frames += 1
         for spot in self._finder.find(image, t, frame, self.encoding):
@@ -173,8 +163,8 @@ def course(
 def play(scene: Scene, cameras: Sequence[Camera], share: float = 1.0) -> List[Outcome]:
     """Plays so much of one scene's time; several cameras of the scene see the same pictures."""
     outcomes = [Outcome() for _ in cameras]
-    for t, index, snapshot in course(scene, share):
+    for _, index, snapshot in course(scene, share):
         picture = cameras[0].picture(index, snapshot)
         for camera, outcome in zip(cameras, outcomes):
-            camera.look(t, *picture, outcome)
+            camera.look(snapshot, *picture, outcome)
     return outcomes

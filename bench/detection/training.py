@@ -17,22 +17,22 @@ images differently.
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
 from pathlib import Path
 import zlib
 from functools import partial
-from typing import Callable, Iterator, Optional, Tuple
+from typing import Callable, Iterator, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 import pandas
 
 from bench.detection import clip_frames, fitting
-from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Taken, takes
-from bench.detection.examples import LabeledFrame, collect, load_examples
+from bench.detection.augmentation import Taken, takes
+from bench.detection.clip_frames import LabeledFrame, frames_near_shots
+from bench.detection.examples import collect, load_examples
 from bench.detection.hard_scenes import Camera, Scene, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
@@ -40,35 +40,8 @@ from bench.frame import TOP, Table, arguments
 from vb_core.image_format import PixelReader
 from vb_laser_detect.detector import DetectorParams
 
-SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than frames.py's
-NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
+SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than rendered.py's
 SCENE_REACH_PX = 14.0
-
-
-def frames_near_shots(
-    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None, role: str = "stationary"
-) -> Iterator[LabeledFrame]:
-    """Yields the frames of one clip that tell enough: those near a shot, and the first ones.
-
-    Args:
-        group: its name, and how it was taken.
-        taken: how another camera takes the same pictures, and spots that are painted into them.
-        role: of the camera, see clips.py.
-    """
-    skipped = clip_frames.UNLABELED.get(name, ())
-    shots = np.array([one["frame"] for one in video["labels"]])
-    other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
-    for number, (stamp, image, labels) in enumerate(clip_frames.frames_of(folder / "clips" / name, video, role)):
-        far = not len(shots) or np.abs(shots - number).min() > NEAR_FRAMES
-        if far and len(shots) and number > FIRST_FRAMES:
-            continue
-        here = [(one["x"], one["y"]) for one in labels if not one["near"]]
-        near = [(one["x"], one["y"]) for one in labels if one["near"]]
-        near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)] if number in skipped else []
-        if other is not None:
-            image, seen, unseen = other.take(image, here, paint=far and number > PAINT_EVERY)
-            here, near = here + seen, near + unseen
-        yield LabeledFrame(stamp, image, here, near)
 
 
 def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> pandas.DataFrame:
@@ -77,12 +50,12 @@ def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[
     return collect(frames, DetectorParams.stationary(confirm_frames=1), group, clip_frames.reach_in(video))
 
 
-def from_scene(scene: Scene, rooms: Rooms, share: float) -> pandas.DataFrame:
-    """Examples of so much of a rendered scene's time."""
+def from_scene(scene: Scene, rooms: Rooms) -> pandas.DataFrame:
+    """Examples of the first part of a rendered scene."""
     camera, reader = Camera(scene, rooms), PixelReader()
 
     def frames() -> Iterator[LabeledFrame]:
-        for t, index, snapshot in course(scene, share, LEARN_S):
+        for t, index, snapshot in course(scene, SCENES_SHARE, LEARN_S):
             image, frame, view = camera.picture(index, snapshot)
             spot = view.spot(snapshot)
             places = [tuple(spot.center)] if spot is not None else []
@@ -95,33 +68,32 @@ def from_scene(scene: Scene, rooms: Rooms, share: float) -> pandas.DataFrame:
     return collect(frames(), preset(confirm_frames=1), scene.title, SCENE_REACH_PX)
 
 
-def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], pandas.DataFrame]]]:
+def parts_of(clips: Optional[Path], words: Sequence[str]) -> Iterator[Tuple[str, Callable[[], pandas.DataFrame]]]:
     """Names of the scenes and clips that the command asks for, and what makes their examples."""
     room, rooms = lab(), Rooms(SCENES_SEED)
     for scene in ceiling_scenes(room) + mobile_scenes(room) + training_scenes(room):
-        if any(word in scene.title for word in given.scenes):
-            yield scene.title, lambda scene=scene: from_scene(scene, rooms, given.share)
-    if given.clips:
-        for name, video in sorted(json.loads((given.clips / "labels.json").read_text())["videos"].items()):
-            yield name, partial(from_clip, given.clips, name, video, name)
+        if any(word in scene.title for word in words):
+            yield scene.title, partial(from_scene, scene, rooms)
+    if clips:
+        for name, video in sorted(json.loads((clips / "labels.json").read_text())["videos"].items()):
+            yield name, partial(from_clip, clips, name, video, name)
             for group, taken in takes(name, np.random.default_rng(zlib.crc32(name.encode()))):
-                yield group, partial(from_clip, given.clips, name, video, group, taken)
+                yield group, partial(from_clip, clips, name, video, group, taken)
 
 
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--clips", type=Path, metavar="DIR")
     parser.add_argument(
-        "--scenes", nargs="+", default=[""], metavar="WORD", help="only scenes with a WORD in their name"
+        "--scenes", nargs="+", default=[""], metavar="WORD", help="only those with a WORD in their name"
     )
-    parser.add_argument("--share", type=float, default=SCENES_SHARE, help="of each scene's time; default: %(default)s")
     parser.add_argument("--examples", type=Path, metavar="FOLDER", default=TOP / "out" / "spot_examples")
     parser.add_argument("--out", type=Path, help="write the classifier")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     given.examples.mkdir(parents=True, exist_ok=True)
     files = []
-    for name, make in parts_of(given):
+    for name, make in parts_of(given.clips, given.scenes):
         file = given.examples / (re.sub(r"\W+", "_", name) + ".csv")
         if not file.exists():
             part = file.with_suffix(".part")  # the file is there once it is whole
@@ -133,9 +105,8 @@ def main() -> int:
     names = sorted(set(examples.index))
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = Table(given.csv)
-    judges = fitting.fit_without(examples, clip_frames.left_out_with(names))
-    judged = fitting.validate(examples, judges)
-    for group, truth, score in judged:
+    left_out = fitting.leave_out(examples)
+    for group, (_, truth, score) in left_out.items():
         found, taken = int((score[truth] > 0).sum()), int((score[~truth] > 0).sum())
         table.add(
             left_out=group, spots=int(truth.sum()), found=found, others=int((~truth).sum()), taken_for_spots=taken
@@ -143,8 +114,7 @@ def main() -> int:
     if given.out:
         kinds = [name.split(":")[0] if ":" in name else "clip" for name in names]
         trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
-        left_out = (np.concatenate([one[i] for one in judged]) for i in (1, 2))
-        made = fitting.calibrate(fitting.fit(examples), *left_out)
+        made = fitting.calibrate(fitting.fit(examples), left_out.values())
         fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
     return 0
 

@@ -61,7 +61,7 @@ def hard_drawings(times: float) -> Iterator[IsBad]:
 
 
 def _stroke_is_bad(modules: List[Any], stroke: samples.Stroke, of_people: bool) -> bool:
-    found = measure(stroke, extracting(modules[0], "robust", True), of_people)
+    found = measure(stroke, extracting(modules[0]), of_people)
     return bool(found["bad"]) or not found["kind"]
 
 

@@ -31,7 +31,7 @@ from vb_core import geometry  # noqa: E402
 
 MODULES = (
     "vb_fusion.extraction",
-    "vb_fusion.spots.collector",
+    "vb_fusion.collector",
     "vb_core.errors",
     "vb_fusion.live_extraction",
     "vb_fusion.stroke.seed",

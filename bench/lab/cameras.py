@@ -41,10 +41,9 @@ class Running:
 
     Args:
         address: what each detector reads.
-        half_size: whether they search images at half their size.
     """
 
-    def __init__(self, stack: ExitStack, count: int, address: str, half_size: bool) -> None:
+    def __init__(self, stack: ExitStack, count: int, address: str) -> None:
         _, folder = start(stack)
         self.cameras, self.status = [f"c{number}" for number in range(count)], {}
         self._children: List[Child] = []
@@ -61,13 +60,11 @@ class Running:
         for name in self.cameras:
             lens_file.save(folder / "lenses" / f"{name}.yaml", name, scene().model)
             (folder / "detectors").mkdir(exist_ok=True)
-            (folder / "detectors" / f"{name}.yaml").write_text(
-                yaml.safe_dump({"source": address, "capture": {"half_size": half_size}})
-            )
+            (folder / "detectors" / f"{name}.yaml").write_text(yaml.safe_dump({"source": address}))
         configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in self.cameras)
         for number, command in enumerate(
             (
-                ["rosrun", "vb_fusion", "border_fusion", f"_spot_log_file:={folder}/fusion.jsonl"],
+                ["rosrun", "vb_fusion", "border_fusion"],
                 ["roslaunch", str(TOP / "launch/parts/detectors.launch"), f"cameras:={' '.join(self.cameras)}", f"configs:={configs}",
                  f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw"],
             )
@@ -110,16 +107,16 @@ class Running:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
-def many(count: int, seconds: float, jpegs: List[bytes], half_size: bool) -> List[Dict[str, Any]]:
+def many(count: int, seconds: float, jpegs: List[bytes]) -> List[Dict[str, Any]]:
     """Measures one row for each camera, and one of all."""
     with ExitStack() as stack:
         address, server = serving(stack, jpegs)
-        running = Running(stack, count, address, half_size)
+        running = Running(stack, count, address)
         others = {"fusion": node_process("/border_fusion"), "page": node_process(), "server": server}
         found, shares = running.watch(seconds, others)
     rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
     of_all = {
-        "camera": f"all {count}{', half size' if half_size else ''}",
+        "camera": f"all {count}",
         **{key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")},
         **quantiles([delay for delays in running.delays.values() for delay in delays]),
     }
@@ -136,7 +133,6 @@ def add_rows(csv: Optional[Path], *given: Any) -> None:
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
-    parser.add_argument("--half-size", action="store_true", help="search images at half their size")
     parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
     given = parser.parse_args()
     # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
@@ -144,7 +140,7 @@ def main() -> int:
     cv2.setNumThreads(1)
     jpegs, failed = clip(), 0
     for count in given.cameras:  # each in a separate process: a node cannot be started twice in one
-        work = (given.csv, count, given.seconds, jpegs, given.half_size)
+        work = (given.csv, count, given.seconds, jpegs)
         child = multiprocessing.get_context("fork").Process(target=add_rows, args=work)
         child.start()
         child.join()

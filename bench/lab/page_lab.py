@@ -32,7 +32,7 @@ LAUNCH = """<launch>
   <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
     <param name="log_file" value="{state}/i.jsonl"/><param name="stop_file" value="{state}/robots.stop"/></node>
   <node pkg="vb_web" type="page" name="page" output="log">
-    <param name="port" value="{port}"/><param name="events_file" value="{state}/e.jsonl"/>
+    <param name="port" value="{port}"/>
     <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
 </launch>"""
 # as docs/how-to/use-the-page.md has it

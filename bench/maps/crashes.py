@@ -31,7 +31,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_values import border_to_mapping
+from vb_map_integration.borders.geojson import border_to_feature
 from vb_map_integration.integrator import MapIntegrator
 
 KINDS = ("kill", "full", "flip")
@@ -47,7 +47,7 @@ def start(folder: Path) -> MapIntegrator:
 
 def state(keeper: MapIntegrator) -> str:
     """Returns every border, to the last bit."""
-    return json.dumps([border_to_mapping(border) for border in keeper.borders])
+    return json.dumps([border_to_feature(border) for border in keeper.borders])
 
 
 def describe(notice: Notice) -> str:
@@ -68,9 +68,9 @@ def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: 
         "rename": (0.13, lambda: keeper.rename(some, name, now)),
         "enable": (0.13, lambda: keeper.set_enabled(some, enabled, now)),
         "update": (0.1, lambda: keeper.update(border.replace(id=some), now)),
-        "remove": (0.1, lambda: keeper.remove(some, now)),
-        "undo": (0.08, lambda: keeper.undo(now)),
-        "redo": (0.04, lambda: keeper.redo(now)),
+        "remove": (0.1, lambda: keeper.remove(some)),
+        "undo": (0.08, lambda: keeper.undo()),
+        "redo": (0.04, lambda: keeper.redo()),
     }
     kind = str(random.choice(list(changes), p=[share for share, _ in changes.values()]))
     os.write(out, f"try {kind}\n".encode())
@@ -160,8 +160,8 @@ def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     if now == acknowledged:
         row["outcome"] = "same"
         return now
-    old = {one["id"]: one for one in json.loads(acknowledged)}
-    new = {one["id"]: one for one in json.loads(now)}
+    old = {one["properties"]["id"]: one for one in json.loads(acknowledged)}
+    new = {one["properties"]["id"]: one for one in json.loads(now)}
     different = [key for key in {*old, *new} if old.get(key) != new.get(key)]
     many = row["under_way"] in ("undo", "redo")
     made = row["kind"] != "full" and (len(different) == 1 and row["under_way"] or many)

@@ -24,11 +24,8 @@ from bench.frame import Table, arguments, share
 from bench.voice.room import HALVES, RATE, Clip, Room, load, read_people, trimmed
 from vb_core.sounds import SOUNDS
 from vb_voice_wizard.confirmation import ANSWERS
-from vb_voice_wizard.recognizer import PHRASES, CommandRecognizer
+from vb_voice_wizard.recognizer import CommandRecognizer
 from vb_voice_wizard.voice.listener import Heard
-
-# what would move a robot, change a map or lose a drawing, if it were done at once
-CONSEQUENT = tuple(command for command in PHRASES if command != "stop" and command not in ANSWERS)
 
 
 def commands(found: List[Heard]) -> List[str]:
@@ -48,7 +45,7 @@ class Tally:
         taken = [heard.result for heard in found if heard.result.command]
         self.figures[f"other speech taken, {where}"].append(bool(taken))
         self.figures["other speech done at once, that matters"].append(
-            any(one.certain and one.command in CONSEQUENT for one in taken)
+            any(one.certain and one.command in ANSWERS.values() for one in taken)
         )
         for one in taken:
             self.wrong.append(f"{clip.kind}/{clip.name}, {where}: {one.command}, confidence {one.confidence:.2f}")

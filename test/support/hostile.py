@@ -13,7 +13,6 @@ GOOD_DRAFT = {
     "name": "carpet",
     "zone": "keep_out",
     "max_speed": 0.0,
-    "schedule": "",
     "enabled": True,
     "robots": [],
 }
@@ -24,7 +23,6 @@ TEMPLATES = [
     {"do": "rename", "id": "1", "name": "x", "border": "b1", "revision": 1},
     {"do": "remove", "id": "1", "border": "b1", "revision": 1},
     {"do": "send", "id": "1", "robot": "ada", "goal": [1.0, 2.0]},
-    {"do": "mark", "id": "1", "text": "note"},
 ]
 NASTY = [
     None,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import rospy
 from geometry_msgs.msg import Point
-from std_srvs.srv import Trigger, TriggerResponse
-from vb_core.errors import CodedError
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
@@ -16,6 +14,8 @@ from vb_msgs.srv import (
     ListBordersResponse,
     PreviewBorder,
     PreviewBorderResponse,
+    UndoRedo,
+    UndoRedoResponse,
 )
 
 
@@ -50,15 +50,15 @@ class StubNeighbors:
         """Starts undo over one border, "Nursery", which can be taken back once; gives the services."""
         self.undone = 0
         return [
-            rospy.Service("/virtual_borders/undo", Trigger, self._on_undo),
+            rospy.Service("/virtual_borders/undo", UndoRedo, self._on_undo),
             rospy.Service("/virtual_borders/list_borders", ListBorders, self._on_list),
         ]
 
     def _on_undo(self, _request):
         if self.undone:
-            return TriggerResponse(False, str(CodedError("nothing_to_undo")))
+            return UndoRedoResponse(code="nothing_to_undo")
         self.undone += 1
-        return TriggerResponse(True, "Nursery is gone.")
+        return UndoRedoResponse(success=True, code="ok")
 
     def _on_list(self, _request):
         response = ListBordersResponse()

@@ -18,14 +18,13 @@ def border(**changes):
     [
         ({"1": border()}, []),
         # what the map integrator fills in is nobody's change
-        ({"1": border(reason="off_schedule", area_m2=2.0)}, []),
+        ({"1": border(reason="disabled", area_m2=2.0)}, []),
         # found again on a map that has grown
         ({"1": border(seed=Point(1e-3, 0.0, 0.0))}, []),
         ({"1": border(seed=Point(0.05, 0.0, 0.0))}, [("changed", "a")]),
         ({}, [("removed", "a")]),
         ({"1": border(name="b")}, [("renamed", "b")]),
         ({"1": border(enabled=False)}, [("disabled", "a")]),
-        ({"1": border(schedule="8 to 9")}, [("changed", "a")]),
         ({"1": border(), "2": border(name="c")}, [("added", "c")]),
     ],
 )

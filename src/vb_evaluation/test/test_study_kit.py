@@ -33,7 +33,6 @@ from vb_map_integration.integration import integrate
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer
-from vb_voice_wizard.dialogue.record import record_line
 
 
 def room():
@@ -186,7 +185,7 @@ class Lab:
             machine.finish(Answer(True, "saved"), self.time, border.id)
         else:
             machine.command("cancel", "wizard", self.time)
-        append_line(self.folder / "interactions.jsonl", record_line(machine.take_record(), method, ["green"]))
+        append_line(self.folder / "interactions.jsonl", machine.take_record().line(method, ["green"]))
         self.time += 5.0
         return self
 

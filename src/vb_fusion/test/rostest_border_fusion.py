@@ -4,7 +4,6 @@
 import os
 import signal
 import unittest
-from pathlib import Path
 from xmlrpc.client import ServerProxy
 
 import numpy as np
@@ -176,28 +175,21 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(DEFAULT, "", "cancelled")
         self.wait(lambda: not self.told[-1], "the end of the doubt")
 
-    def test_killed_in_the_middle(self) -> None:
+    def test_of_a_drawing_that_was_begun_before_the_node_was_started_again_nothing_is_saved(self) -> None:
         self.enter(BORDER, "three")
-        points = square(300)
-        self.show(points[:150], since=0.01)
+        self.show(square(150), since=0.01)
         self.wait(lambda: self.last(interaction_id="three", border_spots=150), "half the drawing")
         uri = rosgraph.Master("/test").lookupNode(NODE)
         os.kill(ServerProxy(uri).getPid("/test")[2], signal.SIGKILL)
-        known = len(self.progress)
-        self.wait(
-            lambda: any(p.border_spots == 150 and p.interaction_id == "three" for p in self.progress[known:]),
-            "the restored drawing",
-        )
+        self.wait(lambda: self.told and "drawing_lost" in self.told[-1], "the loss to be told")
         self.connected()
-        self.show(points[150:], since=6.01)
-        self.wait(lambda: self.last(border_spots=300) and self.progress[-1].closed, "the finished drawing")
         self.enter(SEED, "three")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
-        self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
-        self.assertTrue(self.candidate("three").success)
-        self.enter(DEFAULT, "", "saved")
-        spot_log = Path(rospy.get_param(NODE + "/spot_log_file"))
-        self.wait(lambda: not spot_log.exists(), "the removal of the spot log")
+        self.wait(lambda: self.last(seed_spots=30), "the seed")
+        self.assertEqual(self.candidate("three").code, "drawing_lost")
+        self.assertIn("drawing_lost", self.next_told())
+        self.enter(DEFAULT, "", "cancelled")
+        self.wait(lambda: not self.told[-1], "the end of the notice")
 
 
 if __name__ == "__main__":

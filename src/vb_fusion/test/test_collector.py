@@ -1,6 +1,4 @@
-"""Which spots belong to an interaction, the spot log, and the live candidate's thrift."""
-
-from pathlib import Path
+"""Which spots belong to an interaction, and the live candidate's thrift."""
 
 import numpy as np
 import pytest
@@ -9,8 +7,7 @@ from strokes import Setting, draw
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.live_extraction import LiveExtractor
-from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
-from vb_fusion.spots.spot_log import SpotLog
+from vb_fusion.collector import Collector, CollectorParams, FloorSpot
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):
@@ -124,85 +121,6 @@ def test_seeing():
     assert collector.cameras_seeing(12.1) == ["green"]
     collector.add(spot(1.0, camera="green"))  # the clock was set back
     assert collector.cameras_seeing(1.1) == ["green"]
-
-
-def test_the_log_returns_what_was_collected(tmp_path):
-    path = tmp_path / "folder" / "spot_log.jsonl"
-    spot_log = SpotLog(path)
-    assert spot_log.start("a") == []
-    spot_log.append("border", spot(1.5, 0.25, -1.0))
-    spot_log.append("seed", spot(2.5, 1.0, 2.0, "green"))
-    spot_log.flush()
-    with open(str(path), "a") as file:
-        file.write('["border", 3.0, 0.')  # killed while writing
-    again = SpotLog(path)
-    assert again.start("a") == [("border", spot(1.5, 0.25, -1.0)), ("seed", spot(2.5, 1.0, 2.0, "green"))]
-    again.append("border", spot(4.0))
-    again.close()
-    assert len(SpotLog(path).start("a")) == 3
-    assert SpotLog(path).start("b") == []
-    assert SpotLog(path).start("a") == []
-
-
-def test_the_log_is_bounded_removed_and_optional(tmp_path):
-    spot_log = SpotLog(tmp_path / "j", limit=3)
-    spot_log.start("a")
-    for k in range(10):
-        spot_log.append("border", spot(float(k)))
-    spot_log.close()
-    assert len(SpotLog(tmp_path / "j").start("a")) == 3
-    spot_log.discard()
-    spot_log.discard()
-    assert not (tmp_path / "j").exists()
-    nothing = SpotLog(None)
-    assert nothing.start("a") == []
-    nothing.append("border", spot(1.0))
-    nothing.discard()
-
-
-@pytest.mark.parametrize("text", ["", "nonsense\n", "[1]\n", '{"interaction_id": "b"}\n[]\n'])
-def test_a_file_that_is_not_a_log_is_ignored(tmp_path, text):
-    path = tmp_path / "j"
-    path.write_text(text)
-    assert SpotLog(path).start("a") == []
-
-
-def test_an_impossible_folder_is_reported_and_the_drawing_goes_on(tmp_path):
-    (tmp_path / "file").write_text("")
-    spot_log = SpotLog(tmp_path / "file" / "folder" / "j")
-    assert spot_log.start("a") == []
-    assert spot_log.problem.code == "spot_log_unwritable"
-    spot_log.append("border", spot(1.0))
-    spot_log.flush()
-    spot_log.discard()
-    assert spot_log.problem is None
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
-def test_a_full_disk_says_so_and_the_drawing_goes_on(tmp_path):
-    (tmp_path / "j").symlink_to("/dev/full")
-    spot_log = SpotLog(tmp_path / "j")
-    spot_log.start("a")
-    for k in range(5000):
-        spot_log.append("border", spot(float(k)))
-    spot_log.flush()
-    assert spot_log.problem.code == "spot_log_unwritable"
-    spot_log.close()
-
-
-def test_a_damaged_log_returns_what_it_still_has(tmp_path):
-    path = tmp_path / "j"
-    spot_log = SpotLog(path)
-    spot_log.start("a")
-    for k in range(3):
-        spot_log.append("border", spot(float(k)))
-    spot_log.close()
-    lines = path.read_bytes().split(b"\n")
-    lines[2] = b"\xff\xfe damaged"
-    path.write_bytes(b"\n".join(lines))
-    again = SpotLog(path)
-    assert [entry[1].stamp for entry in again.start("a")] == [0.0, 2.0]
-    assert again.problem.code == "spot_log_damaged" and again.problem.values == {"lines": 1}
 
 
 def test_live_candidate_keeps_to_its_share():

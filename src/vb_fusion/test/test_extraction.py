@@ -9,7 +9,8 @@ import people
 from strokes import Setting, draw, hausdorff, jaccard
 
 from vb_core import geometry
-from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border
+from vb_core.errors import CodedError
+from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.line import closure
 from vb_fusion.stroke import track
 from vb_fusion.stroke.observations import TIME_BIN, TREMOR
@@ -189,7 +190,7 @@ def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing(
     ],
 )
 def test_refusals(params, points, code):
-    with pytest.raises(ExtractionError) as caught:
+    with pytest.raises(CodedError) as caught:
         extract_border(points, params, stamps=0.04 * np.arange(len(points)))
     assert caught.value.code == code
     assert caught.value.message
@@ -418,7 +419,7 @@ def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(siz
         points, stamps, cameras = ring_spots(size, seed, noise)
         try:
             assert extract_border(points, stamps=stamps, cameras=cameras).closed
-        except ExtractionError as error:
+        except CodedError as error:
             assert error.code in ("figure_too_small", "no_line")
             count += 1
     assert count in refused

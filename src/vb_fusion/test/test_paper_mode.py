@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 import paper_transcription as transcription
 
-from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border
+from vb_core.errors import CodedError
+from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.paper import dbscan, find_cluster, generate_polygon, thin_points
 
 # multiples of 1/64 m are exact in binary: comparisons with a distance come out alike however they are computed
@@ -70,6 +71,6 @@ def test_whole_paper_mode_equals_the_transcription(seed):
 
 def test_so_many_points_that_their_neighbours_do_not_fit_are_refused():
     points = np.random.default_rng(0).normal(0, 0.2, (12000, 2))
-    with pytest.raises(ExtractionError) as caught:
+    with pytest.raises(CodedError) as caught:
         extract_border(points, ExtractionParams(mode="paper"))
     assert caught.value.code == "too_many_spots" and "12000" in caught.value.message

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vb_fusion.extraction import ExtractionError, extract_seed
+from vb_core.errors import CodedError
+from vb_fusion.extraction import extract_seed
 from vb_fusion.live_extraction import DrawnBorder
 from vb_fusion.stroke.seed import find_dwells
 
@@ -32,7 +33,7 @@ def test_a_pointer_that_moves_on_in_the_end_dwells_no_more():
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
 def test_refusals(points, code):
-    with pytest.raises(ExtractionError) as caught:
+    with pytest.raises(CodedError) as caught:
         extract(points)
     assert caught.value.code == code
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vb_core.geometry import chain_length
 from vb_fusion.line.closure import classify_closure
-from vb_fusion.stroke import track
+from vb_fusion.stroke import seed, track
 from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
 
 # the same examples on every computer, however busy
@@ -184,3 +184,100 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
         off = math.hypot(x - at, y - 0.5)
         assume(abs(off - reach) > 1e-6 and min(abs(time - 0.2 + TIME_BIN), abs(time - 1.2 - TIME_BIN)) > 1e-6)
         assert (index in found) == (0.2 - TIME_BIN <= time < 1.2 + TIME_BIN and off <= reach)
+
+
+@settings(STEADY, max_examples=60)
+@given(
+    st.lists(st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 0.6)), min_size=1, max_size=40),
+    st.sampled_from([0.3, 1.0]),
+)
+def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_where_light_stays(steps, dropout):
+    points, times = np.array(steps)[:, :2], np.cumsum(np.array(steps)[:, 2])
+    nodes = {}  # of a lattice: the places about each, with how much of them is there
+    for place, (x, y) in enumerate(points / track.PLACE_WIDTH):
+        for i, j in ((math.floor(x) + dx, math.floor(y) + dy) for dx in (0, 1) for dy in (0, 1)):
+            nodes.setdefault((i, j), {})[place] = (1.0 - abs(x - i)) * (1.0 - abs(y - j))
+    still = {}
+    for node, there in nodes.items():
+        seen, shares = times[list(there)], np.array(list(there.values()))
+        stay = TIME_BIN + np.minimum(np.diff(seen), dropout).sum()
+        off = seen - np.average(seen, weights=np.maximum(shares, 1e-12))
+        deviations = [shares @ (off * values) for values in (off, *points[list(there)].T)]
+        moved = (
+            math.sqrt(12.0 / shares.sum() / deviations[0]) * math.hypot(*deviations[1:]) if deviations[0] > 1e-6 else 0
+        )
+        assume(deviations[0] > 1e-6 or deviations[0] < 1e-12)
+        still[node] = stay * (1.0 - min(1.0, (moved / track.PLACE_WIDTH) ** 2))
+    swept = track._swept(points, times, dropout)
+    found = track.floor_gains(points, times, dropout)
+    for place in range(len(points)):
+        about = [there for there in nodes.values() if place in there]
+        company = sum(there[place] * sum(there.values()) for there in about) / sum(there[place] ** 2 for there in about)
+        stay = max(still[node] for node, there in nodes.items() if place in there)
+        gain = max(track.PLACE_WIDTH / max(company / 1.5, 2.0), swept[place])
+        assert found[place] == pytest.approx(gain * min(1.0, 2.0 / max(stay, 0.1)) ** 2, abs=2e-4)
+
+
+@settings(STEADY, max_examples=80)
+@given(
+    st.lists(
+        st.tuples(st.floats(0, 2), st.floats(0, 2), st.sampled_from([0.0, 0.1, 0.7]), st.floats(0, 0.2)), max_size=25
+    ),
+    st.sampled_from([0.05, 1.0]),
+)
+def test_the_best_track_is_that_of_a_search_through_all_places_before(places, flick):
+    x, y, pauses, gains = np.array([*places, (1.0, 1.0, 0.1, 0.1)]).T
+    points, times = np.column_stack([x, y]), np.cumsum(pauses)
+    best = []  # (gain, the place before) of each
+    for place, own in enumerate(gains):
+        ways = [(0.0, -1)]
+        for before in range(max(0, place - track.LOOK_BACK), place):
+            time, way = times[place] - times[before], math.dist(points[place], points[before])
+            if time > 0.0:
+                effort = max(way - TREMOR, 0.0) ** 2 / (min(time, 0.4) * track.UNSEEN_SPEED)
+                ways.append((best[before][0] - flick * math.log1p(effort / flick), before))
+        gain, before = max(ways)
+        best.append((own + gain, before))
+    found, previous = track.find_best_steps(points, times, 0.4, gains, flick)
+    assert found == pytest.approx([gain for gain, _ in best])
+    path = [int(np.argmax(found))]
+    while previous[path[0]] >= 0:
+        path.insert(0, int(previous[path[0]]))
+    assert track.trace_path(found, previous).tolist() == path
+    # of two ways that gain the same either is right
+    steps = [found[b] - found[a] - gains[b] for a, b in zip(path[:-1], path[1:])]
+    assert all(step <= 1e-9 for step in steps) and found[path[0]] == gains[path[0]]
+
+
+@settings(STEADY, max_examples=60)
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(1, 9)), min_size=1, max_size=60))
+def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
+    spot, bins = np.array([number for number, _ in steps]), np.cumsum([wait for _, wait in steps])
+    stays = []  # lists of places
+    for number in range(4):
+        there = [place for place in range(len(spot)) if spot[place] == number]
+        for before, place in zip([None, *there], there):
+            if before is None or bins[place] - bins[before] > 5:
+                stays.append([])
+            stays[-1].append(place)
+    held = [stay for stay in stays if len(stay) >= 7] or [max(stays, key=len)]
+    wanted = {}
+    for stay in held:
+        last, count = wanted.get(spot[stay[-1]], (-1, 0))
+        wanted[spot[stay[-1]]] = max(last, stay[-1]), count + len(stay)
+    assert seed._find_stays(spot, bins) == sorted(wanted.values())
+
+
+@settings(STEADY, max_examples=60)
+@given(st.lists(st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4)), min_size=1, max_size=30))
+def test_a_spot_of_floor_is_as_wide_as_a_hand_that_holds_still(places):
+    middles, wanted, counts = [], [], []
+    for place in places:
+        near = [number for number in range(len(middles)) if math.dist(middles[number], place) <= seed.HAND_RADIUS]
+        if not near:
+            near = [len(middles)]
+            middles.append(place)
+        wanted.append(min(near, key=lambda number: math.dist(middles[number], place)))
+        counts.append(wanted[:-1].count(wanted[-1]))
+    spot, earlier = seed._spots_of_floor(np.array(places))
+    assert spot.tolist() == wanted and earlier.tolist() == counts

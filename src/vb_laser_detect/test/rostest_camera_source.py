@@ -68,7 +68,6 @@ class TestCameraSource(unittest.TestCase):
         lens_file.save(lab / "lenses" / "hall.yaml", "hall", CAMERA)
         config = Path(rospkg.RosPack().get_path("vb_laser_detect")) / "config" / "stationary.yaml"
         rospy.set_param("/spot_detector_hall", yaml.safe_load(config.read_text()))
-        rospy.set_param("/spot_detector_hall/capture/half_size", True)
         for name, value in (("camera", "hall"), ("source", cls.server.address()), ("settings", str(cls.settings))):
             rospy.set_param(f"/spot_detector_hall/{name}", value)
         cls.node = Process("vb_laser_detect", "spot_detector", "__name:=spot_detector_hall")

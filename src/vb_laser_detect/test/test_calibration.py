@@ -63,7 +63,7 @@ def test_exact_points_give_the_exact_pose(count, pose):
     "count, point_noise, median, most", [(4, 0.005, 0.018, 0.05), (8, 0.005, 0.012, 0.035), (8, 0.015, 0.035, 0.1)]
 )
 def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_reported(count, point_noise, median, most):
-    worst, sigma, inside = [], [], []
+    worst, sigma = [], []
     for seed in range(12):
         estimate = estimate_pose(
             CAMERA,
@@ -72,11 +72,9 @@ def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_reported(count, 
         )
         worst.append(on_floor_apart(estimate).max())
         sigma.append(estimate.floor_sigma[1])
-        inside.append((np.abs(estimate.T_map_camera[:3, 3] - POSE[:3, 3]) < 3 * estimate.position_sigma).all())
     assert np.median(worst) < median and max(worst) < most
     # the worst place is the worst of nine, so that it is a bit more than one standard deviation of the worst
     assert 0.5 < np.median(worst) / np.median(sigma) < 2.0
-    assert np.mean(inside) > 0.85
 
 
 @pytest.mark.parametrize("wrong", [1, 2])
@@ -210,7 +208,7 @@ def test_session_guides_to_a_result_and_back():
     assert raised.value.code == "same_place" and len(session) == 8
     assert "cm on the floor" in session.describe_progress()
     text = "\n".join(describe(session.solve(), session.observed))
-    assert "px rms" in text and "cm rms" in text and "8 of 8" in text
+    assert "8 of 8" in text
     for _ in range(6):
         assert session.undo()
     with pytest.raises(CodedError):
@@ -239,14 +237,10 @@ def test_file_round_trip(tmp_path):
         (None, "no_calibration"),
         ("{", "bad_calibration"),
         ("[1, 2]", "bad_calibration"),
-        ("{camera: red, parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
-        ("{camera: red, parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
-        ("{camera: red, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
-        (
-            "{camera: green, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}",
-            "calibration_of_other_camera",
-        ),
-        ("{camera: red, parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+        ("{parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+        ("{parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+        ("{parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
+        ("{parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
     ],
 )
 def test_bad_files_are_refused(tmp_path, content, code):

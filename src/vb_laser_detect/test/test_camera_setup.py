@@ -20,9 +20,6 @@ from vb_laser_detect.camera.source import CaptureParams
 WIDE = CameraModel(
     1280, 720, np.array([[820.0, 0, 655], [0, 824.0, 350], [0, 0, 1]]), np.array([-0.25, 0.08, 0.001, 0, 0])
 )
-FISH = CameraModel(
-    1280, 720, np.array([[520.0, 0, 640], [0, 520.0, 360], [0, 0, 1]]), np.array([0.02, -0.01, 0, 0]), True
-)
 
 
 # ------------------------------------------------------------- lens
@@ -40,16 +37,15 @@ def held(camera, rng, tilt=0.6):
 
 
 def calibrate(camera, seed, tilt=0.6):
-    rng, lens = np.random.default_rng(seed), LensCalibration((camera.width, camera.height), camera.fisheye)
+    rng, lens = np.random.default_rng(seed), LensCalibration((camera.width, camera.height))
     for _ in range(80):
         lens.add(held(camera, rng, tilt))
     return lens.solve()[0]
 
 
-@pytest.mark.parametrize("camera", [WIDE, FISH], ids=["wide", "fisheye"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_lens_is_found(camera, seed):
-    found = calibrate(camera, seed)
+def test_the_lens_is_found(seed):
+    found, camera = calibrate(WIDE, seed), WIDE
     assert found.focal_px == pytest.approx(camera.focal_px, rel=0.012)
     # rays agree to a centimetre at three metres
     grid = np.stack(np.meshgrid(np.linspace(60, 1220, 9), np.linspace(60, 660, 7)), axis=-1).reshape(-1, 2)
@@ -75,7 +71,7 @@ def test_the_same_view_does_not_count_twice():
     assert caught.value.code == "too_few_views"
 
 
-@pytest.mark.parametrize("camera", [WIDE, FISH], ids=["wide", "fisheye"])
+@pytest.mark.parametrize("camera", [WIDE, CameraModel(1280, 720, WIDE.matrix, np.array([0.02, -0.01, 0, 0]), True)])
 def test_a_lens_file_comes_back_as_it_was(tmp_path, camera):
     lens_file.save(tmp_path / "hall.yaml", "hall", camera)
     found = lens_file.load(tmp_path / "hall.yaml")
@@ -84,7 +80,7 @@ def test_a_lens_file_comes_back_as_it_was(tmp_path, camera):
 
 
 @pytest.mark.parametrize(
-    "text, code", [(None, "no_lens_file"), ("image_width: 3", "bad_lens_file"), (":", "bad_lens_file")]
+    "text, code", [(None, "no_camera_info"), ("image_width: 3", "bad_lens_file"), (":", "bad_lens_file")]
 )
 def test_a_lens_file_that_says_nothing_is_refused(tmp_path, text, code):
     if text is not None:
@@ -182,11 +178,10 @@ OLD = OLD.replace("white_balance_automatic", "white_balance_temperature_auto")
 
 
 def test_automatic_settings_are_switched_off_before_values_are_set():
-    params = CaptureParams(exposure=120, gain=10, white_balance=9000)
+    params = CaptureParams(exposure=120, white_balance=9000)
     assert controls.plan(NEW, params) == [
         "auto_exposure=1",
         "exposure_time_absolute=120",
-        "gain=10",
         "white_balance_automatic=0",
         "white_balance_temperature=6500",  # as far as the camera goes
     ]

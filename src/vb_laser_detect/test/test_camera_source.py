@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import Scene
-
 from vb_core.errors import CodedError
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
+from vb_laser_detect.detector import SpotDetector
 
 RATE, FRAMES, KEY_EVERY = 25, 250, 25
 SDP = "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=-\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r\na=rtpmap:96 H264/90000\r\n"
@@ -141,33 +140,9 @@ def test_a_fault_of_the_program_is_told_and_the_camera_is_opened_again(film):
     assert told[:3] == [None, "internal_error", None]
 
 
-@pytest.mark.parametrize(
-    "size, half_size, binning", [((1920, 1080), True, 2), ((1441, 1080), True, 1), ((1280, 720), False, 1)]
-)
-@pytest.mark.parametrize("jpeg", [True, False])
-def test_images_are_searched_at_half_their_size_in_the_same_place(size, half_size, binning, jpeg):
-    image = Scene(*size, noise=0.0).render([(201.0, 152.0)], sigma=4.0)
-    if jpeg:
-        shot = Shot(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
-    else:
-        shot = Shot(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
-    picture, found = shot.searched(half_size)
-    assert found == binning and picture.pixels.shape == (size[1] // binning, size[0] // binning, 3)
-    assert shot.picture().pixels.shape == image.shape
-    seen = binning * (middle_of_spot(picture.pixels) + 0.5) - 0.5
-    assert np.abs(seen - middle_of_spot(image)).max() < 0.2
-
-
-def middle_of_spot(image):
-    light = np.maximum(image[..., 2].astype(float) - 200.0, 0.0)
-    light[:, image.shape[1] // 2 :] = 0.0
-    rows, columns = np.indices(light.shape)
-    return np.array([(light * columns).sum(), (light * rows).sum()]) / light.sum()
-
-
 def test_half_a_jpeg_is_no_image():
     jpeg = cv2.imencode(".jpg", np.zeros((1080, 1920, 3), np.uint8))[1].tobytes()
     for broken in (jpeg[:100], b"none"):
         with pytest.raises(CodedError) as error:
-            Shot(0.0, jpeg=broken).searched(False)
+            SpotDetector().detect(Shot(0.0, jpeg=broken).picture(), 0.0)
         assert error.value.code == "bad_image"

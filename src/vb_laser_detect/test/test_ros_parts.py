@@ -61,7 +61,7 @@ def test_rectified_images_are_not_undistorted_again():
     for rectified in (False, True):
         topic = camera_geometry.InfoTopic("/hall/camera_info", Faults(), rectified)
         topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
-        models[rectified] = topic.model_for((480, 640))
+        models[rectified] = topic.model_for((640, 480))
     assert models[False].distorted and not models[True].distorted
     assert models[True].matrix[0, 0] == 350.0
 
@@ -72,13 +72,13 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
     whole.roi.width, whole.roi.height = 640, 480
     info = topic("/hall/camera_info", report)
     info._on_info(whole)
-    assert info.model_for((480, 640)).fisheye and not report.codes
+    assert info.model_for((640, 480)).fisheye and not report.codes
     part = info_of([0.0] * 5)
     part.roi.width, part.roi.height = 320, 240
     info._on_info(part)
     assert report.codes == ["unsupported_camera"]
     with pytest.raises(CodedError):
-        info.model_for((480, 640))
+        info.model_for((640, 480))
 
 
 def test_ceiling_cameras_that_share_a_frame_are_named():

@@ -3,6 +3,8 @@
 import math
 
 import numpy as np
+import pytest
+import shapely
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -10,7 +12,7 @@ from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
-from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate
+from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate, restricted_area
 
 # the same examples on every computer, however busy
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -126,3 +128,82 @@ def test_a_wall_is_what_lies_within_half_its_width_of_its_chains_cells(points, n
         wanted[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1] = True
     assume(core and (wanted & (cells == 0)).any())
     assert (integrate(grid, VirtualBorder(chain, None, wall=True)).region == wanted & (cells == 0)).all()
+
+
+def nearest(allowed, seed, radius):
+    """The allowed cells nearest to a seed (column, row); none beyond the radius."""
+    away = {cell: math.dist(cell[::-1], seed) for cell in zip(*np.nonzero(allowed))}
+    least = min(away.values(), default=math.inf)
+    return {cell for cell, distance in away.items() if distance <= min(radius, least + 1e-9)}
+
+
+def flooded(allowed, start):
+    found, left = np.zeros(allowed.shape, bool), [start]
+    while left:
+        row, column = left.pop()
+        if 0 <= row < allowed.shape[0] and 0 <= column < allowed.shape[1] and allowed[row, column]:
+            if not found[row, column]:
+                found[row, column] = True
+                left += [(row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)]
+    return found
+
+
+def polygon_by_cells(cells, vertices, seed, robots):
+    """What a polygon restricts, with the codes of its warnings, or the code that refuses it; all in cells (column, row)."""
+    height, width = cells.shape
+    ring = vertices + vertices[:1]
+    codes = ["outside_map"] * any(not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5) for x, y in vertices)
+    row, column = (math.floor(value + 0.5) for value in reversed(seed))
+    if not (0 <= row < height and 0 <= column < width):
+        return "seed_outside_map", codes
+    codes += ["border_self_intersects"] * (not shapely.LineString(ring).is_simple)
+    ends = (
+        np.array([complex(x, y) for x, y in vertices])[:, None, None]
+        - np.arange(width)
+        - 1j * np.arange(height)[:, None]
+    )
+    inner = np.abs(np.angle(np.roll(ends, -1, axis=0) / ends).sum(axis=0)) > 1.0
+    if not inner.any():
+        return "empty_region", codes
+    obstacle, unknown = cells >= 65, cells < 0
+    radius = MAX_SEED_SHIFT / 0.05
+    if inner[row, column]:
+        region, moves = inner & ~obstacle, obstacle[row, column]
+        starts = nearest(region, seed, radius) if moves else {(row, column)}
+    else:
+        codes.append("restricts_outside")
+        moves = obstacle[row, column] or unknown[row, column]
+        starts = nearest(~obstacle & ~unknown & ~inner, seed, radius) if moves else {(row, column)}
+        regions = [flooded(~obstacle & ~unknown, start) & ~inner for start in starts]
+        region = regions[0] if regions else None
+    if not starts:
+        return "seed_on_obstacle", codes
+    codes += ["seed_moved"] * bool(moves)
+    if not region.any():
+        return "empty_region", codes
+    codes += ["covers_nearly_all"] * bool(region.sum() > 0.98 * (~obstacle & ~unknown).sum())
+    cells_of_robots = [(math.floor(y + 0.5), math.floor(x + 0.5)) for x, y in robots]
+    inside = [0 <= y < height and 0 <= x < width and bool(region[y, x]) for y, x in cells_of_robots]
+    return region, codes + ["robot_inside"] * any(inside)
+
+
+@pytest.mark.parametrize("draw", range(8))
+def test_a_polygon_restricts_what_its_definition_says_cell_by_cell(draw):
+    random = np.random.default_rng(draw)
+    for _ in range(12):
+        cells = random.choice([0, 0, 0, 0, 30, 64, 65, 100, -1], (9, 12)).astype(np.int8)
+        grid, value = GridMap(cells, 0.05, (-0.3, 0.2, 0.0)), random.choice([64, 65, 100])
+        vertices = [tuple(one) for one in random.uniform(-4.0, 15.0, (random.integers(3, 7), 2)).tolist()]
+        seed, robots = random.uniform((-1.0, -1.0), (13.0, 10.0)).tolist(), random.uniform(-1.0, 12.0, (2, 2)).tolist()
+        border = VirtualBorder(grid.grid_to_world(vertices), grid.grid_to_world(seed)[0], value / 100.0, closed=True)
+        wanted, codes = polygon_by_cells(cells, vertices, seed, robots)
+        if isinstance(wanted, str):
+            with refused(wanted):
+                restricted_area(grid, border, grid.grid_to_world(robots))
+            continue
+        found = restricted_area(grid, border, grid.grid_to_world(robots))
+        assert sorted(issue.code for issue in found.issues) == sorted(codes)
+        assert (found.spread(cells.shape) == wanted).all() and np.array_equal(found.line, border.points)
+        assert math.isclose(found.area_m2, wanted.sum() * 0.05**2)
+        raised = wanted & ((cells >= 0) | (value >= 65))
+        assert np.array_equal(integrate(grid, border).posterior.data, np.where(raised, np.maximum(cells, value), cells))

@@ -17,7 +17,7 @@ from vb_core.errors import CodedError
 from vb_map_integration.storage import database as module
 from vb_map_integration.storage import durable_values
 from vb_map_integration.storage.database import Database
-from vb_map_integration.storage.durable_values import FILES, DurableValues
+from vb_map_integration.storage.durable_values import FILE, DurableValues
 from vb_map_integration.integrator import MapIntegrator
 
 from integrators import GRID, integrator, square
@@ -49,7 +49,8 @@ def test_borders_come_back_after_a_restart(tmp_path):
     first.add(square(10, 10, name="kitchen", robots=("ada",)), 1.0)
     first.add(square(60, 10, occupancy=0.3), 2.0)
     first.remove("b2")
-    assert (tmp_path / FILES[0]).read_bytes() == (tmp_path / FILES[1]).read_bytes()  # with each change
+    (copy,) = (tmp_path / "copies").iterdir()
+    assert copy.read_bytes() == (tmp_path / FILE).read_bytes()  # with each change
     first.close()
     second = integrator(tmp_path)
     assert second.borders == first.borders and second.revision == first.revision and codes(second) == []
@@ -108,7 +109,7 @@ def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
     assert again(tmp_path) == (first.borders, [])
 
 
-def test_a_repeated_request_adds_one_border(tmp_path):
+def test_a_repeated_request_is_carried_out_once(tmp_path):
     first = integrator(tmp_path)
     assert first.add(square(10, 10), 1.0, request_id="r1").ids == ("b1",)
     first.close()
@@ -116,7 +117,13 @@ def test_a_repeated_request_adds_one_border(tmp_path):
     assert second.add(square(10, 10), 2.0, request_id="r1").ids == ("b1",)
     assert second.add(square(10, 10), 2.0, request_id="r2").ids == ("b2",)
     assert len(second.borders) == 2
+    second.undo("u1")
     second.close()
+    third = integrator(tmp_path)
+    assert third.undo("u1").ids == ("b2",) and [border.id for border in third.borders] == ["b1"]
+    third.redo("r3")
+    assert third.redo("r3").ids == ("b2",) and len(third.borders) == 2
+    third.close()
 
 
 def command(keeper, number):
@@ -186,28 +193,6 @@ def test_on_a_full_disk_borders_act_and_each_change_is_refused(tmp_path, size):
     assert again(tmp_path) == (borders, []) and not list(tmp_path.glob(".borders*"))
 
 
-def test_a_schedule_is_followed_on_a_full_disk_too(tmp_path, monkeypatch):
-    start = datetime.datetime(2026, 11, 23, 7, 59).timestamp()  # a Monday
-    keeper = MapIntegrator(tmp_path)
-    keeper.set_map(GRID, start)
-    keeper.add(square(10, 10, schedule="mon 08:00-12:00"), start)
-
-    def fail(*_):
-        raise CodedError("cannot_write", what="", reason="disk is full")
-
-    monkeypatch.setattr(files, "write_together", fail)
-    assert keeper.follow_schedules(start + 1.0) == () and keeper.in_force.status(keeper.borders[0]) == (
-        False,
-        "off_schedule",
-    )
-    assert keeper.follow_schedules(start + 60.0) == keeper.borders and keeper.in_force.status(keeper.borders[0]) == (
-        True,
-        "",
-    )
-    assert (keeper.map_with_borders.data == 100).sum() > (GRID.data == 100).sum()
-    keeper.close()
-
-
 def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(tmp_path):
     """Borders that could not be kept were taken, and vanished."""
     (tmp_path / "file").write_text("")
@@ -223,7 +208,7 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
 
 def test_a_repair_that_cannot_be_written_is_said_until_it_can(tmp_path, monkeypatch):
     borders = closed(tmp_path, 2)
-    (tmp_path / FILES[0]).write_bytes(b"?")
+    (tmp_path / FILE).write_bytes(b"?")
 
     def fail(*_):
         raise CodedError("cannot_write", what="", reason="disk is full")
@@ -239,84 +224,73 @@ def test_a_repair_that_cannot_be_written_is_said_until_it_can(tmp_path, monkeypa
     assert again(tmp_path) == (found, [])
 
 
-@pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited", "older", "newer"])
-def test_a_damaged_file_is_written_again_and_reported(tmp_path, name, damage):
+@pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited", "newer"])
+def test_a_damaged_file_is_written_again_from_the_copy_and_reported(tmp_path, damage):
     borders = closed(tmp_path)
-    path, other = (tmp_path / one for one in ((name,) + tuple({*FILES} - {name})))
-    content = path.read_bytes()
-    if damage == "gone":
-        path.unlink()
-    elif damage == "older":  # killed between the two files
-        keeper = integrator(tmp_path)
-        keeper.add(square(10, 60), 9.0)
-        borders = keeper.borders
-        keeper.close()
+    path, content = tmp_path / FILE, (tmp_path / FILE).read_bytes()
     damaged = {
         "truncated": content[: len(content) * 2 // 3],
         "empty": b"",
         "binary": bytes(range(256)) * 40,
         "edited": content.replace(b'"occupancy":1.0', b'"occupancy":0.1'),
-        "older": content,
         "newer": content.replace(b"[1,", b"[2,").replace(b"[1, ", b"[2, "),  # its checksum is wrong
     }
-    if damage != "gone":
-        assert damaged[damage] != path.read_bytes()
+    if damage == "gone":
+        path.unlink()
+    else:
+        assert damaged[damage] != content
         path.write_bytes(damaged[damage])
-    assert again(tmp_path) == (borders, ["database_repaired"] if damage not in ("gone", "older") else [])
-    assert again(tmp_path) == (borders, []) and path.read_bytes() == other.read_bytes()
+    assert again(tmp_path) == (borders, ["database_repaired"])
+    assert again(tmp_path) == (borders, []) and path.read_bytes() == content
+    assert [one.read_bytes() for one in tmp_path.glob("*.damaged")] == [
+        one for one in [damaged.get(damage)] if one is not None
+    ]
 
 
-def damage_both(folder):
-    for name in FILES:
-        (folder / name).write_bytes(b"?" * 9000)
-
-
-def test_with_both_files_damaged_the_newest_copy_is_taken_and_the_loss_is_reported(tmp_path, monkeypatch):
-    """A copy of an empty database with a date in 2036 won over one with 21 borders."""
+def days(folder, *dates):
+    """Values that get a number more on each of these days."""
     day = [datetime.date(2026, 1, 1)]
-    values = DurableValues(tmp_path, today=lambda: day[0])
-    for number, date in enumerate(["2026-01-01", "2036-01-01", "2026-01-02", "2026-01-03"]):
+    values = DurableValues(folder, today=lambda: day[0])
+    for number, date in enumerate(dates):
         day[0] = datetime.date(*map(int, date.split("-")))
         values.change({"x/y": number})
     values.close()
-    damage_both(tmp_path)
+
+
+def test_with_a_copy_damaged_too_the_newest_sound_one_is_taken_and_the_loss_is_reported(tmp_path):
+    """A copy of an empty database with a date in 2036 won over one with 21 borders."""
+    days(tmp_path, "2026-01-01", "2036-01-01", "2026-01-02", "2026-01-03")
+    for path in (tmp_path / FILE, tmp_path / "copies" / "borders-2026-01-03.jsonl"):
+        path.write_bytes(b"?" * 9000)
     values = DurableValues(tmp_path)
     notice = values.notices[0]
-    assert (values.get("x/y"), notice.code, notice.values["date"]) == (2, "borders_lost_since", "2026-01-03")
+    assert (values.get("x/y"), notice.code, notice.values["date"]) == (2, "borders_lost_since", "2026-01-02")
     values.close()
-    damage_both(tmp_path)
+    (tmp_path / FILE).write_bytes(b"?" * 9000)
     shutil.rmtree(str(tmp_path / "copies"))
     values = DurableValues(tmp_path)
     assert values.of_kind("x") == {} and [one.code for one in values.notices] == ["borders_lost"]
     values.close()
-    assert len(list(tmp_path.glob("*.damaged"))) == 2
 
 
-def test_the_copies_are_those_of_the_last_days_with_changes(tmp_path, monkeypatch):
+def test_the_copies_are_those_of_the_last_days(tmp_path, monkeypatch):
     monkeypatch.setattr(durable_values, "MAX_COPIES", 3)
-    day = [datetime.date(2026, 1, 1)]
-    values = DurableValues(tmp_path, today=lambda: day[0])
-    for number in range(12):
-        day[0] = datetime.date(2026, 1, 1 + number // 2)
-        values.change({"x/y": number})
-    values.close()
-    copies = sorted((tmp_path / "copies").iterdir())
-    assert [path.name for path in copies] == [f"borders-2026-01-0{day}.jsonl" for day in (4, 5, 6)]
-    for path in tmp_path.glob("borders*"):  # one is restored by putting it in the place of the files
-        path.unlink()
-    shutil.copyfile(str(copies[-1]), str(tmp_path / FILES[0]))
-    values = DurableValues(tmp_path)
-    assert values.get("x/y") == 9 and values.notices == []  # as before the day's first change
+    days(tmp_path, *(f"2026-01-0{1 + number // 2}" for number in range(12)), "1970-01-01")
+    names = [path.name[8:18] for path in sorted((tmp_path / "copies").iterdir())]
+    assert names == ["1970-01-01", "2026-01-05", "2026-01-06"]  # also with a clock that was reset
+    shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-05.jsonl"), str(tmp_path / FILE))
+    values = DurableValues(tmp_path)  # one is restored by putting it in the place of the file
+    assert values.get("x/y") == 9 and values.notices == []  # as at the day's end
     values.close()
 
 
-def test_what_was_drawn_on_the_first_day_is_copied_at_the_next_start(tmp_path):
+def test_a_start_puts_its_days_copy_right(tmp_path):
     before = closed(tmp_path)
-    integrator(tmp_path).close()
-    for name in FILES:
-        (tmp_path / name).write_bytes(b"damaged")
-    assert again(tmp_path) == (before, ["borders_lost_since"])
+    (copy,) = (tmp_path / "copies").iterdir()
+    copy.write_bytes(b"?")
+    assert again(tmp_path) == (before, [])
+    (tmp_path / FILE).write_bytes(b"?")
+    assert again(tmp_path) == (before, ["database_repaired"])
 
 
 def test_a_database_of_a_newer_version_is_refused_and_left_alone(tmp_path, monkeypatch):
@@ -339,7 +313,8 @@ def test_files_that_are_lost_while_it_runs_come_again_with_the_next_change(tmp_p
     if fault == "deleted":
         shutil.rmtree(str(tmp_path))
     else:
-        damage_both(tmp_path)
+        for path in tmp_path.rglob("borders*.jsonl"):
+            path.write_bytes(b"?" * 9000)
     assert keeper.add(square(50, 50), 2.0).ids == ("b2",)
     found = keeper.borders
     keeper.close()
@@ -362,12 +337,12 @@ def test_with_the_lock_deleted_the_second_integrator_takes_over(tmp_path):
 
 
 def test_a_refused_change_is_not_back_after_a_restart(tmp_path, monkeypatch):
-    """The second of the two files cannot be put in its place when the first has been."""
+    """The copy cannot be put in its place when the file has been."""
     before = closed(tmp_path)
     keeper, replace, left = integrator(tmp_path), files.os.replace, [1]
 
     def fail_once(source, target):
-        if target.endswith(FILES[1]) and left:
+        if "copies" in target and left:
             left.pop()
             raise OSError(5, "Input/output error")
         replace(source, target)
@@ -380,24 +355,24 @@ def test_a_refused_change_is_not_back_after_a_restart(tmp_path, monkeypatch):
     assert again(tmp_path) == (before, [])
 
 
-@pytest.mark.parametrize("unreadable", [FILES[:1], FILES[1:], FILES])
-def test_a_file_that_cannot_be_read_now_is_not_damaged(tmp_path, monkeypatch, unreadable):
+@pytest.mark.parametrize("copies", [True, False])
+def test_a_file_that_cannot_be_read_now_is_not_damaged(tmp_path, monkeypatch, copies):
     before, read = closed(tmp_path), Path.read_bytes
 
     def refuse(path):
-        if path.name in unreadable:
+        if path.name == FILE or not copies:
             raise PermissionError(13, "Permission denied", str(path))
         return read(path)
 
     with monkeypatch.context() as context:
         context.setattr(Path, "read_bytes", refuse)
-        if unreadable == FILES:
-            with refused("cannot_read"):
-                integrator(tmp_path)
-        else:
+        if copies:
             keeper = integrator(tmp_path)
             assert keeper.borders == before
             keeper.close()
+        else:
+            with refused("cannot_read"):
+                integrator(tmp_path)
     assert again(tmp_path) == (before, []) and not list(tmp_path.glob("*.damaged"))
 
 
@@ -407,7 +382,7 @@ def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(tmp_path, m
     keeper = integrator(tmp_path)
     keeper.add(square(10, 10), 1.0)
     other = GRID.with_data(np.roll(GRID.data, 1, axis=0))
-    keeper.set_map(other, 2.0)
+    keeper.set_map(other)
     before, write, count = (keeper.borders, keeper.map_name), files.write_together, []
 
     def fill(*arguments):
@@ -420,13 +395,13 @@ def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(tmp_path, m
     with monkeypatch.context() as context:
         context.setattr(files, "write_together", fill)
         try:
-            keeper.confirm(False, "attic", 3.0)
+            keeper.confirm(False, "attic")
         except CodedError:
             taken = False
     after = keeper.borders, keeper.map_name
     assert after == (((), "attic") if taken else before)
     keeper.close()
     second = MapIntegrator(tmp_path)
-    second.set_map(other, 4.0)
+    second.set_map(other)
     assert (second.borders, second.map_name) == after
     second.close()

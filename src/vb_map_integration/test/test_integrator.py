@@ -90,7 +90,7 @@ def test_an_unnamed_border_is_numbered_by_those_that_are_there(tmp_path):
     keeper = integrator(tmp_path)
     for place in (10, 60):
         keeper.add(square(place, 10, name=""), 1.0)
-    keeper.remove("b1", 2.0)
+    keeper.remove("b1")
     keeper.add(square(10, 60, name=""), 3.0)
     assert [(border.id, border.name) for border in keeper.borders] == [("b2", "border 2"), ("b3", "border 1")]
 
@@ -103,7 +103,7 @@ def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
         names = {border.id: border.name for border in keeper.borders}
         actions = [lambda: keeper.add(square(*draw.integers(5, 60, 2), name=""), float(step))]
         if names:
-            actions += [lambda: keeper.remove(draw.choice(sorted(names)), float(step))] * 2
+            actions += [lambda: keeper.remove(draw.choice(sorted(names)))] * 2
         actions += [getattr(keeper, one) for one in keeper.available_commands]
         actions[draw.integers(len(actions))]()
         after = [border.name for border in keeper.borders]

@@ -204,13 +204,13 @@ def test_in_doubt_borders_stay_in_force_until_somebody_confirms(tmp_path):
     assert keeper.needs_confirmation and closed_off(keeper)
     with refused("confirm_map_first"):
         keeper.add(keep_out(), 2.0)
-    keeper.confirm(False, "upstairs", 3.0)
+    keeper.confirm(False, "upstairs")
     assert not keeper.needs_confirmation and keeper.borders == () and keeper.map_name == "upstairs"
     keeper.add(keep_out(name="bath"), 4.0)
     keeper.set_enabled("b1", False, 4.0)  # of the other map
     keeper.set_map(flat())
     assert [(border.id, border.enabled) for border in keeper.borders] == [("b1", False)]
-    keeper.confirm(True, "ground floor", 5.0)
+    keeper.confirm(True, "ground floor")
     keeper.close()
     again = integrator(tmp_path, flat(plan=1, seed=4))
     assert [border.name for border in again.borders] == ["bath"] and again.map_name == "upstairs"
@@ -252,7 +252,7 @@ def test_undo_and_switches_keep_what_does_not_act():
     walled = flat()
     walled.data[walled.world_to_cell(ROOM.apply([(-0.4, -0.4)]))[0][0] :, :] = 100
     keeper.set_map(walled)
-    keeper.confirm(True, "", 2.0)
+    keeper.confirm(True, "")
     outcome = keeper.undo()
     assert [found.code for found in outcome.issues] == ["inactive_on_this_map"]
     border = keeper.borders[0]

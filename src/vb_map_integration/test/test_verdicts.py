@@ -40,7 +40,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     keeper.add(DOOR, 1.0)
     accepted = keeper.in_force.area_m2("b1")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
-    keeper.set_map(flat(seed=1), 2.0)
+    keeper.set_map(flat(seed=1))
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as somebody wanted
     notice = next(one for one in keeper.notices if one.border_id == "b1")
@@ -49,7 +49,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     assert float(notice.values["now"]) > 2.0 * accepted
     before, after = (cv2.contourArea(np.float32(one)) for one in keeper.in_force.outlines("b1"))
     assert before == pytest.approx(accepted, rel=0.1) and after == pytest.approx(float(notice.values["now"]), rel=0.1)
-    assert keeper.confirm(True, "", 3.0).ids == ()
+    keeper.confirm(True, "")
     assert keeper.in_force.status(keeper.borders[0]) == (True, "") and not keeper.needs_confirmation
     assert all(len(one) == 0 for one in keeper.in_force.outlines("b1"))
     assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.area_m2("b1") > 2.0 * accepted
@@ -57,7 +57,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     keeper.close()
     again = integrator(tmp_path, flat(seed=1))  # what was accepted is kept
     assert again.in_force.status(again.borders[0]) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
-    again.undo(5.0)
+    again.undo()
     assert again.in_force.status(again.borders[0]) == (True, "to_be_confirmed")
     again.close()
 
@@ -75,7 +75,7 @@ def test_a_line_that_cannot_be_put_on_the_map_keeps_closed_what_it_closed():
     assert keeper.in_force.area_m2("b1") == pytest.approx(before, rel=0.1)
     # nobody can accept it: it is drawn again, or removed
     assert next(one for one in keeper.notices if one.border_id).values["why"] == "seed_on_obstacle"
-    keeper.confirm(True, "", 2.0)
+    keeper.confirm(True, "")
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and not keeper.needs_confirmation
 
 
@@ -125,9 +125,9 @@ def test_an_answer_about_another_map_than_the_current_one_is_refused():
     keeper.set_map(flat(Transform(1.0, 0.0, 2.0), seed=3, known=(0.0, 4.0)))
     before = keeper.borders
     with refused("map_changed"):
-        keeper.confirm(True, "", 2.0, map_id=asked)
+        keeper.confirm(True, "", map_id=asked)
     assert keeper.borders == before
-    keeper.confirm(True, "", 3.0, map_id=keeper.map_id)
+    keeper.confirm(True, "", map_id=keeper.map_id)
 
 
 def test_a_known_map_with_the_name_of_another_place_is_a_question(tmp_path):
@@ -149,7 +149,7 @@ def test_a_name_that_nobody_could_read_is_refused_and_nothing_changes():
     for name in ("x" * 1_000_000, "a\nb"):
         for same in (True, False):
             with pytest.raises(CodedError) as caught:
-                keeper.confirm(same, name, 2.0)
+                keeper.confirm(same, name)
             assert caught.value.code == "bad_name" or not same
     assert keeper.revision == revision and keeper.map_name == ""
 
@@ -161,7 +161,7 @@ def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(tm
     keeper.add(keep_out(Transform(3.3, 0.0, 0.0)), 1.0)
     for seed in range(1, 14):  # more maps of the place than are kept
         keeper.set_map(flat(seed=seed))
-        keeper.confirm(True, "", 2.0)
+        keeper.confirm(True, "")
     known = {one.fingerprint for one in keeper._database.maps()}
     assert len(known) == MAX_MAPS + 3  # the first, the current one, and the one that is needed
     assert all(border.map_id in known for border in keeper.borders)
@@ -186,9 +186,9 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
             lambda: keeper.add(keep_out(Transform(*random.uniform((0.0, -3.0), (4.0, 0.0)), 0.0)), 1.0),
             lambda: keeper.add(DOOR, 1.0),
             lambda: keeper.set_enabled(random.choice(ids), bool(random.integers(2)), 1.0),
-            lambda: keeper.remove(random.choice(ids), 1.0),
-            lambda: keeper.set_map(maps[random.integers(3)], 1.0),
-            lambda: keeper.confirm(True, "", 1.0),
+            lambda: keeper.remove(random.choice(ids)),
+            lambda: keeper.set_map(maps[random.integers(3)]),
+            lambda: keeper.confirm(True, ""),
             keeper.undo,
         ]
         try:
@@ -197,7 +197,7 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
             continue
         if step % 5 or keeper.needs_confirmation:
             continue
-        keeper.confirm(True, "", 1.0)  # a start knows only maps that were confirmed or drawn on
+        keeper.confirm(True, "")  # a start knows only maps that were confirmed or drawn on
         before, current = state(keeper), keeper.physical
         keeper.close()
         keeper = integrator(tmp_path, current)
@@ -212,5 +212,5 @@ def test_a_border_that_was_accepted_where_it_does_not_fit_any_more_waits_and_end
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderPlace(keeper.borders[0], accepted=accepted, accepted_on=flat())
     assert place.region_before(flat(seed=1)) is None
-    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place, 2.0)
+    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
     assert found.verdicts["b1"].code == "to_be_confirmed" and found.outlines("b1")[0].shape == (0, 2)

@@ -8,7 +8,7 @@ from mosquitto import PROGRAM, Hub, Mosquitto
 
 from refusals import refused
 from vb_core.errors import CodedError
-from vb_mqtt.broker import Broker, Connection, read_connection, split_host
+from vb_mqtt.broker import Broker, Connection, read_connection
 from vb_testing import wait_until
 
 pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")
@@ -169,10 +169,8 @@ def test_the_file_with_the_password_is_its_owners_only(tmp_path):
     assert read_connection(path) == Connection()
     path.write_text("username: home\npassword: secret\ntls: true\n")
     path.chmod(0o640)
-    with refused("mqtt_file_open"):
-        read_connection(path)
-    path.chmod(0o600)
     assert read_connection(path) == Connection(username="home", password="secret", tls=True)
+    assert path.stat().st_mode & 0o077 == 0
     for text, code in (("secret: x", "bad_parameter"), ("port: high", "bad_parameter"), ("a: [", "mqtt_file_bad")):
         path.write_text(text)
         with refused(code):
@@ -183,6 +181,9 @@ def test_the_file_with_the_password_is_its_owners_only(tmp_path):
     assert "secret" not in str(caught.value)
 
 
-def test_addresses():
-    assert split_host("hub") == ("hub", 0) and split_host("hub:1884") == ("hub", 1884)
-    assert split_host("fd00::5") == ("fd00::5", 0) and split_host("[fd00::5]:1884") == ("fd00::5", 1884)
+@pytest.mark.parametrize(
+    "given, address",
+    [("hub", "hub:1883"), ("hub:1884", "hub:1884"), ("[fd00::5]", "fd00::5:1883"), ("[fd00::5]:1884", "fd00::5:1884")],
+)
+def test_addresses(given, address):
+    assert Broker(given, Connection(), "lab", WILL, {}, print).address == address

@@ -11,7 +11,7 @@ from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
 from vb_mqtt.inbox import Inbox
 
 NOW = 1_700_000_000.25
-LAB = Lab("lab1", "Home", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
+LAB = Lab("lab1", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
 
 
 def pressed(config, attributes, value="PRESS"):
@@ -52,7 +52,7 @@ def test_each_thing_of_the_lab_is_there():
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_names_are_in_the_households_language(language):
-    lab = Lab("lab1", "Home", language, ("red",), ("",), {"b1": "border 2"})
+    lab = Lab("lab1", language, ("red",), ("",), {"b1": "border 2"})
     shown = {key_in(topic): config["name"] for topic, config in describe(lab).items()}
     assert shown["border_b1"] == sentences.border_name("border 2", language)
     assert shown["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
@@ -92,11 +92,11 @@ def test_each_template_of_a_button_works_in_the_hubs_sandbox():
 
 
 def test_what_an_earlier_process_described_is_taken_back_once_it_is_known_to_be_gone():
-    fewer = Lab("lab1", "Home", "en", ("red",), ("ada",), {})
+    fewer = Lab("lab1", "en", ("red",), ("ada",), {})
     seen = list(describe(LAB))
     gone = {key_in(topic) for topic in leftovers(fewer, seen)}
     assert gone == {"camera_green", "robot", "border_b1", key_of("border", "ü/#+")}
     # as long as nobody has said which borders and robots there are, theirs are left alone
-    unknown = Lab("lab1", "Home", "en", ("red",))
+    unknown = Lab("lab1", "en", ("red",))
     assert {key_in(topic) for topic in leftovers(unknown, seen)} == {"camera_green"}
     assert leftovers(LAB, seen) == []

@@ -30,10 +30,10 @@ def test_a_question_is_open_until_it_is_too_old():
 
 
 def test_a_borders_state_has_its_name_area_and_zone():
-    border = VirtualBorder(name="Rug", enabled=True, area_m2=2.345, zone=VirtualBorder.SLOW, reason="off_schedule")
+    border = VirtualBorder(name="Rug", enabled=True, area_m2=2.345, zone=VirtualBorder.SLOW, reason="disabled")
     found = states.border_value(border)
     assert (found["border"], found["enabled"], found["in_force"], found["area_m2"]) == ("Rug", True, False, 2.35)
-    assert (found["zone"], found["reason"]) == ("slow", "off_schedule")
+    assert (found["zone"], found["reason"]) == ("slow", "disabled")
     assert states.border_value(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import rosgraph
 import rospy
 import rostest
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Path
 from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
@@ -22,7 +22,7 @@ from vb_testing import wait_until
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.vocabulary import DEFAULT, GUIDE
-from vb_msgs.msg import DriverState, NoticeArray, Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import DriverState, NoticeArray, Stop
 from vb_robot import robot_driver_node
 
 
@@ -47,13 +47,8 @@ class DriverTest(unittest.TestCase):
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices)
         cls.navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         cls.stop = rospy.Publisher(names.STOP, Stop, queue_size=1)
-        cls.borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
         cls.wish = None
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.on_timer)
-        border = VirtualBorder(id="1", name="carpet", kind=VirtualBorder.POLYGON, occupancy=1.0, in_force=True)
-        border.points = [Point(*p, 0.0) for p in ((4, 2), (5, 2), (5, 3), (4, 3))]
-        border.seed = Point(4.5, 2.5, 0.0)
-        cls.borders.publish(VirtualBorderArray(borders=[border]))
         cls.stimulus.scan_range, cls.stimulus.scan_frame = (
             7.0,
             "/base_laser_link",
@@ -252,16 +247,6 @@ class DriverTest(unittest.TestCase):
         listener.unregister()
         gaps = np.diff([one.header.stamp.to_sec() for one in newest()])
         self.assertTrue((gaps > 0.4).all(), gaps)  # at most twice; how late on a busy computer does not matter
-
-    def test_notices_are_cleared_by_code_and_robot(self):
-        self.publish_border()
-        self.put(self.stimulus, (4.5, 2.5, 0.0))
-        self.put(self.ada, (4.4, 2.4, 0.0))
-        for robot in ("", "ada"):
-            self.wait_notice("robot_inside_border", robot)
-        self.put(self.ada, (1.0, 4.0, 0.0))
-        self.wait_notice("robot_inside_border", "ada", there=False)
-        self.assertTrue(self.has_notice("robot_inside_border", ""), "that the other has left clears nothing")
 
     def test_a_localisation_that_does_not_know_looks_around_if_it_ever_knew_or_was_shown(self):
         known, unknown = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()

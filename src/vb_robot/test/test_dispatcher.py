@@ -29,7 +29,7 @@ class Lab:
         self.dispatcher = Dispatcher({"": 0.18})
         self.dispatcher.maps[""].view = VIEW
         self.dispatcher.maps[""].set_map(grid)
-        self.dispatcher.set_physical_map(grid)
+        self.dispatcher.maps[""].set_map(grid, "physical")
         self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
         self.now, self.robot, self.goal, self.sent = 100.0, robot, SentGoalState.NONE, []
         self.spot, self.given = np.array([3.0, 2.5]), None

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from plain_rooms import empty
-from test_arbiter import PROFILE, Rig, with_border
+from test_arbiter import PROFILE, Rig
 
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN
@@ -18,7 +18,7 @@ from vb_robot.driving.escape import Escape
 from vb_robot.driving.gate import FOLLOW, NAVIGATION, TELEOP, Gate
 from vb_robot.driving.safety import Clearance, Scan
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
-from vb_robot.driving.workspace import BorderContact, KnownBorder, Workspace
+from vb_robot.driving.workspace import Workspace
 
 # the same examples on every computer, however busy
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -298,6 +298,31 @@ def test_a_robot_without_a_scanner_is_slow_and_keeps_its_arc(source, v):
     )
 
 
+@pytest.mark.parametrize(
+    "source, ahead, sides, cells",
+    [
+        ("teleop", 0.05, 0.02, 0.0),
+        ("follow", 0.12, 0.04, 0.06),
+        ("escape", 0.12, 0.04, 0.05),
+        ("navigation", 0.04, 0, -0.04),
+    ],
+)
+def test_what_each_source_keeps_clear_ahead_beside_and_of_the_maps_cells(source, ahead, sides, cells):
+    def drives(point, border=9.0):
+        gate = known()
+        gate._scan.points = np.array([point])
+        data = empty(resolution=0.01).data.copy()
+        data[:, data.shape[1] - int(round((8.0 - border) / 0.01)) :] = 100
+        gate.workspace = Workspace(empty(resolution=0.01).with_data(data), empty(resolution=0.01), RADIUS)
+        gate.stamps["spot"] = 10.0
+        return gate.limit(10.0, source, VelocityRequest(0.1, 0.0, "driving"))[0] > 0.0
+
+    for more in (-0.015, 0.015):  # the slowest that is not refused stops within a centimetre; a cell is one
+        assert drives((RADIUS + ahead + more, 0.0)) is (more > 0.0)
+        assert drives((0.02, -RADIUS - sides - more)) is (more > 0.0)
+        assert drives((-1.0, 0.0), 4.0 + RADIUS + cells + 0.01 + more) is (more > 0.0)
+
+
 def test_what_is_slower_than_two_centimetres_a_second_only_turns():
     gate = known(ranges=RADIUS + 0.041)
     v, w, code = gate.limit(10.0, NAVIGATION, VelocityRequest(0.2, 0.3, "driving"))
@@ -315,13 +340,3 @@ def test_the_usual_period_is_that_of_the_last_five_messages():
         gate.record_input("scan", now)
     assert gate._age(now + 0.3, "scan") == pytest.approx(0.2)
     assert gate._age(now - 0.4, "scan") == pytest.approx(-0.4) and gate._age(now - 0.6, "scan") == math.inf
-
-
-def test_the_gate_says_how_and_which_border_the_robot_touches():
-    gate = known()
-    assert gate.border_contact(10.0) == (BorderContact.FREE, "", False)
-    corners = np.array([[3.0, 1.0], [5.0, 1.0], [5.0, 4.0], [3.0, 4.0]])
-    rug, other = KnownBorder("Rug", corners, (4.0, 2.0), True), KnownBorder("Door", corners + 3.0, (7.0, 5.0), True)
-    gate.workspace = Workspace(with_border(empty(), 3.0, 1.0, 5.0, 4.0), empty(), RADIUS, [other, rug])
-    assert gate.border_contact(10.0) == (BorderContact.INSIDE, "Rug", True)
-    assert gate.border_contact(10.6) == (BorderContact.FREE, "", False), "where it is is not known any more"

@@ -13,9 +13,8 @@ from vb_testing import wait_until
 
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
-from vb_robot.driving.workspace import KnownBorder
 from vb_robot.monitoring import navigation_limits, wiring
-from vb_robot.monitoring.goals import GoalReview
+from vb_robot.monitoring.goals import GoalReview, KnownBorder, is_inside, name_of
 from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
 
 
@@ -135,6 +134,35 @@ def test_why_a_goal_will_be_refused(goal, why):
     assert reviewed(RUG).review(START, np.array(goal)) == why
 
 
+def test_of_borders_that_touch_the_one_that_encloses_a_place_is_named_and_a_curve_if_none_does():
+    def square(name, x0):
+        corners = np.array([[x0, 0.5], [x0 + 1.0, 0.5], [x0 + 1.0, 1.5], [x0, 1.5]])
+        return KnownBorder(name, corners, corners.mean(axis=0), True)
+
+    known = [square("carpet", 0.5), square("mat", 1.5)]
+    known.append(KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False))
+    assert [name_of(known, place) for place in ((1.0, 1.0), (2.0, 1.0), (0.5, 4.0))] == ["carpet", "mat", "left part"]
+    assert name_of([], (1.0, 1.0)) == ""
+
+
+def test_a_robot_is_inside_where_only_a_border_forbids_to_be():
+    plain = room(8.0, 4.0)
+    data = plain.data.copy()
+    data[20:40, 40:60], data[50:60, 40:60] = 100, 75
+    unknown = plain.data.copy()
+    unknown[30:40] = -1
+    physical = plain.with_data(unknown)
+    for place, inside in [
+        ((2.5, 1.2), True),
+        ((2.5, 1.8), True),
+        ((2.5, 2.7), False),
+        ((1.9, 1.2), False),
+        ((50, 1), False),
+    ]:
+        assert is_inside(plain.with_data(data), physical, place) == inside, place
+    assert not is_inside(plain.with_data(data), physical, (0.03, 2.0)), "a wall is no border"
+
+
 def test_a_goal_that_borders_cut_off_names_the_first_one_on_the_way():
     both = {"hall": (3.0, 0.0, 3.3, 4.0), "door": (5.0, 0.0, 5.3, 4.0)}
     assert reviewed(both).review(START, np.array((7.0, 2.0))) == ("goal_behind_border", "hall")
@@ -155,7 +183,6 @@ def test_what_walls_cut_off_is_not_laid_to_a_border():
 
 def test_a_robot_inside_is_told_its_own_border():
     inside = reviewed(RUG)
-    assert inside.is_inside((2.5, 1.5)) and not inside.is_inside((1.0, 1.0))
     assert inside.review((2.5, 1.5), np.array((5.0, 1.5))) == ("goal_behind_border", "rug")
 
 
@@ -175,7 +202,7 @@ def test_a_goal_is_refused_exactly_where_a_search_of_its_own_finds_no_path(seed)
         areas[name] = (x, y, x + rng.uniform(0.1, 1.0), y + rng.uniform(0.5, 4.0))
     areas = {name: (a, b, min(c, 7.9), min(d, 3.95)) for name, (a, b, c, d) in areas.items()}
     review = reviewed(areas, radius=0.15)
-    blocked = np.argwhere(review.workspace.borders.data >= 99)
+    blocked = np.argwhere(review.borders.data >= 99)
 
     def fits(cell):
         return np.hypot(*(blocked - cell).T).min() * 0.05 >= 0.15
@@ -188,7 +215,7 @@ def test_a_goal_is_refused_exactly_where_a_search_of_its_own_finds_no_path(seed)
             if cell not in reached and fits(np.array(cell)):
                 reached.add(cell)
                 border.append(cell)
-    places = review.workspace.borders.cell_to_world(np.array([start, goal]))
+    places = review.borders.cell_to_world(np.array([start, goal]))
     why = review.review(places[0], places[1])
     # by a cell it is generous, so that it never calls a goal out of reach that is not
     assert why is None or tuple(goal) not in reached

@@ -1,4 +1,4 @@
-"""How a footprint touches borders, and the names of borders."""
+"""What a robot keeps out of, and how uncertain its place is."""
 
 import math
 
@@ -6,71 +6,17 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.driving.workspace import (
-    MAX_UNCERTAINTY,
-    MIN_UNCERTAINTY,
-    UNCERTAINTY_UPDATES,
-    BorderContact,
-    KnownBorder,
-    PoseUncertainty,
-    Workspace,
-)
+from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
 
 
-def workspace(borders, *squares, value=100):
+def workspace(*squares, value=100):
     data = np.zeros((100, 120), dtype=np.int8)
     data[:, 60] = 100  # a wall, which is no border
     physical = GridMap(data, 0.05)
     data = data.copy()
     for y0, y1, x0, x1 in squares:
         data[int(y0 * 20) : int(y1 * 20), int(x0 * 20) : int(x1 * 20)] = value
-    return Workspace(physical.with_data(data), physical, 0.18, borders)
-
-
-def square(name, x0, y0, x1, y1, seed=None):
-    points = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=float)
-    return KnownBorder(name, points, np.array(seed or points.mean(axis=0)), True)
-
-
-CARPET, CORNER = square("carpet", 0.5, 0.5, 1.5, 1.5), square("corner", 4.0, 4.0, 5.0, 5.0)
-
-
-def test_contact():
-    here = workspace([CARPET], (0.5, 1.5, 0.5, 1.5))
-    assert here.contact_at((1.0, 1.0)) is BorderContact.INSIDE
-    assert here.contact_at((1.62, 1.0)) is BorderContact.TOUCHES
-    assert here.contact_at((1.8, 1.0)) is BorderContact.FREE
-    assert here.contact_at((3.0, 3.0)) is BorderContact.FREE, "a wall is no border"
-    assert here.contact_at((50.0, 3.0)) is BorderContact.FREE
-    assert workspace([]).contact_at((1.0, 1.0)) is BorderContact.FREE
-
-
-def test_names():
-    here = workspace([CARPET, CORNER], (0.5, 1.5, 0.5, 1.5), (4.0, 5.0, 4.0, 5.0))
-    assert here.name_at((1.0, 1.0)) == "carpet"
-    assert here.name_at((1.6, 1.0)) == "carpet"
-    assert here.name_at((4.5, 4.5)) == "corner"
-    assert here.name_at((2.5, 2.5)) == ""
-    assert workspace([], (0.5, 1.5, 0.5, 1.5)).name_at((1.0, 1.0)) == ""
-
-
-def test_touching_areas_are_told_apart_by_their_polygons():
-    other = square("mat", 1.5, 0.5, 2.5, 1.5)
-    here = workspace([CARPET, other], (0.5, 1.5, 0.5, 2.5))
-    assert here.name_at((1.0, 1.0)) == "carpet"
-    assert here.name_at((2.0, 1.0)) == "mat"
-
-
-def test_separating_curve_has_the_name_of_its_seed():
-    curve = KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False)
-    here = workspace([curve], (0.0, 5.0, 0.0, 1.0))
-    assert here.name_at((0.5, 4.0)) == "left part"
-
-
-def test_soft_borders_are_not_hard():
-    here = workspace([CARPET], (0.5, 1.5, 0.5, 1.5), value=75)
-    assert here.contact_at((1.0, 1.0)) is BorderContact.INSIDE and not here.is_lethal((1.0, 1.0))
-    assert workspace([CARPET], (0.5, 1.5, 0.5, 1.5)).is_lethal((1.0, 1.0))
+    return Workspace(physical.with_data(data), physical, 0.18), physical
 
 
 def test_a_map_lets_a_robot_out_but_not_further_in():
@@ -84,27 +30,22 @@ def test_a_map_lets_a_robot_out_but_not_further_in():
 
 
 def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls():
-    plain = workspace([CARPET], (0.5, 1.5, 0.5, 1.5))
-    uncertain = Workspace(plain.borders, plain.physical, 0.18, [CARPET], uncertainty=0.1)
+    plain, physical = workspace((0.5, 1.5, 0.5, 1.5))
+    uncertain = Workspace(plain.borders, physical, 0.18, uncertainty=0.1)
     beside_border, beside_wall = (2.0, 1.0, math.pi), (2.4, 4.0, 0.0)
     for pose, less in ((beside_border, 0.1), (beside_wall, 0.0)):
         before, after = (here.free_distance(pose, 0.2, 0.0, 0.0) for here in (plain, uncertain))
         assert before - after == pytest.approx(less, abs=0.03)
-    # what people are told does not depend on it
-    assert uncertain.contact_at((1.73, 1.0)) is plain.contact_at((1.73, 1.0)) is BorderContact.FREE
-    soft = Workspace(workspace([], (0.5, 1.5, 0.5, 1.5), value=75).borders, plain.physical, 0.18, uncertainty=0.1)
+    soft = Workspace(workspace((0.5, 1.5, 0.5, 1.5), value=75)[0].borders, physical, 0.18, uncertainty=0.1)
     assert np.array_equal(soft.keep_out.data, soft.borders.data), "what may be entered is not made larger"
 
 
 def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
-    plain = workspace([], (0.5, 1.5, 0.5, 1.5))
+    plain, physical = workspace((0.5, 1.5, 0.5, 1.5))
     data = plain.borders.data.copy()
     data[31:, :] = -1
     here = Workspace(
-        plain.borders.with_data(data),
-        plain.physical.with_data(np.minimum(data, plain.physical.data)),
-        0.18,
-        uncertainty=0.1,
+        plain.borders.with_data(data), physical.with_data(np.minimum(data, physical.data)), 0.18, uncertainty=0.1
     )
     grown = here.keep_out.data != here.borders.data
     assert grown.any() and (here.keep_out.data[grown] == 100).all() and (here.borders.data[grown] == 0).all()

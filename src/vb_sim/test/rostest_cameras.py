@@ -11,7 +11,7 @@ import rostest
 from geometry_msgs.msg import Point, Pose2D
 from sensor_msgs.msg import CameraInfo, Image
 
-from vb_testing import Newest, assert_ends_with_one_line, wait_until
+from vb_testing import Newest, wait_until
 
 from vb_core import geometry
 from vb_core.ros.cameras import camera_from_info
@@ -109,16 +109,6 @@ class CamerasTest(unittest.TestCase):
         finally:
             self.lab.running.set()
         north.wait(is_lit, "the spot again")
-
-    def test_bad_parameters_end_with_one_line(self):
-        world = f"_world:={rospy.get_param('/ceiling_cameras/world')}"
-        cases = [
-            (["_world:=/nowhere.yaml"], "no_world"),
-            ([], "world"),
-            ([world, "_cameras:=[nobody]"], "nobody"),
-            ([world, "_sead:=3"], "sead"),
-        ]
-        assert_ends_with_one_line("vb_sim", "ceiling_cameras", cases)
 
 
 if __name__ == "__main__":

@@ -41,7 +41,6 @@ class NavigationTest(unittest.TestCase):
         cls.costmap = Newest("/move_base/global_costmap/costmap", OccupancyGridArray)
         cls.plan = Newest("/move_base/NavfnROS/plan", Path)
         cls.maps = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
-        cls.simple = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
         cls.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         assert cls.client.wait_for_server(rospy.Duration(60.0))
         cls.make_plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
@@ -150,19 +149,6 @@ class NavigationTest(unittest.TestCase):
         self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
         watch.unregister()
         self.assertFalse(any(entered))
-
-    def test_6_simple_goal_and_cancel(self):
-        self.publish()
-        wait_until(lambda: self.simple.get_num_connections() > 0, "navigation to listen")
-        first = len(self.cmd_vel.all)
-        self.simple.publish(pose(6.0, 2.5))
-        wait_until(lambda: any(message.linear.x > 0.1 for message in self.cmd_vel.all[first:]), "a robot that drives")
-        self.client.cancel_all_goals()
-        wait_until(self.may_plan, "plans for others again")
-        wait_until(lambda: self.cmd_vel.message.linear.x == 0.0, "a robot that stands")
-        last = self.cmd_vel.count
-        self.state.next(15)
-        self.assertEqual(self.cmd_vel.count, last)
 
 
 if __name__ == "__main__":

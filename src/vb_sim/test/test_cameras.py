@@ -175,14 +175,6 @@ def test_noise_is_as_large_as_the_model_says(lab):
     assert (first - second)[middle].std() == pytest.approx(np.sqrt(2 * (sigma**2 + 1 / 12)), rel=0.05)
 
 
-def test_the_same_seed_gives_the_same_image(lab):
-    scene = Snapshot(1.0, laser=(2.0, 1.5), person=(1.5, 1.5, 0.0))
-    np.testing.assert_array_equal(
-        ceiling(lab, "bayer", Models()).frame(scene), ceiling(lab, "bayer", Models()).frame(scene)
-    )
-    np.testing.assert_array_equal(render_floor(lab[0], 3, 0.01).rgb, render_floor(lab[0], 3, 0.01).rgb)
-
-
 @pytest.mark.parametrize("encoding,channels", [("bgr8", 3), ("mono8", 1), ("bayer_rggb8", 1)])
 def test_every_encoding_shows_the_same_scene(lab, encoding, channels):
     view = ceiling(lab, "mono", encoding=encoding)

@@ -13,12 +13,12 @@ from scipy.sparse.csgraph import dijkstra
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
-from vb_sim.robot.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap, CostmapParams
+from vb_sim.robot.costmap import INSCRIBED, LETHAL, INFLATION, NO_INFORMATION, Costmap
 from vb_sim.robot.follower import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
 from vb_sim.robot.planner import COST_FACTOR, NEUTRAL_COST, Planner
 from vb_sim.robot.robot_body import advance
 
-PARAMS = CostmapParams()
+RADIUS = 0.18
 
 
 def room(rows=100, columns=140, resolution=0.05, origin=(-1.0, -2.0, 0.0)):
@@ -41,13 +41,13 @@ def with_wall(grid, gap=True):
 # ------------------------------------------------------------ costmap
 def test_inflation_follows_costmap_2d():
     grid = room()
-    costmap = Costmap(grid, PARAMS)
+    costmap = Costmap(grid, RADIUS)
     obstacles = grid.data == OCCUPIED
     distance = distance_transform_edt(~obstacles) * grid.resolution
     expected = np.zeros(grid.shape)
-    near = distance <= PARAMS.inflation_radius + 1e-6
-    expected[near] = np.floor(252 * np.exp(-8.0 * (distance[near] - PARAMS.robot_radius)))
-    expected[distance <= PARAMS.robot_radius] = INSCRIBED
+    near = distance <= RADIUS + INFLATION + 1e-6
+    expected[near] = np.floor(252 * np.exp(-8.0 * (distance[near] - RADIUS)))
+    expected[distance <= RADIUS] = INSCRIBED
     expected[obstacles] = LETHAL
     assert np.abs(costmap.costs.astype(int) - expected).max() <= 1
     assert ((costmap.costs == INSCRIBED) == (expected == INSCRIBED)).all()
@@ -56,7 +56,7 @@ def test_inflation_follows_costmap_2d():
 @pytest.mark.parametrize("value, cost", [(0, 0), (75, 190), (100, LETHAL), (UNKNOWN, NO_INFORMATION)])
 def test_static_values_as_static_layer(value, cost):
     grid = GridMap(np.full((3, 3), value, np.int8), 0.05)
-    assert (Costmap(grid, PARAMS).costs == cost).all()
+    assert (Costmap(grid, RADIUS).costs == cost).all()
 
 
 # ------------------------------------------------------------ planner
@@ -83,7 +83,7 @@ def oracle(costmap, start, goal):
 def test_paths_are_the_cheapest(seed):
     rng = np.random.default_rng(seed)
     data = np.where(rng.random((30, 40)) < 0.01, OCCUPIED, FREE).astype(np.int8)
-    costmap = Costmap(GridMap(data, 0.1), CostmapParams())
+    costmap = Costmap(GridMap(data, 0.1), RADIUS)
     free = np.argwhere(costmap.traversable())
     start, goal = free[0], free[-1]
     planner = Planner(costmap)
@@ -103,7 +103,7 @@ def test_paths_are_the_cheapest(seed):
 def test_no_path_touches_a_blocked_cell(seed):
     rng = np.random.default_rng(seed)
     data = np.where(rng.random((40, 50)) < 0.012, OCCUPIED, FREE).astype(np.int8)
-    costmap = Costmap(GridMap(data, 0.05), CostmapParams(robot_radius=0.1, inflation_radius=0.2))
+    costmap = Costmap(GridMap(data, 0.05), 0.1)
     free = np.argwhere(costmap.traversable())
     if len(free) < 2:
         return
@@ -124,7 +124,7 @@ def test_no_path_touches_a_blocked_cell(seed):
 
 
 def test_straight_lines_are_straight():
-    planner = Planner(Costmap(room(), PARAMS))
+    planner = Planner(Costmap(room(), RADIUS))
     path = planner.plan(np.array([0.0, 0.0]), np.array([4.0, 1.3]))
     assert geometry.chain_length(path) < 1.01 * math.hypot(4.0, 1.3)
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() <= 0.05 + 1e-9
@@ -143,21 +143,21 @@ def test_straight_lines_are_straight():
     ],
 )
 def test_why_there_is_no_path(start, goal, tolerance, code):
-    planner = Planner(Costmap(with_wall(room(), gap=False), PARAMS))
+    planner = Planner(Costmap(with_wall(room(), gap=False), RADIUS))
     with pytest.raises(CodedError) as caught:
         planner.plan(np.array(start), np.array(goal), tolerance)
     assert caught.value.code == code
 
 
 def test_tolerance_ends_at_the_nearest_place_that_can_be_reached():
-    planner = Planner(Costmap(with_wall(room(), gap=False), PARAMS))
+    planner = Planner(Costmap(with_wall(room(), gap=False), RADIUS))
     path = planner.plan(np.array([0.0, 0.0]), np.array([2.45, 0.0]), 0.5)
     # the wall's cells begin at 2.5 m, and the nearest centre that is 0.18 m from theirs is at 2.325 m
     assert path[-1] == pytest.approx((2.325, 0.0), abs=0.03)
 
 
 def test_a_robot_that_touches_the_inscribed_zone_gets_out():
-    planner = Planner(Costmap(with_wall(room()), PARAMS))
+    planner = Planner(Costmap(with_wall(room()), RADIUS))
     path = planner.plan(np.array([2.37, 0.0]), np.array([0.0, 0.0]))  # 0.15 m from the wall
     assert np.allclose(path[0], (2.37, 0.0)) and path[:, 0].max() <= 2.37 + 1e-9
 
@@ -179,7 +179,7 @@ def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0, math.pi, -1.5])
 def test_goal_is_reached_from_any_heading(yaw):
-    path = Planner(Costmap(with_wall(room()), PARAMS)).plan(np.array([0.0, 0.0]), np.array([4.5, 0.0]))
+    path = Planner(Costmap(with_wall(room()), RADIUS)).plan(np.array([0.0, 0.0]), np.array([4.5, 0.0]))
     poses, motions = follow(path, (4.5, 0.0, 1.0), (0.0, 0.0, yaw))
     assert motions[-1].arrived
     assert np.linalg.norm(poses[-1, :2] - (4.5, 0.0)) < 3 * GOAL_DISTANCE

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import tempfile
 import threading
 import unittest
@@ -324,13 +323,7 @@ class InteractionManagerTest(unittest.TestCase):
                 lambda message: message.interaction_id == identity and message.issues, "the issue"
             ).issues[0]
             self.assertEqual((issue.code, issue.message), (notice.code, notice.sentence()))
-            # from a shell, which shows neither preview nor notices
-            shell = subprocess.run(
-                ["rosrun", "vb_voice_wizard", "command", "save"], stdout=subprocess.PIPE, universal_newlines=True
-            )
-            self.assertEqual(shell.returncode, 1)
-            self.assertIn("[confirm_save]", shell.stdout)
-            self.assertIn(notice.sentence(), shell.stdout)
+            self.assertEqual(self.command("save").code, "confirm_save")
             del told[:]  # they agree again, but what was drawn before may still be at a wrong place
             told_so = lambda message: [issue.code for issue in message.issues] == ["camera_failed_meanwhile"]  # noqa: E731
             self.preview.wait(
@@ -436,30 +429,6 @@ class InteractionManagerTest(unittest.TestCase):
         except rospy.ServiceException:
             return False
 
-    def test_a_command_as_a_shell_call(self):
-        called = [
-            subprocess.Popen(
-                ["rosrun", "vb_voice_wizard", "command", *words],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                universal_newlines=True,
-                env={**os.environ, **environment},
-            )
-            for words, environment in (
-                (["save", "--wait", "30", "--language", "de"], {}),
-                (["guide robot", "--source", "shell", "--wait", "30"], {}),
-                (["dance"], {}),
-                (["save"], {"ROS_MASTER_URI": "http://127.0.0.1:9"}),
-            )
-        ]
-        ends = [(process.communicate(timeout=120), process.returncode) for process in called]
-        self.assertEqual([status for _, status in ends], [1, 0, 2, 3], ends)
-        self.assertIn("follows the laser spot", ends[1][0][0])
-        self.assertRegex(ends[0][0][0], "nichts zu speichern|Nicht gespeichert")
-        self.assertIn("master does not answer", ends[3][0][1])
-        self.assertFalse(any("Traceback" in text for texts, _ in ends for text in texts))
-        self.in_state("guide")
-
     def test_a_lost_memory_counts_as_stopped_and_an_abandoned_interaction_ends_with_a_warning(self):
         # a manager of its own in a namespace would still use the fixed names: this one takes the other's place
         self.node.kill()
@@ -498,7 +467,7 @@ class InteractionManagerTest(unittest.TestCase):
 
     def test_a_bad_parameter_is_one_line(self):
         # limits and unknown keys are tested where parameters are checked; each node here costs a second
-        assert_ends_with_one_line("vb_voice_wizard", "interaction_manager", [(["_log_file:=/tmp"], "log_file")])
+        assert_ends_with_one_line("vb_voice_wizard", "interaction_manager", [(["_occupancy:=2"], "occupancy")])
 
 
 if __name__ == "__main__":

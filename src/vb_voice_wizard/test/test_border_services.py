@@ -6,9 +6,8 @@ from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import services
-from std_srvs.srv import TriggerResponse
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import GetDrawnBorderResponse
+from vb_msgs.srv import GetDrawnBorderResponse, UndoRedoResponse
 from vb_voice_wizard.dialogue import border_services
 from vb_voice_wizard.interaction_manager_node import _what_changed
 
@@ -27,7 +26,7 @@ def refusal(made, *notices):
 
 
 def test_without_spots_the_laser_is_to_blame(made):
-    about_a_robot = Notice("robot_inside_border", Severity.ERROR, robot="r1")
+    about_a_robot = Notice("robot_caught_in_border", Severity.ERROR, robot="r1")
     slow = Notice("lab_camera_slow", Severity.WARNING, camera="north", values={"rate": "2"})
     assert refusal(made, about_a_robot, slow).code == "no_spots"
 
@@ -37,12 +36,10 @@ def test_without_spots_a_faulty_camera_is_to_blame_before_the_laser(made):
     assert error.code == "camera_no_pose" and "south" in error.message
 
 
-@pytest.mark.parametrize("code, expected", [("nothing_to_redo", "nothing_to_redo"), ("cannot_write", "not_changed")])
-def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch, code, expected):
-    said = str(CodedError(code, what="the disk", reason="full"))
-    monkeypatch.setattr(services, "call", lambda *_arguments, **_more: TriggerResponse(False, said))
-    with refused(expected):
-        border_services.BorderServices(1.0, 1.0, 1.0, list).change("redo")
+def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch):
+    monkeypatch.setattr(services, "call", lambda *_arguments, **_more: UndoRedoResponse(code="nothing_to_redo"))
+    with refused("nothing_to_redo"):
+        border_services.BorderServices(1.0, 1.0, 1.0, list).change("redo", "r1")
 
 
 def test_what_was_undone_is_named():
@@ -55,7 +52,7 @@ def test_what_was_undone_is_named():
     rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)
     off, renamed = VirtualBorder(id="b1", name="Rug"), VirtualBorder(id="b1", name="Carpet", enabled=True)
     # what the map integrator fills in is nobody's change
-    idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="off_schedule")
+    idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
     assert told([rug, bed], [rug]) == ("border_removed", "Bed")
     assert told([rug], [rug, bed]) == ("border_restored", "Bed")
     assert told([rug, bed], [off, idle]) == ("border_disabled", "Rug")

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from vb_core.errors import ParameterError
-from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer, RecognizerParams
+from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 
 from speech import RATE, command_in, examine, room_noise, say, tone
@@ -72,17 +71,6 @@ def test_the_speech_model_tells_what_was_said_not_how_loud():
     # what else is asked does not matter
     assert SpeechModel(["save"]).log_likelihood_ratios(pcm)[0] == pytest.approx(told[2], abs=1.0)
     assert np.isfinite(model.log_likelihood_ratios(np.zeros(RATE // 5, np.int16))).all()
-
-
-def test_other_phrases_by_configuration():
-    halt = CommandRecognizer(RecognizerParams(phrases={"stop": ["please halt"], "save": ["Keep it"]}))
-    heard = [command_in(halt, say("please halt", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")]
-    assert set(heard) <= {"stop", None} and "stop" in heard
-    assert command_in(halt, say("what is for dinner tonight", snr_db=25.0)) is None
-    for key, phrases in {"phrases/dance": {"dance": ["dance"]}, "phrases/save": {"save": "save"}}.items():
-        with pytest.raises(ParameterError) as caught:
-            RecognizerParams(phrases=phrases)
-        assert caught.value.key == key
 
 
 def test_bad_files_are_named(tmp_path):

@@ -51,8 +51,10 @@ class FakeBackend:
         self.done.append((request.action, dict(request.values)))
         return {"ok": True, "code": "ok", "values": {}, "message": ""}
 
-    async def command(self, request, source):
-        return self.act(request, source)
+    def command(self, request, source):
+        answered = asyncio.get_event_loop().create_future()
+        answered.set_result(self.act(request, source))
+        return answered
 
     def bounds(self):
         return BOUNDS
@@ -341,7 +343,7 @@ def test_previews_of_one_person_wait_for_each_other_and_not_for_those_of_others(
         preview = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
         for number in range(4):
             await first.write_message(json.dumps({**preview, "id": f"p{number}"}))
-        await answer_to(other, do="mark", text="x")  # all four have arrived
+        await answer_to(other, do="invite")  # all four have arrived
         await other.write_message(json.dumps({**preview, "id": "q"}))
         for _ in range(2):
             assert await loop.run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
@@ -357,7 +359,7 @@ def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
     given = cookie(network, Role.OPERATOR)
 
     async def work(connection):
-        await answer_to(connection, do="mark", text="x")
+        await answer_to(connection, do="invite")
         loop = asyncio.get_event_loop()
         left = await loop.run_in_executor(
             None, lambda: network.ask("/session", "DELETE", Cookie=given, Origin=f"http://{network.host}")

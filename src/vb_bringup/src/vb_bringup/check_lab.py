@@ -46,24 +46,9 @@ def print_camera(camera: str) -> None:
 
 
 def to_json(lines: List[CheckLine], language: str) -> str:
-    """Formats the lines for programs.
-
-    Each has subject, state, code, values, and the sentence for people.
-    """
-    return json.dumps(
-        [
-            {
-                "subject": line.subject,
-                "state": line.state.name.lower(),
-                "code": line.code,
-                "values": {key: str(value) for key, value in line.values.items()},
-                "message": line.sentence(language),
-            }
-            for line in lines
-        ],
-        indent=1,
-        ensure_ascii=False,
-    )
+    """Formats the lines for programs: subject, state, code, values, and the sentence for people, of each."""
+    named = [{**vars(line), "state": line.state.name.lower(), "message": line.sentence(language)} for line in lines]
+    return json.dumps(named, indent=1, ensure_ascii=False, default=str)
 
 
 def run(arguments: Optional[List[str]] = None) -> int:

@@ -86,7 +86,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         lines.append(CheckLine("borders", CheckState.OK, "lab_borders_ok", values))
     if names.ROBOTS in newest:
         connected = offer(connections_from_message(newest[names.ROBOTS]))
-        lines += lines_from_notices(line.notice() for line in connected.lines)
+        lines += lines_from_notices(connected.lines)
         for robot in newest[names.ROBOTS].robots:
             lines += check_robot(_robot(robot, newest.get(_scan(robot.robot))))
     lines += _check_computer(running)

@@ -1,7 +1,7 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-The idea: every argument of the stack's launch files is of a kind, and is judged by it where a mistake costs one
-sentence instead of a node that dies again and again. The launch files begin with `<param command="python3 -m
+The idea: an argument of the stack's launch files is of a kind, and is judged by it where a mistake costs one sentence
+instead of several nodes that die again and again. The launch files begin with `<param command="python3 -m
 vb_bringup.launch_check ...">`; roslaunch runs that command while it still reads the file.
 
     launch_check lab cameras:="north south" robot:=false      what lab.launch and borders_only.launch ask
@@ -36,8 +36,6 @@ ANSWER_TIMEOUT = 3.0  # [s] a node that runs tells its process within it
 UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
 _CALLER = "/launch_check"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_ADDRESS = re.compile(r"([A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\])?(:[0-9]{1,5})?")
-_SPAWNED = re.compile(r"-\d+$")  # what roslaunch appends to a node's name
 
 
 def check_arguments(given: Iterable[str], declared: Sequence[str]) -> None:
@@ -68,22 +66,6 @@ def check_names(argument: str, value: str) -> None:
         raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(wrong))
 
 
-def check_number(argument: str, value: str, low: float, high: float) -> None:
-    """Raises CodedError "launch_bad_number"."""
-    try:
-        good = low <= float(value) <= high
-    except ValueError:
-        good = False
-    if not good:
-        raise CodedError("launch_bad_number", argument=argument, value=value, low=f"{low:g}", high=f"{high:g}")
-
-
-def check_address(argument: str, value: str) -> None:
-    """Raises CodedError "launch_bad_address" unless it is empty, a HOST or HOST:PORT."""
-    if not _ADDRESS.fullmatch(value):
-        raise CodedError("launch_bad_address", argument=argument, value=value)
-
-
 def parse_pairs(argument: str, value: str) -> Dict[str, str]:
     """Reads NAME=VALUE separated by spaces; returns the values by their names.
 
@@ -106,13 +88,6 @@ def check_file(argument: str, value: str) -> None:
         raise CodedError(
             "launch_no_file", argument=argument, file=value, why=getattr(error, "strerror", "") or error
         ) from None
-
-
-def check_node_file(argument: str, value: str) -> None:
-    """Checks as `check_file` does, for a file that a node opens: roslaunch starts nodes in ROS's own folder."""
-    import rospkg
-
-    check_file(argument, str(Path(rospkg.get_ros_home()) / value) if value else "")
 
 
 def check_map(_argument: str, value: str) -> None:
@@ -176,10 +151,9 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 
 
 Kind = Callable[[str, str], Any]
-_TRUTH: Kind = partial(check_choice, choices=("true", "false", "1", "0"))  # what roslaunch takes as a condition
-_CONDITIONS = "robot obey rviz sound projector_window kobuki buttons voice page"
+# what roslaunch itself or one node refuses, such as a condition or a port, has no kind
 KINDS: Dict[str, Kind] = {
-    **dict.fromkeys(_CONDITIONS.split(), _TRUTH),
+    "robot": partial(check_choice, choices=("true", "false", "1", "0")),
     "cameras": check_names,
     "robots": check_names,
     "robot_types": check_robot_types,
@@ -187,15 +161,11 @@ KINDS: Dict[str, Kind] = {
     "configs": check_detectors,
     "machines": parse_pairs,
     "machines_file": check_file,
-    "projector": check_node_file,
     "map": check_map,
     "image_transport": partial(check_choice, choices=("raw", "compressed")),
     "method": partial(check_choice, choices=("nrs", "robot_only")),
     "language": partial(check_choice, choices=sentences.languages()),
     "navigation": partial(check_choice, choices=("none", "move_base")),
-    "mqtt": check_address,
-    "page_port": partial(check_number, low=0, high=65535),
-    "projector_x": partial(check_number, low=0, high=100000),
 }
 # the simulated lab's, which differ
 SIMULATION: Dict[str, Kind] = {"navigation": partial(check_choice, choices=("standin", "move_base", "none"))}
@@ -251,67 +221,18 @@ def check_alone(master_uri: str) -> None:
     """Refuses a second lab on one ROS master: each would end the other's nodes, and start its own again, for ever.
 
     Raises:
-        CodedError: "lab_already_running" naming the roslaunch to end; "lab_node_already_running" if none started the
-            node.
+        CodedError: "lab_already_running"
     """
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(ANSWER_TIMEOUT)
     try:
-        master = rosgraph.Master(_CALLER, master_uri)
-        found = next(filter(None, map(_lab_of, _roslaunches(master))), None)
-        if found is not None:
-            raise CodedError("lab_already_running", process=found)
-        there = master.lookupNode(UNIQUE_NODE)
+        there = rosgraph.Master(_CALLER, master_uri).lookupNode(UNIQUE_NODE)
         process = xmlrpc.client.ServerProxy(there).getPid(_CALLER)[2]
     except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
         return  # no master, no lab, or one that died without a word
     finally:
         socket.setdefaulttimeout(before)
-    raise CodedError("lab_node_already_running", node=UNIQUE_NODE, process=process)
-
-
-def check_wheels(master_uri: str, robots: str, robot_types: str) -> None:
-    """Refuses to start beside nodes that command a robot's base themselves, past the driver that is about to start.
-
-    Args:
-        robots, robot_types: as the launch files take them.
-
-    Raises:
-        CodedError: "launch_other_way_to_wheels"
-    """
-    from vb_core.ros.graph import find_commanders
-
-    profiles = check_robot_types("robot_types", robot_types) or [RobotProfile()]
-    for number, name in enumerate(robots.split() or [""]):
-        base = profiles[min(number, len(profiles) - 1)].base
-        try:
-            driver = f"/{name}/robot_driver".replace("//", "/")
-            found = find_commanders(driver, base, rosgraph.Master(_CALLER, master_uri))
-        except (rosgraph.MasterException, OSError):
-            return  # no master, so nobody
-        if found.others:
-            raise CodedError("launch_other_way_to_wheels", nodes=", ".join(sorted(found.others)), topic=base.topic)
-
-
-def _roslaunches(master: rosgraph.Master) -> List[str]:
-    """Lists the addresses of those that started something on this master, and of some that have ended."""
-    try:
-        found = master.getParam("/roslaunch/uris")
-    except rosgraph.MasterError:  # none has
-        return []
-    return [str(uri) for uri in found.values()] if isinstance(found, dict) else []
-
-
-def _lab_of(uri: str) -> Optional[int]:
-    """Returns the process of a roslaunch that keeps a lab running, even if its nodes are just being started again."""
-    server = xmlrpc.client.ServerProxy(uri)
-    try:
-        names = server.get_node_names()[2]
-        return (
-            int(server.get_pid()[2]) if UNIQUE_NODE.strip("/") in {_SPAWNED.sub("", name) for name in names} else None
-        )
-    except (OSError, xmlrpc.client.Error):
-        return None  # it has ended
+    raise CodedError("lab_already_running", node=UNIQUE_NODE, process=process)
 
 
 def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
@@ -355,9 +276,6 @@ def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) ->
             check_values(values, {**KINDS, **(SIMULATION if chosen.what == "simulation" else {})})
             if master_uri:
                 check_alone(master_uri)
-                # without a type no driver starts, and a node that commands the base may go on doing so
-                if values.get("robot_types") and values.get("robot") not in ("false", "0"):
-                    check_wheels(master_uri, values.get("robots", ""), values["robot_types"])
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         if files:

@@ -23,6 +23,7 @@ from typing import Any, Dict, List, Optional
 
 import cv2
 import numpy as np
+import rosgraph
 import rospy
 import tornado.web
 import yaml
@@ -107,7 +108,7 @@ class CornerPage:
     def __init__(self, source: str) -> None:
         self.view: Optional[FloorView] = None
         self._shot: Optional[Shot] = None
-        self._error = ""
+        self.error = ""  # why there is no picture
         self._source = CameraSource(source, CaptureParams(), self._take, self._tell)
         self._source.start()
         self._done = asyncio.Event()
@@ -116,9 +117,9 @@ class CornerPage:
         self._shot = shot
 
     def _tell(self, error: Optional[CodedError]) -> None:
-        self._error = "" if error is None else CodedError(error.code, **{**error.values, "camera": "1"}).message
+        self.error = "" if error is None else CodedError(error.code, **{**error.values, "camera": "1"}).message
         if error is not None:
-            print(f"  {self._error}", flush=True)
+            print(f"  {self.error}", flush=True)
 
     async def ask(self, port: int) -> FloorView:
         """Serves the page until the corners are given."""
@@ -169,11 +170,6 @@ class CornerPage:
             "worst_cm": round(100.0 * min(worst, 9.99)),
             "height": round(height, 2),
         }
-
-    @property
-    def error(self) -> str:
-        """Why there is no picture; "" if all is well."""
-        return self._error
 
 
 class _Handler(tornado.web.RequestHandler):
@@ -269,20 +265,6 @@ class TryLab:
             rospy.rostime.wallsleep(0.05)
 
 
-def compare(border: VirtualBorder, truth: Dict[str, Any]) -> float:
-    """Returns by how much [m] the true corners miss a border, at most."""
-    line = np.vstack([border.points, border.points[:1]]) if border.closed else np.asarray(border.points)
-    starts, steps = line[:-1], np.diff(line, axis=0)
-
-    def away(corner: np.ndarray) -> float:
-        share = np.clip(
-            np.sum((corner - starts) * steps, axis=1) / np.maximum(np.sum(steps**2, axis=1), 1e-12), 0.0, 1.0
-        )
-        return float(np.linalg.norm(starts + share[:, None] * steps - corner, axis=1).min())
-
-    return max(away(np.array(corner)) for corner in truth["border"])
-
-
 def parse_camera(text: str) -> str:
     """Returns what a camera's number, device, address or file is for `source`."""
     if text.isdigit():
@@ -299,13 +281,6 @@ def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _floor_view(source: str, port: int, truth: Optional[Dict[str, Any]]) -> FloorView:
-    if truth is None:
-        return asyncio.run(_ask(source, port))
-    corners, size = np.array(truth["corners"]), (truth["width"], truth["depth"])
-    return view_rectangle(corners, size, tuple(truth["image"]))
-
-
 async def _ask(source: str, port: int) -> FloorView:
     return await CornerPage(source).ask(port)
 
@@ -316,31 +291,36 @@ def run(arguments: Optional[List[str]] = None) -> int:
     import rospkg
 
     package = Path(rospkg.RosPack().get_path("vb_bringup"))
-    source, truth = (parse_camera(given.camera), None) if given.camera else (str(package / "try/room.mp4"), {})
-    if truth is not None:
+    if given.camera:
+        source, truth = parse_camera(given.camera), None
+    else:
+        source = str(package / "try/room.mp4")
         truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
     out, port = given.out.expanduser().resolve(), free_port(given.port)
     address = f"http://127.0.0.1:{port}/"
     if truth is None:
         print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
         webbrowser.open(address)
+        view = asyncio.run(_ask(source, port))
+    else:
+        view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
     profiles = next(path for path in (package / "robots", package.parents[1] / "robots") if path.is_dir())
-    write_try(out / "lab", source, _floor_view(source, port, truth), profiles)
+    write_try(out / "lab", source, view, profiles)
     ros = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros}", ROS_LOG_DIR=str(out / "log"))
     print("Starting the detector, the map and the page ...", flush=True)
     lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros, rviz=False, page_port=port)
     try:
-        return _follow(out, address, truth, given.once, lab)
+        return _follow(out, address, truth is not None, given.once, lab)
     finally:
         lab.stop()
 
 
-def _follow(out: Path, address: str, truth: Optional[Dict[str, Any]], once: bool, lab: Any) -> int:
-    """Follows the running lab."""
+def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
+    """Follows the running lab; `plays`: gives the commands to our own video."""
     end = time.monotonic() + _START_TIMEOUT
     with contextlib.suppress(OSError):  # roslaunch brings the master
-        while lab.running and time.monotonic() < end and not _master_runs():
+        while lab.running and time.monotonic() < end and not rosgraph.is_master_online():
             time.sleep(0.1)
     if not lab.running:
         print(lab.tail(), file=sys.stderr)
@@ -353,27 +333,19 @@ def _follow(out: Path, address: str, truth: Optional[Dict[str, Any]], once: bool
         return 1
     running = TryLab(out)
     print(f"The page is at {address}", flush=True)
-    if truth is None:
+    if not plays:
         print(
             "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save.",
             flush=True,
         )
     else:
         running.play()
-        error = compare(running.borders[-1], truth)
-        print(f"The border's corners are within {100 * error:.1f} cm of where the video's hand drew them.", flush=True)
         if once:
             return 0
     print("Ctrl-C ends it.", flush=True)
     while lab.running:
         time.sleep(0.5)
     return 1
-
-
-def _master_runs() -> bool:
-    import rosgraph
-
-    return rosgraph.is_master_online()
 
 
 def main() -> None:

@@ -29,4 +29,4 @@ def _drawn(border: Any) -> Tuple:
     Places to a centimetre: as a map grows a border is found again by the walls round it, and moves by less.
     """
     places = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
-    return places, border.zone, border.max_speed, border.schedule
+    return places, border.zone, border.max_speed

@@ -20,7 +20,7 @@ def keep_private(path: Path) -> bool:
         CodedError: "file_not_private" if that is not possible.
     """
     try:
-        if not path.exists() or not stat.S_IMODE(path.stat().st_mode) & 0o077:
+        if not path.is_file() or not stat.S_IMODE(path.stat().st_mode) & 0o077:
             return False
         path.chmod(PRIVATE)
         return True

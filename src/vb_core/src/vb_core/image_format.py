@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import Dict, NamedTuple
+from functools import cached_property
+from typing import Callable, Dict, NamedTuple, Tuple, Union
 
 import cv2
 import numpy as np
@@ -77,6 +78,17 @@ class Picture(NamedTuple):
 
     pixels: np.ndarray
     content: str
+    scale = 1  # of `searched`: see `HalvedPicture`
+
+    @property
+    def size(self) -> Tuple[int, int]:
+        """Width and height [px]."""
+        return self.pixels.shape[1], self.pixels.shape[0]
+
+    @property
+    def searched(self) -> np.ndarray:
+        """Returns the pixels in which spots are looked for."""
+        return self.pixels
 
     @property
     def mosaic(self) -> bool:
@@ -90,6 +102,46 @@ class Picture(NamedTuple):
     def gray(self) -> np.ndarray:
         """Returns grey levels (H, W)."""
         return self.pixels if self.content == "mono" else cv2.cvtColor(self.bgr(), cv2.COLOR_BGR2GRAY)
+
+
+class HalvedPicture:
+    """A picture in which spots are looked for at half its size, and measured at its own; each is decoded when it is needed.
+
+    Args:
+        size: width and height [px], even.
+        decode: returns the pixels (H, W, 3) uint8 bgr at the size that it is called with.
+
+    Attributes:
+        content, mosaic: as of `Picture`.
+        scale: how many of the picture's pixels are one of those that are searched, in each direction.
+    """
+
+    content, mosaic, scale = "bgr", False, 2
+
+    def __init__(self, size: Tuple[int, int], decode: Callable[[int, int], np.ndarray]) -> None:
+        self.size, self._decode = size, decode
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        """Returns the whole pixels."""
+        return self._decode(*self.size)
+
+    @cached_property
+    def searched(self) -> np.ndarray:
+        """Returns the half, as a codec makes it, which takes less time than the whole."""
+        return self._decode(self.size[0] // 2, self.size[1] // 2)
+
+    def decode_whole(self) -> None:
+        """Makes the half from the whole, which takes less time than both do; they differ by a grey level."""
+        half = self.size[0] // 2, self.size[1] // 2
+        self.searched = cv2.resize(self.pixels, half, interpolation=cv2.INTER_AREA)
+
+    def bgr(self) -> np.ndarray:
+        """Returns a bgr copy (H, W, 3)."""
+        return self.pixels.copy()
+
+
+AnyPicture = Union[Picture, HalvedPicture]
 
 
 class PixelReader:

@@ -21,7 +21,6 @@ LED = "/virtual_borders/led"
 SOUND = "/virtual_borders/sound"
 SPEECH_COMMANDS = "/virtual_borders/voice/heard"
 PROJECTOR = "/virtual_borders/projector"
-STUDY_EVENTS = "/virtual_borders/study_events"
 
 COMMAND = "/virtual_borders/command"
 GET_DRAWN_BORDER = "/virtual_borders/get_drawn_border"

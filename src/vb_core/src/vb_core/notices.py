@@ -17,7 +17,6 @@ _SAID_BY = {
     "camera_no_pose": {
         "camera_not_calibrated",
         "camera_file_broken",
-        "camera_wrong_file",
         "camera_frame_differs",
         "camera_other_lens",
         "shared_frame",

@@ -13,7 +13,7 @@ offers a Stop that stops nothing, or calls a zone in force that nobody keeps.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
@@ -71,20 +71,6 @@ class Connections:
 
 
 @dataclass(frozen=True)
-class Line:
-    """A sentence about a robot: it always holds as long as the connections are these."""
-
-    robot: str
-    severity: Severity
-    code: str
-    values: Mapping[str, Any]
-
-    def notice(self) -> Notice:
-        """Returns the same as a notice for people."""
-        return Notice(self.code, self.severity, robot=self.robot, values=dict(self.values))
-
-
-@dataclass(frozen=True)
 class Offer:
     """What is offered and told.
 
@@ -94,7 +80,7 @@ class Offer:
         zones: those that at least one robot keeps.
         ignored_by: by zone, the names of the robots that are there and do not keep it.
         goes: the names of the robots that can be sent to a place.
-        lines: what holds for each robot.
+        lines: what holds for each robot as long as the connections are these.
     """
 
     state: str
@@ -102,11 +88,11 @@ class Offer:
     zones: Tuple[str, ...]
     ignored_by: Mapping[str, Tuple[str, ...]]
     goes: Tuple[str, ...]
-    lines: Tuple[Line, ...]
+    lines: Tuple[Notice, ...]
 
     def notices(self) -> List[Notice]:
         """Returns what is wrong, as notices."""
-        return [line.notice() for line in self.lines if line.severity >= Severity.WARNING]
+        return [line for line in self.lines if line.severity >= Severity.WARNING]
 
 
 def offer(seen: Connections) -> Offer:
@@ -152,12 +138,12 @@ def unkept(found: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str
     return f"border_unkept_{zone}", {"who": ", ".join(map(sentences.robot_value, ignoring))}
 
 
-def _lines(robot: ConnectedRobot) -> List[Line]:
+def _lines(robot: ConnectedRobot) -> List[Notice]:
     values = {"who": sentences.robot_value(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
-    def line(severity: Severity, code: str, **more: str) -> Line:
-        return Line(robot.name, severity, code, {**values, **more})
+    def line(severity: Severity, code: str, **more: str) -> Notice:
+        return Notice(code, severity, robot.name, values={**values, **more})
 
     if not robot.is_there:
         return [line(Severity.INFO, "robot_not_connected")]

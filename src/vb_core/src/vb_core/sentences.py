@@ -53,11 +53,6 @@ def spelled_out(name: str) -> str:
     return name.replace("_", " ")
 
 
-def placeholders(sentence: str) -> List[str]:
-    """Lists the names of the values in a sentence, each once, sorted."""
-    return sorted({field for _, field, _, _ in string.Formatter().parse(sentence) if field})
-
-
 class _LenientValues(dict):
     """Shows a missing value by its name: no sentence is lost for lack of one."""
 

@@ -110,7 +110,7 @@ _COMMANDS = (
     Command("resume", "p", STOPPABLE, WHILE_STOPPED),
     Command("undo", "u", matters=ALWAYS, carried_out_elsewhere=True),
     Command("redo", "r", matters=ALWAYS, carried_out_elsewhere=True),
-    Command("pause", "h", CAMERA, enters="paused", button_place=5),
+    Command("pause", "h", CAMERA, NEVER, enters="paused", button_place=5),
     Command("continue", "k", CAMERA, button_place=5),
 )
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}

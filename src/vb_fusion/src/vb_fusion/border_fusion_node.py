@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import List, Optional
 
 import numpy as np
@@ -22,8 +21,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
 from vb_fusion.extraction import ExtractionParams
 from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, subsample_evenly
-from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
-from vb_fusion.spots.spot_log import SpotLog
+from vb_fusion.collector import Collector, CollectorParams, FloorSpot
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
@@ -37,7 +35,6 @@ class FusionParams(Parameters):
 
     rate: float = param(8.0, "Hz", low=1.0, high=50.0)
     live_cpu_share: float = param(0.12, above=0.0, high=1.0)
-    spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl")
 
 
 class BorderFusionNode:
@@ -49,9 +46,8 @@ class BorderFusionNode:
     Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
             1 Hz while none come, and on each change of state. After the interaction the last one stays.
-        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what cannot be stored on disk and any other failure;
-            the node continues after all of them. What makes the drawing doubtful is told when a stroke has ended, until
-            the interaction ends.
+        /virtual_borders/notices (vb_msgs/NoticeArray, latched): any failure; the node continues after all of them. What
+            makes the drawing doubtful is told when a stroke has ended, until the interaction ends.
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the current one. The last interaction is available until the next begins.
@@ -64,14 +60,13 @@ class BorderFusionNode:
         self._extraction = extraction
         self._collector = Collector(collecting)
         self._live = LiveExtractor(extraction, params.live_cpu_share)
-        path = Path(params.spot_log_file).expanduser() if params.spot_log_file else None
-        self._spot_log = SpotLog(path, collecting.max_spots)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
         self._dirty = False
         self._forget = False  # the interaction was cancelled; its spots go once they were shown
-        self._lost = False  # the interaction manager was started again in the middle of an interaction
+        self._started = rospy.get_time()
+        self._lost = False  # this node or the interaction manager was started again in the middle of an interaction
         self._wrong_frame = 0
         self._wrong_camera = ""
         self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
@@ -110,23 +105,15 @@ class BorderFusionNode:
                 self._wrong_frame, self._wrong_camera = 0, ""
                 self._failure = self._bad_message = None
                 self._doubts = []
-                self._restore(message.interaction_id)
-            if state == DEFAULT:
-                self._spot_log.discard()
+                # a border of the rest alone would be another one than was drawn
+                self._lost = message.entered.to_sec() < self._started
             if before == (self._collector.state, self._collector.interaction_id):
                 return
-            # every interaction that ends has an outcome
-            self._lost = drawn and state == DEFAULT and before[0] != DEFAULT and not message.last_outcome
-            self._forget = self._lost or (state == DEFAULT and message.last_outcome not in ("", "saved"))
+            if state == DEFAULT:
+                # every interaction that ends has an outcome
+                self._lost = drawn and before[0] != DEFAULT and not message.last_outcome
+            self._forget = state == DEFAULT and (self._lost or message.last_outcome not in ("", "saved"))
         self._changed.set()
-
-    def _restore(self, interaction_id: str) -> None:
-        """Restores what was collected if the node restarts in the middle of an interaction."""
-        entries = self._spot_log.start(interaction_id)
-        for part, spot in entries:
-            self._collector.restore(part, spot)
-        if entries:
-            rospy.loginfo("%s: %d spots of interaction %s restored", rospy.get_name(), len(entries), interaction_id)
 
     def _on_spot(self, message: LaserSpot) -> None:
         try:
@@ -161,7 +148,6 @@ class BorderFusionNode:
         )
         with self._lock:
             if not self._collector.add(spot, rospy.get_time() or np.inf):
-                self._spot_log.append(self._collector.state.collects, spot)
                 self._dirty = True
 
     # ------------------------------------------------------------ output
@@ -189,7 +175,7 @@ class BorderFusionNode:
     def _publish_notices(self) -> None:
         """Publishes notices of what is still wrong."""
         with self._lock:
-            problems = [self._failure, self._bad_message, self._spot_log.problem]
+            problems = [self._failure, self._bad_message]
             if self._lost:
                 problems.append(CodedError("drawing_lost"))
             if self._wrong_frame:
@@ -222,8 +208,6 @@ class BorderFusionNode:
         with self._lock:
             collecting = bool(self._collector.state.collects)
             new, self._dirty = self._dirty, False
-            if new:
-                self._spot_log.flush()
             now = time.monotonic()
             due = now - self._published >= SIGN_OF_LIFE
             if not self._collector.interaction_id or not (state_changed or (collecting and (new or due))):
@@ -274,12 +258,14 @@ class BorderFusionNode:
 
     def _on_get_drawn_border(self, request) -> GetDrawnBorderResponse:
         with self._lock:
-            collection = self._collector.collection()
+            collection, lost = self._collector.collection(), self._lost
         response = GetDrawnBorderResponse()
         wanted = request.interaction_id or collection.interaction_id
         try:
             if not wanted or wanted != collection.interaction_id:
                 raise CodedError("unknown_interaction", interaction=wanted)
+            if lost:
+                raise CodedError("drawing_lost")
             drawn = self._live.update(collection, time.monotonic, force=True)
             missing = drawn.no_chain or drawn.no_seed
             if missing is not None:
@@ -306,11 +292,9 @@ class BorderFusionNode:
         return response
 
     def close(self) -> None:
-        """Ends the worker and the spot log."""
+        """Ends the worker."""
         self._closing = True
         self._changed.set()
-        with self._lock:
-            self._spot_log.close()
         self._notices.close()
 
 

@@ -25,7 +25,8 @@ from shapely.validation import make_valid
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
-from vb_fusion.line.chain import BorderChain, ExtractionError
+from vb_core.errors import CodedError
+from vb_fusion.line.chain import BorderChain
 from vb_fusion.line.closure import CURLED, Closure, classify_closure
 from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, resample_stroke
@@ -42,7 +43,7 @@ from vb_fusion.stroke.camera_offsets import remove_offsets
 from vb_fusion.stroke.seed import extract_seed
 from vb_fusion.stroke.track import find_places, find_strokes
 
-__all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
+__all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 
 SMALLEST_FIGURE = 8.0  # tremors across: the smallest curled line that can be told to be open
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
@@ -82,16 +83,16 @@ def extract_border(
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
     Raises:
-        ExtractionError: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects" or "too_many_spots".
+        CodedError: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects" or "too_many_spots".
     """
     params = params or ExtractionParams()
     paper = params.mode == "paper"
     spots = make_observations(points, None if paper else stamps, cameras, confidences, mobile)
     count = int(spots.spots.sum())
     if count == 0:
-        raise ExtractionError("no_spots")
+        raise CodedError("no_spots")
     if count < params.min_size:
-        raise ExtractionError("too_few_spots", spots=count, needed=params.min_size)
+        raise CodedError("too_few_spots", spots=count, needed=params.min_size)
     if paper:
         stages = run_algorithms(spots.points, params)
         closed = classify_closure(stages["chain"])
@@ -129,7 +130,7 @@ def _join_strokes(
     wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= params.min_size]
     others = [stroke for _, stroke in sorted(wide, key=lambda one: -one[0])]
     if not others:
-        raise ExtractionError("no_line", spots=int(seen.spots.sum()), shortest=f"{params.min_exp:g}")
+        raise CodedError("no_line", spots=int(seen.spots.sum()), shortest=f"{params.min_exp:g}")
     line, joined = others.pop(0), False
     while others:
         # which end of another stroke is nearest to which end of the line
@@ -149,7 +150,7 @@ def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> 
     stroke = resample_stroke(placed.points, placed.weights, tremor)
     closure = classify_closure(stroke.points, tremor)
     if closure.code in CURLED and size < SMALLEST_FIGURE * tremor:
-        raise ExtractionError("figure_too_small", size=f"{size:.2f}", needed=f"{SMALLEST_FIGURE * tremor:.2f}")
+        raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{SMALLEST_FIGURE * tremor:.2f}")
     kept = slice(closure.first, closure.last + 1)
     kept = ResampledStroke(stroke.points[kept], stroke.trust[kept], tremor)
     # a gap that was crossed unseen may hide a corner; across a wider one that the hand left the line is straight
@@ -169,7 +170,7 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
     """Runs stage 6: leaves vertices out, and makes a polygon that does not cross itself.
 
     Raises:
-        ExtractionError: "line_self_intersects" if what it encloses is not connected.
+        CodedError: "line_self_intersects" if what it encloses is not connected.
     """
     if not closed or len(chain) < 3:
         return np.asarray(LineString(chain).simplify(tolerance).coords) if len(chain) > 2 else chain
@@ -183,5 +184,5 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
         large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= MAX_SLIP_RATIO * whole])
         polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
-            raise ExtractionError("line_self_intersects")
+            raise CodedError("line_self_intersects")
     return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]

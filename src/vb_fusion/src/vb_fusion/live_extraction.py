@@ -12,8 +12,8 @@ from typing import Callable, Optional, Sequence
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams, extract_border
-from vb_fusion.spots.collector import Collection
+from vb_fusion.extraction import BorderChain, ExtractionParams, extract_border
+from vb_fusion.collector import Collection
 from vb_fusion.stroke.seed import Dwell, choose_seed, find_dwells
 
 MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display
@@ -52,7 +52,7 @@ def extract_chain(collection: Collection, params: ExtractionParams) -> BorderCha
     """Extracts the chain from all that is known of the border spots.
 
     Raises:
-        ExtractionError
+        CodedError
     """
     return extract_border(collection.border[:, 1:3], params, **_get_attributes(collection.border))
 
@@ -112,13 +112,13 @@ class LiveExtractor:
         if border_new:
             try:
                 found.update(chain=extract_chain(collection, self._params), no_chain=None)
-            except ExtractionError as error:
+            except CodedError as error:
                 found.update(chain=None, no_chain=error)
         if seed_new:
             try:
                 rows, before = collection.seed, collection.border[:, 1:3]
                 found.update(dwells=find_dwells(rows[:, 1:3], before=before, **_get_attributes(rows)), no_seed=None)
-            except ExtractionError as error:
+            except CodedError as error:
                 found.update(dwells=(), no_seed=error)
         self.drawn = replace(self.drawn, **found)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total

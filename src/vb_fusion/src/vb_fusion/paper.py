@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
-from vb_fusion.line.chain import ExtractionError
+from vb_core.errors import CodedError
 
 if TYPE_CHECKING:
     from vb_fusion.extraction import ExtractionParams
@@ -24,13 +24,13 @@ def run_algorithms(points: np.ndarray, params: "ExtractionParams") -> Dict[str, 
     """Runs the three algorithms on points (N, 2) [m]; returns their results, "cluster", "thinned" and "chain".
 
     Raises:
-        ExtractionError: "no_line" or "too_many_spots".
+        CodedError: "no_line" or "too_many_spots".
     """
     cluster = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
     thinned = thin_points(cluster, params.thinning_dist) if len(cluster) else cluster
     chain = thinned[generate_polygon(thinned, params.polygon_dist)] if len(cluster) else cluster
     if len(chain) < 2:
-        raise ExtractionError("no_line", spots=len(points), shortest=f"{params.min_exp:g}")
+        raise CodedError("no_line", spots=len(points), shortest=f"{params.min_exp:g}")
     return {"cluster": cluster, "thinned": thinned, "chain": chain}
 
 
@@ -74,7 +74,7 @@ def find_neighbors(points: np.ndarray, radius: float) -> np.ndarray:
     """Returns the indices (E, 2) of each pair of points at most radius [m] apart, once.
 
     Raises:
-        ExtractionError: "too_many_spots".
+        CodedError: "too_many_spots".
     """
     return _tree(points, radius).query_pairs(radius, output_type="ndarray").astype(np.int64)
 
@@ -84,7 +84,7 @@ def _tree(points: np.ndarray, radius: float) -> cKDTree:
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
     if pairs > MAX_PAIRS:
-        raise ExtractionError("too_many_spots", spots=len(points))
+        raise CodedError("too_many_spots", spots=len(points))
     return tree
 
 

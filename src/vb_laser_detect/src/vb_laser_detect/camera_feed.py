@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from functools import partial
 from pathlib import Path
-from typing import Any, Callable, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, NamedTuple, Optional, Tuple
 
 import rospy
 import simplejpeg
@@ -14,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.image_format import Picture
+from vb_core.image_format import AnyPicture, Picture
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_core.ros.node import Mailbox
@@ -31,14 +30,13 @@ class ReceivedImage(NamedTuple):
 
     Attributes:
         stamp: when it was taken.
-        read: decodes it as far as it is searched; returns the picture, and how many of the camera's pixels are one of its in
-            each direction. CodedError "bad_image", "unknown_encoding".
+        read: returns the picture. CodedError "bad_image", "unknown_encoding".
         shot: as the camera sent it, if no driver did.
     """
 
     stamp: rospy.Time
     frame_id: str
-    read: Callable[[], Tuple[Picture, int]]
+    read: Callable[[], AnyPicture]
     shot: Optional[Shot] = None
 
 
@@ -56,8 +54,8 @@ class LensFile:
         self._camera: Optional[CameraModel] = None
         self._error: Optional[CodedError] = None
 
-    def model_for(self, shape: Sequence[int]) -> CameraModel:
-        """Returns the model for images of this shape.
+    def model_for(self, size: Tuple[int, int]) -> CameraModel:
+        """Returns the model for images of this width and height [px].
 
         Raises:
             CodedError: "no_camera_info" if there is no file, or one of another image size; "bad_lens_file".
@@ -68,12 +66,10 @@ class LensFile:
             try:
                 self._camera = lens_file.load(self._path)
             except CodedError as error:
-                # the lab's monitor tells people of a lens that is not known by this code
-                missing = CodedError("no_camera_info", error.message) if error.code == "no_lens_file" else error
-                self._error = missing.without_traceback()
+                self._error = error.without_traceback()
         if self._error is not None:
             raise self._error
-        return require_size(self._camera, shape)
+        return require_size(self._camera, size)
 
 
 class CameraFeed:
@@ -118,7 +114,7 @@ class CameraFeed:
         self._source.close()
 
     def set_params(self, params: CaptureParams) -> None:
-        """Changes delay, exposure, gain and white balance while images come.
+        """Changes delay, exposure and white balance while images come.
 
         Raises:
             CodedError: what `controls.apply` raises: then nothing is changed but what the camera took.
@@ -131,22 +127,18 @@ class CameraFeed:
             self._source.params = params
         self._report.clear_refused_setting()
 
-    def publish(self, image: ReceivedImage, picture: Picture) -> None:
+    def publish(self, image: ReceivedImage, picture: AnyPicture) -> None:
         """Publishes an image as far as somebody listens."""
-        shot, raw = image.shot, self._raw.get_num_connections() > 0
-        width, height = shot.size
-        if raw or (shot.jpeg is None and self._compressed.get_num_connections()):
-            picture = picture if picture.pixels.shape[0] == height else shot.picture()
-        if raw:
+        if self._raw.get_num_connections():
             self._raw.publish(message_from_image(picture.pixels, "bgr8", image.stamp, image.frame_id))
         if self._compressed.get_num_connections():
             message = CompressedImage(format="bgr8; jpeg compressed bgr8")
             message.header.stamp, message.header.frame_id = image.stamp, image.frame_id
-            message.data = shot.jpeg or simplejpeg.encode_jpeg(picture.pixels, quality=90, colorspace="BGR")
+            message.data = image.shot.jpeg or simplejpeg.encode_jpeg(picture.pixels, quality=90, colorspace="BGR")
             self._compressed.publish(message)
         if self._info.get_num_connections():
             try:
-                model = self.lens.model_for((height, width))
+                model = self.lens.model_for(picture.size)
             except CodedError:
                 return  # the search tells why
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
@@ -157,8 +149,7 @@ class CameraFeed:
             self._report.count("late_image")
         self._late = self._source.late
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
-        read = partial(shot.searched, self._source.params.half_size)
-        self._mailbox.put(ReceivedImage(stamp, self._frame, read, shot))
+        self._mailbox.put(ReceivedImage(stamp, self._frame, shot.picture, shot))
         if is_file(self._source.address):
             self._mailbox.wait_until_taken()
 
@@ -179,39 +170,23 @@ class CameraFeed:
 
 def _controlled(params: CaptureParams) -> bool:
     """Returns whether anything is to be set that only devices can."""
-    return bool(params.exposure or params.white_balance or params.gain >= 0)
+    return bool(params.exposure or params.white_balance)
 
 
-class TopicFeed:
-    """Takes images from a driver's topic.
-
-    Subscribed topics:
-        <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage)
+def subscribe_images(
+    image: str, compressed: bool, frame: str, read: Callable[[Any], Picture], put: Callable[[ReceivedImage], None]
+) -> None:
+    """Takes images from a driver's topic: <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage).
 
     Args:
-        read: message to picture.
         frame: instead of the one that the images name, unless it is empty.
+        read: message to picture.
     """
 
-    def __init__(
-        self,
-        image: str,
-        compressed: bool,
-        frame: str,
-        read: Callable[[Any], Picture],
-        put: Callable[[ReceivedImage], None],
-    ) -> None:
-        self._frame, self._read, self._put = frame, read, put
-        kind, topic = (CompressedImage, f"{image}/compressed") if compressed else (Image, image)
-        # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
-        rospy.Subscriber(topic, kind, self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
-
-    def close(self) -> None:
-        """Nothing to set free."""
-
-    def publish(self, image: ReceivedImage, picture: Picture) -> None:
-        """The driver has published it."""
-
-    def _take(self, message: Any) -> None:
+    def take(message: Any) -> None:
         header = message.header
-        self._put(ReceivedImage(header.stamp, self._frame or header.frame_id, lambda: (self._read(message), 1)))
+        put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: read(message)))
+
+    kind, topic = (CompressedImage, f"{image}/compressed") if compressed else (Image, image)
+    # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
+    rospy.Subscriber(topic, kind, take, queue_size=1, buff_size=2**24, tcp_nodelay=True)

@@ -52,11 +52,11 @@ def is_rectified(topic: str) -> bool:
     return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
-def require_size(camera: CameraModel, shape: Sequence[int]) -> CameraModel:
-    """Returns the model if it is for images of this shape; raises CodedError "no_camera_info" otherwise."""
-    if (camera.height, camera.width) != tuple(shape[:2]):
-        size = f"{camera.width} x {camera.height}"
-        raise CodedError("no_camera_info", f"camera_info is for images of {size}, not of {shape[1]} x {shape[0]}")
+def require_size(camera: CameraModel, size: Tuple[int, int]) -> CameraModel:
+    """Returns the model if it is for images of this width and height; raises CodedError "no_camera_info" otherwise."""
+    if (camera.width, camera.height) != size:
+        known = f"{camera.width} x {camera.height}"
+        raise CodedError("no_camera_info", f"camera_info is for images of {known}, not of {size[0]} x {size[1]}")
     return camera
 
 
@@ -79,8 +79,8 @@ class InfoTopic:
         self._latest: Tuple[Optional[CameraModel], str] = (None, f"no camera_info on {topic}")
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
-    def model_for(self, shape: Sequence[int]) -> CameraModel:
-        """Returns the model for images of this shape.
+    def model_for(self, size: Tuple[int, int]) -> CameraModel:
+        """Returns the model for images of this width and height [px].
 
         Raises:
             CodedError: "no_camera_info" if none came yet, if it describes no camera, or one of another image size.
@@ -88,7 +88,7 @@ class InfoTopic:
         camera, reason = self._latest
         if camera is None:
             raise CodedError("no_camera_info", reason)
-        return require_size(camera, shape)
+        return require_size(camera, size)
 
     def _on_info(self, message: CameraInfo) -> None:
         # the time is another one each time; other listeners of this process get the same message, header and all
@@ -135,7 +135,7 @@ class DepthTopic:
             self._report.fault(error)
             return None, None
         try:
-            return depth, self._info.model_for(depth.shape)
+            return depth, self._info.model_for(depth.shape[::-1])
         except CodedError:  # registered depth images are seen by the colour camera, scaled to their size
             return depth, None
 
@@ -231,26 +231,20 @@ class CameraGeometry:
         self._transforms = TransformLookup()
         self._robots = Robots(robots, self._transforms, report)
         self._pose: Optional[np.ndarray] = None
-        self._binned: Optional[Tuple[CameraModel, CameraModel]] = None  # a lens, and the same for smaller images
         self._frame = ""
         self._looked_up: Optional[rospy.Time] = None
 
-    def geometry_of(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...], binning: int = 1) -> ImageGeometry:
+    def geometry_of(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at its time is looked up only when it is asked for.
 
         Args:
-            shape: of the image, (H, W).
-            binning: how many of the camera's pixels are one of the image's, in each direction.
+            size: of the image, width and height [px].
 
         Raises:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
-        camera, now = self._info.model_for([binning * length for length in shape[:2]]), rospy.Time.now()
+        camera, now = self._info.model_for(size), rospy.Time.now()
         self._report.focal = float(camera.matrix[0, 0])
-        if binning > 1:
-            if self._binned is None or self._binned[0] is not camera:
-                self._binned = camera, camera.scaled_to(shape[1], shape[0])
-            camera = self._binned[1]
         if (
             self._looked_up is None
             or frame_id != self._frame

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Tuple, Union
+from typing import Dict, List, Union
 
 import rospy
 import tf2_ros
@@ -52,11 +52,11 @@ class CameraPosesNode:
         if not self._cameras:
             raise ParameterError(rospy.resolve_name("~cameras"), "the names of cameras must be set")
         self._folder = params.calibration_dir
-        self._versions: Dict[str, Tuple[int, int]] = {}
+        self._contents: Dict[str, bytes] = {}
         self._files: Dict[str, Union[CameraPose, CodedError]] = {}
-        # as they are published, and from which versions of the files
+        # as they are published, and from which contents of the files
         self._poses: Dict[str, CameraPose] = {}
-        self._adopted: Dict[str, Tuple[int, int]] = {}
+        self._adopted: Dict[str, bytes] = {}
         self._disagreements: List[Notice] = []
         self._ticks = 0
         self._lock = threading.Lock()
@@ -101,14 +101,14 @@ class CameraPosesNode:
 
     def _read(self) -> None:
         """Reads the files if one changed, all of them together, so that their order does not matter."""
-        versions = {camera: _version(calibration_path(self._folder, camera)) for camera in self._cameras}
-        if versions == self._versions:
+        contents = {camera: _content(calibration_path(self._folder, camera)) for camera in self._cameras}
+        if contents == self._contents:
             return
-        self._versions = versions
+        self._contents = contents
         self._files = read_files(self._folder, self._cameras)
         for camera, file in self._files.items():
-            if isinstance(file, CameraPose) and self._adopted.get(camera) != versions[camera]:
-                self._poses[camera], self._adopted[camera] = file, versions[camera]
+            if isinstance(file, CameraPose) and self._adopted.get(camera) != contents[camera]:
+                self._poses[camera], self._adopted[camera] = file, contents[camera]
                 with self._lock:
                     self._watch.forget_spots(camera, rospy.get_time())
                     self._ticks = 0
@@ -122,13 +122,11 @@ class CameraPosesNode:
             )
 
 
-def _version(path: Path) -> Tuple[int, int]:
-    """Differs between two versions of a file; (0, 0): there is none."""
+def _content(path: Path) -> bytes:
     try:
-        state = path.stat()
-    except OSError:
-        return 0, 0
-    return state.st_mtime_ns, state.st_ino
+        return path.read_bytes()
+    except OSError:  # reading it as a calibration says why
+        return b""
 
 
 def build() -> CameraPosesNode:

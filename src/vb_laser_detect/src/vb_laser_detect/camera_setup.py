@@ -96,7 +96,7 @@ class CameraImages:
             message = rospy.wait_for_message(info, CameraInfo, _TIMEOUT)
         except rospy.ROSException:
             raise CodedError("no_images", topics=info) from None
-        return require_size(camera_from_info(message, is_rectified(self._image)), self.next()[1].pixels.shape)
+        return require_size(camera_from_info(message, is_rectified(self._image)), self.next()[1].size)
 
     def set(self, **values: Any) -> None:
         """Changes settings of the running camera.
@@ -166,7 +166,7 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
     board = BoardParams.for_paper(arguments.paper)
     board = board if arguments.square is None else board.replace(square=arguments.square)
     image = images.next()[1].pixels
-    lens, picture = LensCalibration(image.shape[1::-1], arguments.fisheye), LivePicture()
+    lens, picture = LensCalibration(image.shape[1::-1]), LivePicture()
     print("Hold the board before the camera: near and far, at every edge of the picture, turned and tilted, and still.")
     print(f"The live picture: {picture.address}    Ctrl-C ends without writing.")
     while not rospy.is_shutdown():
@@ -297,7 +297,6 @@ def add_commands(commands: Any) -> None:
     )
     lens.add_argument("--paper", **PAPER)
     lens.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
-    lens.add_argument("--fisheye", action="store_true", help="for lenses that see more than about 120 degrees")
     delay = commands.add_parser("delay", help="how late the camera's images are, by this window's blinking")
     exposure = commands.add_parser("exposure", help="an exposure time at which the floor is grey and the spot is white")
     for command in (lens, delay, exposure):

@@ -32,7 +32,7 @@ from typing import List, Optional, Tuple, Union
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
-from vb_core.image_format import Picture
+from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.background import BLOCK, Region
 from vb_laser_detect.detection.features import ImageTraits, SpotClassifier
@@ -44,6 +44,9 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
+# a ghost, whose outline is in the background alone, is left by something that moved: where less else changed there is none,
+# and a spot on the edge of a white sheet has such an outline too
+_STILL = 0.02
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _LATEST = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
@@ -81,6 +84,7 @@ class SpotDetector:
         self.candidates: List[Spot] = []
         self._stamp: Optional[float] = None
         self._geometry: Optional[ImageGeometry] = None
+        self._measured = False  # whether anything in the last image was worth it
         self._shape: Optional[Tuple[int, ...]] = None
         self._proposer, self._tracker = Proposer(self.params), SpotTracker(self.params)
 
@@ -90,12 +94,12 @@ class SpotDetector:
         return self._tracker.lamps
 
     def detect(
-        self, image: Union[np.ndarray, Picture], stamp: float, geometry: Optional[ImageGeometry] = None
+        self, image: Union[np.ndarray, AnyPicture], stamp: float, geometry: Optional[ImageGeometry] = None
     ) -> List[Spot]:
         """Searches one image.
 
         Args:
-            image: as `PixelReader` made it; or (H, W, 3) bgr (or rgb: colours are only compared with each other) or
+            image: as `PixelReader` made it, a `HalvedPicture`; or (H, W, 3) bgr (or rgb: colours are only compared with each other) or
                 (H, W) grey, uint8.
             stamp: [s] when it was taken. An image that comes late is left out and counted in `late`; a stamp of more than
                 a second before the last one's is another clock's, and starts again.
@@ -109,23 +113,26 @@ class SpotDetector:
             CodedError: "bad_image" for any other image.
         """
         picture = _checked(image)
-        if picture.mosaic and self.params.moving_camera:
-            # a mosaic cannot be moved by parts of a pixel
+        if self.params.moving_camera and (picture.mosaic or picture.scale > 1):
+            # a mosaic cannot be moved by parts of a pixel, and two sizes would be moved in twice the time
             picture = Picture(picture.bgr(), "bgr")
-        pixels = picture.pixels
+        if picture.scale > 1 and self._measured:
+            picture.decode_whole()  # what was measured in the last image is likely to be there still
+        pixels = picture.searched
         early = -math.inf if self._stamp is None else self._stamp - stamp
         if 0.0 < early <= _LATEST:
             self.late += 1
             self.candidates = []
             return []
-        if early > _LATEST or self._shape not in (None, pixels.shape):
+        shape = picture.scale, *pixels.shape
+        if early > _LATEST or self._shape not in (None, shape):
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
-        self._stamp, self._shape, self._geometry = stamp, pixels.shape, geometry
-        camera = ImageTraits(math.hypot(*pixels.shape[:2]), picture.mosaic)
+        self._stamp, self._shape, self._geometry = stamp, shape, geometry
+        camera = ImageTraits(math.hypot(*picture.size), picture.mosaic)
         motion = self._proposer.estimate_motion(pixels)
         expected = self._tracker.begin(stamp, camera, motion)
-        searched = self._proposer.propose(pixels, expected)
+        searched = self._proposer.propose(picture, expected)
         seen = self._examine_all(searched, camera._replace(bright=searched.bright), expected)
         confirmed, kept = self._confirm(seen)
         # a pause must not make one frame outweigh all earlier ones
@@ -135,6 +142,7 @@ class SpotDetector:
     def _examine_all(self, searched: SearchedImage, camera: ImageTraits, expected: List[Expected]) -> List[Spot]:
         """Measures and classifies what is in an image's regions."""
         seen: List[Spot] = []
+        self._measured = False
         for region in searched.regions:
             here = next((one for one in expected if one.overlaps(region)), None)
             spot = self._examine(region, searched, camera, here)
@@ -155,15 +163,23 @@ class SpotDetector:
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
         middle, size = ((region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0), float(region[2] - region[0])
-        if features.brightest(searched.image, region) < _MIN_LEVEL * camera.bright:
+        least = _MIN_LEVEL * camera.bright
+        if searched.brightest(region) < least:
             return Spot(*middle, size, rejection="too_dark")
         largest = self._largest(*middle, camera)
         if math.isnan(largest):
             return Spot(*middle, size, rejection="off_floor")
-        blob = features.measure(searched.image, searched.reference, region, largest, camera, widest)
+        self._measured = True
+        image, reference = searched.picture.pixels, searched.background.whole_reference()
+        if features.brightest(image, region) < least:
+            return Spot(*middle, size, rejection="too_dark")
+        blob = features.measure(image, reference, region, largest, camera, widest)
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
-            measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
+            busy = searched.change_elsewhere(blob.u, blob.v, blob.diameter)
+            measured = {**blob.features, "busy": busy}
+            if busy < _STILL:
+                measured["edge"] = math.nan
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
             probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:
@@ -216,7 +232,9 @@ def _same_blob(spot: Spot, other: Spot) -> bool:
     return near and bool(other.rejection) == bool(spot.rejection)
 
 
-def _checked(image: Union[np.ndarray, Picture]) -> Picture:
+def _checked(image: Union[np.ndarray, AnyPicture]) -> AnyPicture:
+    if isinstance(image, HalvedPicture):
+        return image
     picture = image if isinstance(image, Picture) else Picture(image, "mono" if np.ndim(image) == 2 else "bgr")
     pixels = np.asarray(picture.pixels)
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)):

@@ -10,7 +10,7 @@ import rospy
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.image_format import Picture
+from vb_core.image_format import AnyPicture
 from vb_core.notices import Notice, Severity
 from vb_core.ros.node import Mailbox, start_timer
 from vb_core.ros.notices import NoticePublisher
@@ -104,11 +104,11 @@ class DetectorDiagnostics:
         if reason is not None:
             self._counts.count_rejection(reason.code)
 
-    def see_picture(self, picture: Picture) -> None:
+    def see_picture(self, picture: AnyPicture) -> None:
         """Notes whether an image has colours, and how much of it is saturated."""
         self.color = picture.content != "mono"
         if abs(rospy.get_time() - self._measured) > 1.0:
-            self._bright, self._measured = saturated_share(picture.pixels), rospy.get_time()
+            self._bright, self._measured = saturated_share(picture.searched), rospy.get_time()
 
     def record_detector(self, message: DetectorStatus) -> None:
         """Records another detector's status."""

@@ -15,13 +15,13 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.image_format import PixelReader, Picture
+from vb_core.image_format import AnyPicture, PixelReader
 from vb_core.ros.images import message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
 from vb_laser_detect.camera.source import CaptureParams
-from vb_laser_detect.camera_feed import CameraFeed, LensFile, ReceivedImage, TopicFeed
+from vb_laser_detect.camera_feed import CameraFeed, LensFile, ReceivedImage, subscribe_images
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
@@ -88,9 +88,10 @@ class SpotDetectorNode:
         self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile, bool(params.source))
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
-        image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
-        self._feed = self._make_feed(image, capture)
-        self._camera_geometry = self._make_camera_geometry(image)
+        self._feed: Optional[CameraFeed] = None
+        lens, depth = self._connect(capture)
+        given = self._mobile, lens, depth, self._projector, params.robots, self._report
+        self._camera_geometry = CameraGeometry(*given)
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
@@ -98,37 +99,31 @@ class SpotDetectorNode:
             ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
             ReconfigureServer(projection_params, "~projection", self._set_projection_params),
         ]
-        if isinstance(self._feed, CameraFeed):
+        if self._feed is not None:
             fixed = ("width", "height", "rate")
             self._reconfigure_servers.append(ReconfigureServer(capture, "~capture", self._feed.set_params, fixed))
 
-    def _make_feed(self, image: str, capture: CaptureParams) -> Union[CameraFeed, TopicFeed]:
-        given = self._params
-        where = given.camera, given.frame or f"{given.camera}_optical_frame"
+    def _connect(self, capture: CaptureParams) -> Tuple[Union[InfoTopic, LensFile], Optional[DepthTopic]]:
+        """Begins to take images; returns where their lens and their depth come from."""
+        given, report = self._params, self._report
+        image = rospy.resolve_name(given.image or f"{given.camera}/image_raw")
+        topic = rospy.resolve_name(given.depth) if given.depth else ""
+        depth = DepthTopic(topic, sibling_topic(topic, "camera_info"), report) if topic else None
         if given.source:
-            return CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox, self._report)
+            where = given.camera, given.frame or f"{given.camera}_optical_frame"
+            self._feed = CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox, report)
+            return self._feed.lens, depth
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), given.camera, image)
-        compressed = given.image_transport == "compressed"
-        return TopicFeed(
-            image, compressed, given.frame, lambda message: self._reader.read(*decode(message)), self._mailbox.put
-        )
-
-    def _make_camera_geometry(self, image: str) -> CameraGeometry:
+        read, compressed = lambda message: self._reader.read(*decode(message)), given.image_transport == "compressed"
+        subscribe_images(image, compressed, given.frame, read, self._mailbox.put)
         # image_rect, image_rect_color: the images are already undistorted
-        depth = None
-        if isinstance(self._feed, CameraFeed):
-            info: Union[InfoTopic, LensFile] = self._feed.lens
-        else:
-            info = InfoTopic(sibling_topic(image, "camera_info"), self._report, is_rectified(image))
-        if self._params.depth:
-            topic = rospy.resolve_name(self._params.depth)
-            depth = DepthTopic(topic, sibling_topic(topic, "camera_info"), self._report)
-        return CameraGeometry(self._mobile, info, depth, self._projector, self._params.robots, self._report)
+        return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image)), depth
 
     def close(self) -> None:
         """Stops the worker, sets the camera free, and withdraws the notices."""
         self._mailbox.close()
-        self._feed.close()
+        if self._feed is not None:
+            self._feed.close()
         self._report.close()
 
     def _on_map(self, message: Any) -> None:
@@ -163,14 +158,14 @@ class SpotDetectorNode:
         stamp, frame_id = received.stamp, received.frame_id
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        picture, binning = received.read()
-        self._report.see_picture(picture)
+        picture = received.read()
         self._stamps.append(stamp)
-        geometry, unplaced = self._place(frame_id, stamp, picture, binning)
+        geometry, unplaced = self._place(frame_id, stamp, picture.size)
         late, lamps = self._detector.late, self._detector.lamps
         began = time.perf_counter()
         spots = self._detector.detect(picture, stamp.to_sec(), geometry)
         took = time.perf_counter() - began
+        self._report.see_picture(picture)
         if self._detector.late > late:
             self._report.count("late_image")
         if self._detector.lamps > lamps:
@@ -184,40 +179,39 @@ class SpotDetectorNode:
         self._report.set_missing_input(unplaced)
         located = [spot for spot in spots if spot.place is not None]
         for spot in located:
-            self._spots.publish(self._message(spot, binning))
+            self._spots.publish(self._message(spot))
         earlier = sum(spot.stamp != stamp.to_sec() for spot in located)
         self._report.count_image(stamp, took, len(located), earlier, frame_id)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, received)
-        self._feed.publish(received, picture)
+        if self._feed is not None:
+            self._feed.publish(received, picture)
 
     def _place(
-        self, frame_id: str, stamp: rospy.Time, picture: Picture, binning: int
+        self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
             self._report.require_own_frame(frame_id)
-            return self._camera_geometry.geometry_of(frame_id, stamp, picture.pixels.shape, binning), None
+            return self._camera_geometry.geometry_of(frame_id, stamp, size), None
         except CodedError as error:
             return None, error.without_traceback()
 
-    def _message(self, spot: Spot, binning: int) -> LaserSpot:
+    def _message(self, spot: Spot) -> LaserSpot:
         result, point = LaserSpot(), spot.place
         result.header.stamp = next(stamp for stamp in self._stamps if stamp.to_sec() == spot.stamp)
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile
         result.position = Point(*(float(value) for value in point.position))
-        # in the camera's pixels, whose centres are whole numbers in both sizes
-        result.u, result.v = (binning * (value + 0.5) - 0.5 for value in (spot.u, spot.v))
-        result.diameter = binning * spot.diameter
+        result.u, result.v, result.diameter = spot.u, spot.v, spot.diameter
         result.diameter_m = spot.diameter * point.meters_per_pixel
         result.confidence = spot.confidence
         result.track = spot.track
         result.projection = getattr(LaserSpot, point.source.upper())
         return result
 
-    def _publish_debug(self, picture: Picture, received: ReceivedImage) -> None:
+    def _publish_debug(self, picture: AnyPicture, received: ReceivedImage) -> None:
         now = rospy.Time.now()
         if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_PERIOD:
             return

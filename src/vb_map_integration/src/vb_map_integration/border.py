@@ -20,7 +20,6 @@ from vb_core import geometry
 from vb_core.zones import KEEP_OUT, ZONES, Zone
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.places.registration import Transform
-from vb_map_integration.borders.schedule import parse_schedule
 
 # more than a person can draw: at 25 spots a second this is over three minutes without a pause
 MAX_POINTS = 5000
@@ -41,7 +40,7 @@ class VirtualBorder:
     Attributes:
         points: (N, 2) float64 [m], map frame; P, the polygonal chain; a closed one does not repeat its first point.
         seed: (2,) float64 [m], map frame; s, a point on the side to be restricted.
-        occupancy: delta, 0 .. 1.
+        occupancy: delta, 0 .. 1; at least .01 in a zone that stands in the map.
         closed: polygon (True) or separating curve (False); None decides by the gap between the chain's ends.
         id, name: for the store and for people.
         enabled: whether it is on.
@@ -51,11 +50,10 @@ class VirtualBorder:
         zone: what the area means for robots (vb_core.zones); its name will do.
         max_speed: [m/s] in a zone that limits it; 0 elsewhere.
         map_id: fingerprint of the map on which a person accepted it; "" before that.
-        schedule: the weekly times at which it acts (see `parse_schedule`); empty: always.
 
     Raises:
         IntegrationError: "bad_points", "too_few_points", "too_many_points", "bad_seed", "bad_occupancy",
-            "bad_time", "bad_name", "bad_zone", "bad_speed", "bad_schedule".
+            "bad_time", "bad_name", "bad_zone", "bad_speed".
     """
 
     points: np.ndarray
@@ -71,7 +69,6 @@ class VirtualBorder:
     wall: bool = False
     zone: Zone = KEEP_OUT
     max_speed: float = 0.0
-    schedule: str = ""
     map_id: str = ""
 
     def __post_init__(self) -> None:
@@ -97,13 +94,12 @@ class VirtualBorder:
         zone = self.zone if isinstance(self.zone, Zone) else ZONES.get(str(self.zone))
         if zone is None:
             raise IntegrationError("bad_zone", zone=self.zone, known=", ".join(ZONES))
-        if zone.soft and occupancy >= 1.0:
+        if (zone.soft and occupancy >= 1.0) or (zone.restricts and zone.value(occupancy) == 0):
             raise IntegrationError("bad_occupancy")
         speed = _number(self.max_speed, "bad_speed", speed=self.max_speed)
         slow = zone.limits_speed
         if not 0.0 <= speed <= MAX_SPEED or slow != (speed > 0.0) or (slow and self.wall):
             raise IntegrationError("bad_speed", speed=speed)
-        parse_schedule(self.schedule)
         for key in ("created", "modified"):
             value = _number(getattr(self, key), "bad_time", key=key)
             if value < 0.0:
@@ -127,19 +123,9 @@ class VirtualBorder:
         return dataclasses.replace(self, **changes)
 
     @property
-    def kind(self) -> str:
-        """The kind's name in files."""
-        return "virtual_wall" if self.wall else "polygon" if self.closed else "separating_curve"
-
-    @property
     def value(self) -> int:
         """delta as an occupancy value, 0 .. 100, as it stands in the map."""
         return self.zone.value(self.occupancy)
-
-    @property
-    def without_effect(self) -> bool:
-        """Whether it should change the map, and does not."""
-        return self.zone.restricts and self.value == 0
 
     def moved(self, transform: Transform) -> "VirtualBorder":
         """Moves the border into the frame of another map."""

@@ -16,7 +16,6 @@ import numpy as np
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
-from vb_map_integration.borders.schedule import is_scheduled
 from vb_map_integration.grid.layered_map import LayeredMap
 from vb_map_integration.grid.region import Region, join_regions
 from vb_map_integration.integration import restricted_area
@@ -39,7 +38,6 @@ class Verdict:
     Attributes:
         stored: the border in its place's frame.
         border: in the map's frame.
-        due: whether it is on at this time.
         code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is the same.
         why: PLACE, EFFECT, or the code of the error; "" if it is the same.
         region: what is in force; None if nothing is.
@@ -49,7 +47,6 @@ class Verdict:
 
     stored: VirtualBorder
     border: VirtualBorder
-    due: bool
     code: str = ""
     why: str = ""
     region: Optional[Region] = field(default=None, repr=False)
@@ -95,16 +92,13 @@ class InForce:
         """Returns whether a border is in force now, and what is to be said of it.
 
         Returns:
-            (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled", "off_schedule",
-            "inactive_on_this_map" or "no_effect".
+            (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled" or "inactive_on_this_map".
         """
         verdict = self.verdicts[border.id]
-        if not verdict.due:
-            return False, "off_schedule" if border.enabled else "disabled"
+        if not border.enabled:
+            return False, "disabled"
         if verdict.code == DOES_NOT_FIT:
             return False, verdict.code
-        if border.without_effect:
-            return False, "no_effect"
         return True, verdict.code
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
@@ -131,7 +125,6 @@ def put_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderPlace],
-    now: float,
     before: Optional[InForce] = None,
     checked: Optional[Tuple[str, LayeredMap]] = None,
 ) -> InForce:
@@ -141,7 +134,6 @@ def put_in_force(
         grid: the physical map.
         borders: stored ones, in the frame of their place.
         locate: finds where a border is on the map.
-        now: [s].
         before: what was in force on the same map, with the same `locate`: verdicts of borders that are still the same
             are taken from it.
         checked: one of the borders, drawn on this map, and the map with it, which need not be computed again then.
@@ -150,13 +142,12 @@ def put_in_force(
     verdicts: Dict[str, Verdict] = {}
     regions: Dict[str, Optional[Region]] = {key: None for key in known}
     for border in borders:
-        due = border.enabled and is_scheduled(border.schedule, now)
         verdict = known.get(border.id)
-        if verdict is not None and verdict.stored is border and verdict.due == due:
+        if verdict is not None and verdict.stored is border:
             del regions[border.id]
         else:
-            done = checked[1].region(border.id) if checked and checked[0] == border.id and due else None
-            verdict = _judge(border, locate(border), grid, due, done)
+            done = checked[1].region(border.id) if checked and checked[0] == border.id and border.enabled else None
+            verdict = _judge(border, locate(border), grid, done)
             regions[border.id] = verdict.region if border.zone.restricts else None
         verdicts[border.id] = verdict
     layered = before.layered_map if before else LayeredMap(grid)
@@ -167,16 +158,14 @@ def put_in_force(
     return InForce(layered, verdicts)
 
 
-def _judge(
-    stored: VirtualBorder, place: BorderPlace, grid: GridMap, due: bool, done: Optional[Region] = None
-) -> Verdict:
+def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap, done: Optional[Region] = None) -> Verdict:
     border = place.border
-    if not due or done is not None:
-        return Verdict(stored, border, due, region=done, after=done)
+    if not border.enabled or done is not None:
+        return Verdict(stored, border, region=done, after=done)
     now, why = _region(grid, border)
     if place.accepted_here:
         code = "" if now else DOES_NOT_FIT
-        return Verdict(stored, border, due, code, why, now, after=now)
+        return Verdict(stored, border, code, why, now, after=now)
     before = place.region_before(grid) if _has_a_side(border) else now
     if not why and not place.is_certain:
         why = PLACE
@@ -188,7 +177,7 @@ def _judge(
         possible = [before, *(one for one in possible if one is not None and one.area_m2 <= most)]
     region = join_regions([one for one in possible if one is not None])
     code = "" if not why else TO_BE_CONFIRMED if region is not None else DOES_NOT_FIT
-    return Verdict(stored, border, due, code, why, region, before if why else None, now)
+    return Verdict(stored, border, code, why, region, before if why else None, now)
 
 
 def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:

@@ -150,8 +150,6 @@ class _Task:
             raise IntegrationError("empty_region")
         if restricted > MAX_AREA_SHARE * _count_free(self.cells):
             self.warn("covers_nearly_all")
-        if border.without_effect:
-            self.warn("no_effect")
         cells = prior.world_to_cell(robots) - (window[0].start, window[1].start)
         cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
         if mask[tuple(cells.T)].any():

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, List, Optional, Sequence, Tuple
 
-from vb_core import map_files, sentences
+from vb_core import map_files
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
@@ -34,12 +34,10 @@ class ChangeResult:
     Attributes:
         ids: of the borders that changed.
         issues: warnings.
-        message: a sentence for the person.
     """
 
-    ids: Tuple[str, ...]
-    issues: Tuple[Notice, ...]
-    message: str
+    ids: Tuple[str, ...] = ()
+    issues: Tuple[Notice, ...] = ()
 
     def with_issues(self, more: Tuple[Notice, ...]) -> "ChangeResult":
         """Returns the result with more warnings."""
@@ -146,19 +144,15 @@ class MapIntegrator:
         ]
 
     # ------------------------------------------------------------- the physical map
-    def set_map(self, grid: GridMap, now: float = 0.0) -> bool:
-        """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed.
-
-        Args:
-            now: [s] decides what schedules say.
-        """
+    def set_map(self, grid: GridMap) -> bool:
+        """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed."""
         map_id = fingerprint(grid)
         if map_id == self._map_id:
             return False
         before = self.physical if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self._map_id = map_id
-        self._use(grid, recognition, now)
+        self._use(grid, recognition)
         if recognition.place:
             name = self._expected_name
             try:
@@ -170,37 +164,33 @@ class MapIntegrator:
                 self._not_kept = [Notice.from_error(error, Severity.WARNING)]
         return True
 
-    def _use(self, grid: GridMap, recognition: PlaceRecognition, now: float) -> None:
+    def _use(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts the borders of a place in force on a map, or on the same one if there is a new answer about it."""
         self._recognizer.start_map(grid, self._map_id, recognition)
         self._recognition, self._in_force = recognition, None
-        self._refresh(grid, now)
+        self._refresh(grid)
 
-    def _refresh(self, grid: GridMap, now: float, checked: Optional[Tuple[str, LayeredMap]] = None) -> None:
+    def _refresh(self, grid: GridMap, checked: Optional[Tuple[str, LayeredMap]] = None) -> None:
         """Puts in force what the database has now."""
         self._in_force = put_in_force(
-            grid, self._database.borders(self._recognition.place), self._recognizer.locate, now, self._in_force, checked
+            grid, self._database.borders(self._recognition.place), self._recognizer.locate, self._in_force, checked
         )
 
     # ------------------------------------------------------------- which place the map shows
-    def confirm(self, same: bool, name: str, now: float, border_id: str = "", map_id: str = "") -> ChangeResult:
+    def confirm(self, same: bool, name: str, map_id: str = "") -> None:
         """Adopts a person's answer about what the current map shows.
 
         Args:
             same: the place whose borders are in force, as they are shown now; else a new place, without borders.
             name: for the place; empty: as it is.
-            border_id: accepts only this border as it is shown; the rest goes on to wait.
             map_id: of the map that the answer is about; empty: whichever is current.
 
         Raises:
-            CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "unknown_border", "cannot_write".
+            CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "cannot_write".
         """
         grid, recognition = self.physical, self._recognition
         if map_id and map_id != self._map_id:
             raise CodedError("map_changed")
-        if border_id:
-            self._database.find(border_id)
-            return self._accept([one for one in self._waiting() if one.border.id == border_id], now)
         known = self._database.find_map(self._map_id)
         transform = recognition.transform if same else Transform()
         place = recognition.place if same else 0
@@ -214,20 +204,17 @@ class MapIntegrator:
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self._map_id, place, transform, name)
         waiting = self._waiting() if same else []
-        self._use(grid, PlaceRecognition(place, transform), now)
-        self._accept(waiting, now)
-        return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
-
-    def _accept(self, waiting: Sequence[Verdict], now: float) -> ChangeResult:
-        """Accepts borders as they are on the current map: from now on they are what they close off here."""
-        if not waiting:
-            return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
-        self._keep_map()
-        change = tuple(
-            BorderChange(one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self._map_id)))
-            for one in waiting
-        )
-        return self._make_change(change, "new", "accepted on this map", now)
+        self._use(grid, PlaceRecognition(place, transform))
+        if waiting:  # from now on these borders are what they close off here
+            self._keep_map()
+            self._make_change(
+                tuple(
+                    BorderChange(
+                        one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self._map_id))
+                    )
+                    for one in waiting
+                )
+            )
 
     def check(self, border: VirtualBorder, places: Sequence[Sequence[float]] = ()) -> CheckResult:
         """Checks what adding a border, or replacing the one of the same id, would do; changes nothing.
@@ -264,21 +251,14 @@ class MapIntegrator:
         """
         known = self._database.find_border_of_request(request_id)
         if known:
-            return ChangeResult((known,), (), sentences.translate("already_added"))
+            return ChangeResult((known,))
         self._expect(expected)
         new = self._database.new_border(border.replace(map_id=self._map_id), now, self._recognition.place)
         check = self.check(new, places)
         self._check_confirmed()
         self._keep_map()
-        self._commit(
-            self._recognition.place,
-            (BorderChange(new.id, None, self._to_place_frame(new)),),
-            "new",
-            now,
-            request_id,
-            check,
-        )
-        return ChangeResult((new.id,), check.issues, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
+        change = (BorderChange(new.id, None, self._to_place_frame(new)),)
+        return self._make_change(change, request_id=request_id, check=check)
 
     def update(
         self, border: VirtualBorder, now: float, places: Sequence[Sequence[float]] = (), expected: int = 0
@@ -304,8 +284,7 @@ class MapIntegrator:
             self._check_confirmed()
             self._keep_map()
             after = self._to_place_frame(after.replace(map_id=self._map_id))
-        issues = self._commit(place, (BorderChange(border.id, before, after),), "new", now, "", check)
-        return ChangeResult((border.id,), check.issues if check else issues, f"'{after.name}' was changed")
+        return self._make_change((BorderChange(border.id, before, after),), check=check)
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected: int = 0) -> ChangeResult:
         """Turns a border of any map on or off; raises CodedError."""
@@ -319,34 +298,32 @@ class MapIntegrator:
         self._expect(expected)
         place, before = self._database.find(border_id)
         after = before.replace(modified=now, **changes)
-        return self._make_change(((BorderChange(border_id, before, after)),), "new", "changed", now, place)
+        return self._make_change((BorderChange(border_id, before, after),), place=place)
 
-    def remove(self, border_id: str, now: float = 0.0, expected: int = 0) -> ChangeResult:
+    def remove(self, border_id: str, expected: int = 0) -> ChangeResult:
         """Removes a border; raises CodedError "unknown_border"."""
         self._expect(expected)
         place, before = self._database.find(border_id)
-        return self._make_change((BorderChange(border_id, before, None),), "new", "removed", now, place)
+        return self._make_change((BorderChange(border_id, before, None),), place=place)
 
-    def undo(self, now: float = 0.0) -> ChangeResult:
-        """Undoes the last change; raises CodedError "nothing_to_undo"."""
-        return self._make_change(self._database.prepare("undo", self._recognition.place), "undo", "changed back", now)
+    def undo(self, request_id: str = "") -> ChangeResult:
+        """Undoes the last change, once for a request; raises CodedError "nothing_to_undo"."""
+        return self._step("undo", request_id)
 
-    def redo(self, now: float = 0.0) -> ChangeResult:
-        """Redoes what was undone last; raises CodedError "nothing_to_redo"."""
-        return self._make_change(self._database.prepare("redo", self._recognition.place), "redo", "changed again", now)
+    def redo(self, request_id: str = "") -> ChangeResult:
+        """Redoes what was undone last, once for a request; raises CodedError "nothing_to_redo"."""
+        return self._step("redo", request_id)
+
+    def _step(self, kind: str, request_id: str) -> ChangeResult:
+        known = self._database.find_border_of_request(request_id)
+        if known:
+            return ChangeResult((known,))
+        return self._make_change(self._database.prepare(kind, self._recognition.place), kind, request_id)
 
     @property
     def available_commands(self) -> List[str]:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
         return self._database.available_commands(self._recognition.place)
-
-    def follow_schedules(self, now: float) -> Tuple[VirtualBorder, ...]:
-        """Begins and ends scheduled times; returns the borders that went on or off by it."""
-        if not self.has_map:
-            return ()
-        before = self.in_force
-        self._refresh(self.physical, now)
-        return tuple(one.border for key, one in self.in_force.verdicts.items() if one is not before.verdicts.get(key))
 
     def _expect(self, expected: int) -> None:
         """Refuses a change before there is a map, or by somebody who has not seen the latest one."""
@@ -372,28 +349,27 @@ class MapIntegrator:
             place = self._database.add_map(self.physical, self._map_id, place, transform, name)
             self._recognition = PlaceRecognition(place, transform)
 
-    def _make_change(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> ChangeResult:
-        issues = self._commit(place or self._recognition.place, change, kind, now)
-        names = ", ".join(f"'{(entry.after or entry.before).name}'" for entry in change)  # type: ignore[union-attr]
-        return ChangeResult(tuple(entry.id for entry in change), issues, f"{what}: {names}")
-
-    def _commit(
+    def _make_change(
         self,
-        place: int,
         change: Change,
-        kind: str,
-        now: float,
+        kind: str = "new",
         request_id: str = "",
+        place: int = 0,
         check: Optional[CheckResult] = None,
-    ) -> Tuple[Notice, ...]:
-        """Makes a change, all of it or, with a CodedError, nothing; returns warnings about borders that do not act."""
-        physical = self.physical
+    ) -> ChangeResult:
+        """Makes a change, all of it or, with a CodedError, nothing.
+
+        Args:
+            check: of its only border, drawn on this map; else the result's warnings are about borders that do not act.
+        """
+        physical, place = self.physical, place or self._recognition.place
         self._database.commit(place, change, kind, request_id)
-        if place != self._recognition.place:
-            return ()
-        self._refresh(physical, now, (change[0].id, check.layered_map) if check else None)
-        verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
-        return tuple(warning(one.code, **one.values) for one in verdicts if one.code)
+        ids, issues = tuple(entry.id for entry in change), ()
+        if place == self._recognition.place:
+            self._refresh(physical, (change[0].id, check.layered_map) if check else None)
+            verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
+            issues = tuple(warning(one.code, **one.values) for one in verdicts if one.code)
+        return ChangeResult(ids, check.issues if check else issues)
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:

@@ -5,31 +5,26 @@ from __future__ import annotations
 import itertools
 import threading
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable, List, Optional, Tuple
 
 import numpy as np
 import rospy
-from std_srvs.srv import Trigger, TriggerResponse
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import (
     AddBorder,
-    AddBorderResponse,
     ConfirmMap,
     ConfirmMapRequest,
-    ConfirmMapResponse,
     ListBorders,
     ListBordersResponse,
     RemoveBorder,
-    RemoveBorderResponse,
     RenameBorder,
-    RenameBorderResponse,
     SaveMap,
     SaveMapResponse,
     SetBorderEnabled,
-    SetBorderEnabledResponse,
+    UndoRedo,
     UpdateBorder,
-    UpdateBorderResponse,
 )
 
 from vb_core import names
@@ -45,8 +40,6 @@ from vb_map_integration.borders.border_messages import border_from_message, mess
 from vb_map_integration.grid.costmap_settings import is_trinary
 from vb_map_integration.borders.issues import IntegrationError, issues_of, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
-
-_SCHEDULE_PERIOD = 1.0  # [s] schedules are in minutes: nobody waits for this
 
 
 @dataclass(frozen=True)
@@ -84,7 +77,7 @@ class MapIntegratorNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
         /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
         /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
-        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
+        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo)
         /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders next to them.
     Parameters:
         config/map_integrator.yaml
@@ -115,32 +108,31 @@ class MapIntegratorNode:
         self._speeds_out = rospy.Publisher(names.SPEED_LIMITS, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._had_speeds = False
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
-        for name, service, handler in (
+        keeper = self._integrator
+        changes: Tuple[Tuple[str, Any, Callable[[Any, float], Optional[ChangeResult]]], ...] = (
             (names.ADD_BORDER, AddBorder, self._add),
             (names.UPDATE_BORDER, UpdateBorder, self._update),
-            (names.REMOVE_BORDER, RemoveBorder, self._remove),
-            (names.PREVIEW_BORDER, PreviewBorderArray, self._preview),
-            (names.LIST_BORDERS, ListBorders, self._list),
-            (names.SAVE_MAP, SaveMap, self._save),
+            (names.REMOVE_BORDER, RemoveBorder, lambda asked, _: keeper.remove(asked.id, asked.expected_revision)),
             (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
             (names.RENAME_BORDER, RenameBorder, self._rename),
             (names.CONFIRM_MAP, ConfirmMap, self._confirm),
-            (names.UNDO, Trigger, lambda _: self._trigger("undo")),
-            (names.REDO, Trigger, lambda _: self._trigger("redo")),
-        ):
-            rospy.Service(name, service, handler)
+            (names.UNDO, UndoRedo, lambda asked, _: keeper.undo(asked.request_id)),
+            (names.REDO, UndoRedo, lambda asked, _: keeper.redo(asked.request_id)),
+        )
+        for name, service, change in changes:
+            rospy.Service(name, service, partial(self._change, service._response_class, change))
+        rospy.Service(names.PREVIEW_BORDER, PreviewBorderArray, self._preview)
+        rospy.Service(names.LIST_BORDERS, ListBorders, self._list)
+        rospy.Service(names.SAVE_MAP, SaveMap, self._save)
         self._maps: node.Mailbox = node.Mailbox()
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
-        self._timer = node.WakeTimer(_SCHEDULE_PERIOD)
-        node.Worker(self._timer, self._follow_schedules)
         node.watch_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
 
     def close(self) -> None:
-        """Ends the workers, and releases the database."""
+        """Ends the worker, and releases the database."""
         self._maps.close()
-        self._timer.close()
         with self._lock:
             self._integrator.close()
 
@@ -151,7 +143,7 @@ class MapIntegratorNode:
             raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
         grid = messages.grid_from_message(message)
         with self._lock:
-            if not self._integrator.set_map(grid, rospy.Time.now().to_sec()):
+            if not self._integrator.set_map(grid):
                 return
             count = len(self._integrator.borders)
             rospy.loginfo(
@@ -196,14 +188,6 @@ class MapIntegratorNode:
             array.borders.append(message_from_border(border, acting.area_m2(border.id), *status, outlines))
         return array
 
-    def _follow_schedules(self, _event: Any) -> None:
-        with self._lock:
-            turned = self._integrator.follow_schedules(rospy.Time.now().to_sec())
-            for border in turned:
-                rospy.loginfo("%s: '%s' goes on or off by its schedule", rospy.get_name(), border.name)
-            if turned:
-                self._publish()
-
     # ------------------------------------------------------------- services
     def _requested(self, request: Any) -> VirtualBorder:
         frame = request.frame_id.lstrip("/")
@@ -244,78 +228,47 @@ class MapIntegratorNode:
             response.issues = messages_from_issues(issues_of(error))
         return response
 
-    def _done(self, response: Any, outcome: ChangeResult) -> Any:
+    def _change(self, response_class: Any, change: Callable[[Any, float], Optional[ChangeResult]], request: Any) -> Any:
+        """Makes a change at a time [s], publishes the result, and answers the request."""
+        response = response_class()
+        try:
+            with self._lock:
+                outcome = change(request, rospy.Time.now().to_sec()) or ChangeResult()
+                self._publish()
+                revision = self._integrator.revision
+        except CodedError as error:
+            return self._refused(response, error)
         for found in outcome.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), found.message, found.code)
-        rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-        response.success, response.code, response.message = True, "ok", outcome.message
+        rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(outcome.ids) or "the map's place")
+        response.success, response.code = True, "ok"
+        if hasattr(response, "id"):
+            response.id = outcome.ids[0]
         if hasattr(response, "issues"):
             response.issues = messages_from_issues(outcome.issues)
         if hasattr(response, "revision"):
-            response.revision = self._integrator.revision
+            response.revision = revision
         return response
 
-    def _change(self, response: Any, change: Callable[[float], ChangeResult]) -> Any:
-        """Applies a change, publishes the result, and fills in the response."""
+    def _add(self, request: Any, now: float) -> ChangeResult:
+        border = self._requested(request).replace(enabled=not request.disabled)
+        places = self._places(border)
+        outcome = self._integrator.add(border, now, places, request.expected_revision, request.request_id)
+        return outcome.with_issues(self._soft_issues(border))
 
-        def apply() -> Any:
-            outcome = change(rospy.Time.now().to_sec())
-            self._publish()
-            if hasattr(response, "id"):
-                response.id = outcome.ids[0]
-            return self._done(response, outcome)
+    def _update(self, request: Any, now: float) -> ChangeResult:
+        border = self._requested(request)
+        outcome = self._integrator.update(border, now, self._places(border), request.expected_revision)
+        return outcome.with_issues(self._soft_issues(border))
 
-        return self._answer(response, apply)
+    def _enable(self, request: Any, now: float) -> ChangeResult:
+        return self._integrator.set_enabled(request.id, request.enabled, now, request.expected_revision)
 
-    def _answer(self, response: Any, action: Callable[[], Any]) -> Any:
-        """Does what a request asks for; a refusal fills in the response."""
-        try:
-            with self._lock:
-                return action()
-        except CodedError as error:
-            return self._refused(response, error)
+    def _rename(self, request: Any, now: float) -> ChangeResult:
+        return self._integrator.rename(request.id, request.name, now, request.expected_revision)
 
-    def _add(self, request: Any) -> AddBorderResponse:
-        def change(now: float) -> ChangeResult:
-            border = self._requested(request).replace(enabled=not request.disabled)
-            outcome = self._integrator.add(
-                border, now, self._places(border), request.expected_revision, request.request_id
-            )
-            return outcome.with_issues(self._soft_issues(border))
-
-        return self._change(AddBorderResponse(), change)
-
-    def _update(self, request: Any) -> UpdateBorderResponse:
-        def change(now: float) -> ChangeResult:
-            border = self._requested(request)
-            outcome = self._integrator.update(border, now, self._places(border), request.expected_revision)
-            return outcome.with_issues(self._soft_issues(border))
-
-        return self._change(UpdateBorderResponse(), change)
-
-    def _remove(self, request: Any) -> RemoveBorderResponse:
-        return self._change(
-            RemoveBorderResponse(), lambda now: self._integrator.remove(request.id, now, request.expected_revision)
-        )
-
-    def _enable(self, request: Any) -> SetBorderEnabledResponse:
-        def change(now: float) -> ChangeResult:
-            return self._integrator.set_enabled(request.id, request.enabled, now, expected=request.expected_revision)
-
-        return self._change(SetBorderEnabledResponse(), change)
-
-    def _rename(self, request: Any) -> RenameBorderResponse:
-        def change(now: float) -> ChangeResult:
-            return self._integrator.rename(request.id, request.name, now, request.expected_revision)
-
-        return self._change(RenameBorderResponse(), change)
-
-    def _confirm(self, request: Any) -> ConfirmMapResponse:
-        def change(now: float) -> ChangeResult:
-            same = request.answer == ConfirmMapRequest.SAME_PLACE
-            return self._integrator.confirm(same, request.name, now, request.border, request.map_id)
-
-        return self._change(ConfirmMapResponse(), change)
+    def _confirm(self, request: Any, _now: float) -> None:
+        self._integrator.confirm(request.answer == ConfirmMapRequest.SAME_PLACE, request.name, request.map_id)
 
     def _preview(self, request: Any) -> Any:
         response = PreviewBorderArrayResponse()
@@ -332,7 +285,6 @@ class MapIntegratorNode:
         response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
-        response.message = f"the border would restrict {check.area.area_m2:.2f} m2"
         response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
         return response
 
@@ -342,16 +294,6 @@ class MapIntegratorNode:
                 return ListBordersResponse()
             return ListBordersResponse(self._array(rospy.Time.now()))
 
-    def _trigger(self, command: str) -> TriggerResponse:
-        try:
-            with self._lock:
-                outcome = getattr(self._integrator, command)(rospy.Time.now().to_sec())
-                self._publish()
-        except CodedError as error:
-            return TriggerResponse(False, str(error))
-        rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-        return TriggerResponse(True, " ".join([outcome.message, *(issue.sentence() for issue in outcome.issues)]))
-
     def _save(self, request: Any) -> SaveMapResponse:
         response = SaveMapResponse()
         name = request.name or f"map-{rospy.Time.now().to_nsec() // 10**6}"
@@ -360,7 +302,7 @@ class MapIntegratorNode:
                 response.files = [str(path) for path in self._integrator.save(self._map_dir, name, request.raw)]
         except CodedError as error:
             return self._refused(response, error)
-        response.success, response.code, response.message = True, "ok", f"the map was written to {response.files[0]}"
+        response.success, response.code = True, "ok"
         return response
 
 

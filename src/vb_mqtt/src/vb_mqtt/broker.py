@@ -8,15 +8,16 @@ us while we are away is not wanted (a clean session): nobody expects it any more
 from __future__ import annotations
 
 import ssl
-import stat
 import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, Tuple
+from urllib.parse import urlsplit
 
 import paho.mqtt.client as paho
 import yaml
 
+from vb_core import files
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 
@@ -36,35 +37,26 @@ class Connection(Parameters):
 
 
 def read_connection(path: Path) -> Connection:
-    """Reads a file in YAML; none: a broker that lets everybody in.
+    """Reads a file in YAML, from then on its owner's only; none: a broker that lets everybody in.
 
     Raises:
-        CodedError: "mqtt_file_open" if others can read it, "mqtt_file_bad", "bad_parameter".
+        CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
     """
     try:
         if not path.exists():
             return Connection()
-        if stat.S_IMODE(path.stat().st_mode) & 0o077:
-            raise CodedError("mqtt_file_open", file=path)
+        files.keep_private(path)
         return Connection.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")), str(path))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or type(error).__name__  # the text may hold the password
         raise CodedError("mqtt_file_bad", file=path, reason=reason) from None
 
 
-def split_host(address: str) -> Tuple[str, int]:
-    """Splits HOST or HOST:PORT; a port of 0 is none. An address of IPv6 with a port has brackets."""
-    host, colon, port = address.rpartition(":")
-    if colon and port.isdigit() and (":" not in host or host.endswith("]")):
-        return host.strip("[]"), int(port)
-    return address.strip("[]"), 0
-
-
 class Broker:
     """A client of a broker. Its callbacks come from one thread of its own.
 
     Args:
-        address: HOST or HOST:PORT.
+        address: HOST or HOST:PORT; an address of IPv6 in brackets.
         client: its id, the same in each process: the broker ends an earlier connection before it takes a new one.
         will: topic and payload that the broker publishes, retained, once this client is gone.
         subscriptions: callbacks (topic, payload, retained) by the filters of what they receive, with QoS 1.
@@ -83,8 +75,8 @@ class Broker:
         subscriptions: Dict[str, Callable[[str, bytes, bool], None]],
         on_fault: Callable[[Exception], None],
     ) -> None:
-        host, port = split_host(address)
-        port = port or connection.port or (8883 if connection.tls else 1883)
+        given = urlsplit(f"//{address}")
+        host, port = given.hostname or "", given.port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
         self.trouble = ""  # why the last connection failed, as the broker says; "": it cannot be reached
         self._states: Dict[str, bytes] = {}

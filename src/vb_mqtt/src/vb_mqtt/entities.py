@@ -35,12 +35,11 @@ class Lab:
     """What there is to describe.
 
     Attributes:
-        device: its id, which begins every topic; title: its name for people; language: of all names.
+        device: its id, which begins every topic; language: of all names.
         cameras, robots: their names; borders: name by id. None: not known yet.
     """
 
     device: str
-    title: str
     language: str
     cameras: Tuple[str, ...] = ()
     robots: Optional[Tuple[str, ...]] = None
@@ -154,7 +153,11 @@ def _complete(lab: Lab, platform: str, key: str, needs: str = "", shows: str = "
     if needs:
         config["availability"].append({"topic": lab.topic("health"), "value_template": f"{{{{ value_json.{needs} }}}}"})
     config["availability_mode"] = "all"
-    config["device"] = {"identifiers": [lab.device], "name": lab.title, "model": "Virtual borders"}
+    config["device"] = {
+        "identifiers": [lab.device],
+        "name": lab.device.replace("_", " ").capitalize(),
+        "model": "Virtual borders",
+    }
     config["origin"] = {"name": "vb_mqtt"}
     return config
 

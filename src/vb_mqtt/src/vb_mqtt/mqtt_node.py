@@ -29,19 +29,7 @@ from vb_core.ros.robots import OfferListener
 from vb_core.vocabulary import COMMANDS, STOP
 from vb_mqtt import entities, states
 from vb_mqtt.broker import Broker, read_connection
-from vb_mqtt.entities import (
-    ANSWER,
-    COMMAND,
-    CONFIRM,
-    INTEGRATOR,
-    MANAGER,
-    MONITOR,
-    NOTICE,
-    OFFLINE,
-    ONLINE,
-    Lab,
-    key_of,
-)
+from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
@@ -60,7 +48,6 @@ class MqttParams(Parameters):
     broker: str = param("127.0.0.1")
     connection_file: str = param("~/.ros/virtual_borders/mqtt.yaml")
     device: str = param("virtual_borders")
-    title: str = param("Virtual borders")
     language: str = param("en", choices=sentences.languages())
     cameras: list = param([])
 
@@ -89,7 +76,7 @@ class MqttNode:
 
     def __init__(self, params: MqttParams) -> None:
         self._language = params.language
-        self._lab = Lab(params.device, params.title, params.language, tuple(params.cameras))
+        self._lab = Lab(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
         self._inbox, self._shown = Inbox(time.time()), Limiter(RATE, BURST)
         self._refused: Dict[str, int] = {}  # how often, by code
@@ -101,7 +88,7 @@ class MqttNode:
         self._told: Optional[Dict[Tuple, Notice]] = None
         self._connected_at = time.monotonic()
         connection = read_connection(Path(params.connection_file).expanduser())
-        subscriptions = {self._lab.topic(COMMAND): self._on_message, self._lab.discovery: self._on_described}
+        subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_described}
         will = (self._lab.topic("availability"), OFFLINE.encode())
         self._broker = Broker(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._orders = CommandSender(SOURCE, self._on_answer)
@@ -201,7 +188,9 @@ class MqttNode:
         manager, known = self._is_heard(MANAGER), self._robots.current()
         offered = effective(known[1], tuple(COMMANDS)) if known is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
-        health.update({MANAGER: manager, MONITOR: known is not None, CONFIRM: manager and self._asked})
+        health.update(
+            {MANAGER: manager, entities.MONITOR: known is not None, entities.CONFIRM: manager and self._asked}
+        )
         health[INTEGRATOR] = self._integrator.get_num_connections() > 0
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
@@ -233,7 +222,9 @@ class MqttNode:
         now = {(one.code, one.robot, one.border_id, one.camera): one for one in notices}
         for key in now if self._told is not None else ():
             if key not in self._told:
-                self._broker.send(self._lab.topic(NOTICE), _json(states.notice_value(now[key], self._language)))
+                self._broker.send(
+                    self._lab.topic(entities.NOTICE), _json(states.notice_value(now[key], self._language))
+                )
         self._told = now
 
     def _watch_connection(self) -> None:
@@ -252,7 +243,7 @@ class MqttNode:
                 self._order(request)
         except CodedError as error:
             if retained:
-                self._broker.put(self._lab.topic(COMMAND), b"")  # else it would come again at each connection
+                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # else it would come again at each connection
             self._refuse(Request("", getattr(error, "sender_id", "")), error)
 
     def _order(self, request: Request) -> None:
@@ -304,7 +295,7 @@ class MqttNode:
         # what was taken is limited as it is; refusals that are not shown are counted
         if request.id or self._shown.allows("", time.time()):
             value = states.answer_value(request.sender_id, what, success, code, text)
-            self._broker.send(self._lab.topic(ANSWER), _json(value))
+            self._broker.send(self._lab.topic(entities.ANSWER), _json(value))
 
 
 def _json(value: Any) -> bytes:

@@ -15,7 +15,6 @@ import numpy as np
 from vb_core import sentences
 from vb_core.grid_map import UNKNOWN, GridMap
 from vb_core.notices import Notice, Severity
-from vb_core.offer import Line
 from vb_core.ros.messages import array_from_points, mapping_from_values
 from vb_core.sentences import translate
 from vb_core.zones import zone_of
@@ -77,7 +76,6 @@ def border_value(border: Any) -> Dict[str, Any]:
         "in_force": bool(border.in_force),
         "reason": border.reason,
         "zone": zone_of(border.zone).name,
-        "schedule": border.schedule,
         "robots": list(border.robots),
     }
 
@@ -88,9 +86,9 @@ def problem_value(texts: Iterable[str]) -> Dict[str, Any]:
     return {"problem": bool(found), "problems": found}
 
 
-def robot_problems(name: str, lines: Sequence[Line], notices: Iterable[Notice], language: str) -> List[str]:
+def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
     """Lists what is wrong with a robot, or that it is not there."""
-    mine = [line.notice() for line in lines if line.robot == name]
+    mine = [line for line in lines if line.robot == name]
     bad = [one for one in mine if one.severity >= Severity.WARNING or one.code == "robot_not_connected"]
     # the name of the only robot is empty, as it is where a notice is about no robot
     who = sentences.robot_value(name)

@@ -14,7 +14,7 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Contact
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
-from vb_robot.driving.workspace import KnownBorder
+from vb_robot.monitoring.goals import KnownBorder
 from vb_robot.spots import Sighting
 
 

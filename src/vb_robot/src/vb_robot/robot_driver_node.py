@@ -35,12 +35,12 @@ from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
-from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop
 from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan
-from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
-from vb_robot.inputs import borders_for, message_class, subscribe_map, subscribe_spots
+from vb_robot.driving.workspace import PoseUncertainty, Workspace
+from vb_robot.inputs import message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
@@ -75,7 +75,7 @@ class RobotDriverNode:
         cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist): forward and turning; sideways motion is refused
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (vb_msgs/Stop)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
-        /virtual_borders/map, /map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
+        /virtual_borders/map, /map (nav_msgs/OccupancyGrid)
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
         scan (sensor_msgs/LaserScan): as the profile names it
         <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
@@ -111,7 +111,6 @@ class RobotDriverNode:
         self._arbiter = Arbiter(profile, params.robot or "robot", params.mobile_cameras, self._stops)
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
-        self._borders: List[KnownBorder] = []
         self._uncertainty = PoseUncertainty()
         self._mounts: Dict[str, np.ndarray] = {}
         self._allowed = {rospy.get_name()}  # nodes that may command the base
@@ -163,7 +162,6 @@ class RobotDriverNode:
             subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders")),
             subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical")),
             subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits")),
-            listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
             listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
             listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1),
             listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
@@ -280,16 +278,9 @@ class RobotDriverNode:
         if borders is None or physical is None or not physical.same_geometry(borders):
             self._arbiter.gate.workspace = None  # what is a border, and where, is not known
             return
-        workspace = Workspace(borders, physical, self._profile.radius, self._borders, self._uncertainty.meters)
+        workspace = Workspace(borders, physical, self._profile.radius, self._uncertainty.meters)
         self._arbiter.gate.workspace = workspace
         self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
-
-    def _on_borders(self, message: VirtualBorderArray) -> None:
-        with self._lock:  # a workspace that is just being made would have the borders before
-            self._borders = borders_for(self._params.robot, message)
-            workspace = self._arbiter.gate.workspace
-            if workspace is not None:
-                workspace.known = self._borders
 
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
@@ -363,12 +354,6 @@ class RobotDriverNode:
 
     def _list_notices(self, command: Command, now: float) -> List[Notice]:
         found = []
-        contact, name, lethal = self._arbiter.gate.border_contact(now)
-        if contact is not BorderContact.FREE:
-            inside = contact is BorderContact.INSIDE
-            code = "robot_inside_border" if inside else "robot_touches_border"
-            severity = Severity.ERROR if inside and lethal else Severity.WARNING
-            found.append(self._notice(code, severity, border=quoted(name)))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}

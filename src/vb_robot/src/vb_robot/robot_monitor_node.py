@@ -1,12 +1,13 @@
-"""Node: watches what is connected to the robots, says why goals are refused, sends robots to places."""
+"""Node: watches what is connected to the robots, says why goals are refused, sends robots to places and to the spot."""
 
 from __future__ import annotations
 
 import functools
 import math
 import threading
+from collections import deque
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 import rosgraph
@@ -17,14 +18,16 @@ from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters
+from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.graph import read_graph
-from vb_core.ros.messages import values_from_mapping
+from vb_core.ros.messages import array_from_points, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.robots import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
+from vb_core.vocabulary import state_of
 from vb_msgs.msg import (
+    BorderProgress,
     DetectorStatus,
     DriverState,
     InteractionState,
@@ -34,12 +37,15 @@ from vb_msgs.msg import (
     VirtualBorderArray,
 )
 from vb_msgs.srv import SendRobot, SendRobotResponse
+from vb_robot.dispatching.dispatched_robot import DispatchedRobot
+from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.driving.safety import limit_around
-from vb_robot.inputs import borders_for, subscribe_map
+from vb_robot.inputs import borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
 
 PERIOD = 0.2  # [s] between two looks at poses and speed limits
+DISPATCH_PERIOD = 0.25  # [s] between two decisions who looks from where: the spot moves 0.1 m at most in that time
 GRAPH_PERIOD = 2.0  # [s] between two looks at the ROS graph, in wall time
 REPEAT = 1.0  # [s]
 SETTLING_TIME = 10.0  # [s] for which a fault has to hold before people are told: a lab starts and ends node by node
@@ -54,12 +60,15 @@ class RobotMonitorParams(Parameters):
     robots: tuple = param((), doc="names of the robots, which are their namespaces; none: one without a namespace")
     frames: tuple = param((), doc="their base frames, in the same order; none: base_link, or NAME/base_link")
     interaction: bool = param(True, doc="whether an interaction manager belongs to this lab")
+    dispatch: bool = param(False, doc="whether to send a robot to where its own camera sees the spot")
     obey: bool = param(
         False, doc="whether to obey stop and slow zones through the navigation of robots that have no driver"
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if len(set(self.robots)) < len(self.robots):
+            raise ParameterError("robots", f"expected each once, got {list(self.robots)}")
         if self.frames and len(self.frames) != len(self.robots or ("",)):
             raise ParameterError("frames", f"expected one for each robot, got {list(self.frames)}")
 
@@ -70,7 +79,7 @@ class RobotMonitorParams(Parameters):
 
 
 class RobotMonitorNode:
-    """Watches robots that navigate by themselves, whatever else is connected.
+    """Watches robots that navigate by themselves, whatever else is connected; with ~dispatch, sends one to the spot.
 
     Subscribed topics:
         /map, /virtual_borders/map, /<robot>/virtual_borders/map, /virtual_borders/speed_limits (nav_msgs/OccupancyGrid)
@@ -78,6 +87,8 @@ class RobotMonitorNode:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): names, and for which robot each is
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/detectors (vb_msgs/DetectorStatus)
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (vb_msgs/Stop)
+        /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress): with ~dispatch
+        [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor, with ~dispatch
         [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal)
         [<robot>/]move_base/status (actionlib_msgs/GoalStatusArray)
         <planner>/plan (nav_msgs/Path): of the global planner
@@ -86,7 +97,7 @@ class RobotMonitorNode:
     Published topics:
         /virtual_borders/robots (vb_msgs/RobotStatusArray, latched)
         /virtual_borders/notices (vb_msgs/NoticeArray)
-        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): what send_robot asks for
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): what send_robot asks for, and where the spot is seen
         [<robot>/]move_base/cancel (actionlib_msgs/GoalID)
     Services:
         /virtual_borders/send_robot (vb_msgs/SendRobot)
@@ -94,6 +105,7 @@ class RobotMonitorNode:
         <planner>/set_parameters (dynamic_reconfigure/Reconfigure): of the local planner, with ~obey
     Parameters:
         ~* RobotMonitorParams
+        robot_profile: in each robot's namespace, with ~dispatch
         <move_base>/*: read only
     """
 
@@ -113,9 +125,19 @@ class RobotMonitorNode:
         self._published: Any = None
         transforms = TransformLookup()
         self._reviews = node.Queue()
+        frames = dict(params.named_frames())
+        profiles = {name: robot_profile.read(name) for name in frames} if params.dispatch else {}
+        if not params.frames:
+            frames.update({name: within(name, profile.frames.base)[1:] for name, profile in profiles.items()})
         self._robots = {
-            name: WatchedRobot(name, frame, transforms, self._reviews.put) for name, frame in params.named_frames()
+            name: WatchedRobot(name, frame, transforms, self._reviews.put) for name, frame in frames.items()
         }
+        self._dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
+        self._dispatched = {
+            name: DispatchedRobot(self._robots[name], profile, transforms) for name, profile in profiles.items()
+        }
+        self._inputs: Deque[Callable[[], None]] = deque()  # of the dispatcher, in the order in which they came
+        self._dispatch_timer = node.WakeTimer(DISPATCH_PERIOD)
         self._notices = NoticePublisher()
         self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
         self._subscribe()
@@ -123,6 +145,8 @@ class RobotMonitorNode:
         self._timer, self._graph_timer = node.WakeTimer(PERIOD), node.WakeTimer(GRAPH_PERIOD)
         node.Worker(self._graph_timer, lambda _woken: self._look_at_graph())
         node.Worker(self._timer, lambda _woken: self._look())
+        if params.dispatch:
+            node.Worker(self._dispatch_timer, lambda _woken: self._dispatch())
         rospy.Service(names.SEND_ROBOT, SendRobot, self._send)
 
     def _subscribe(self) -> None:
@@ -142,11 +166,17 @@ class RobotMonitorNode:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.STOP, Stop, self._on_stop, queue_size=5, tcp_nodelay=True)
+        if self._params.dispatch:
+            subscribe_spots(functools.partial(self._queue_input, self._dispatcher.sightings.add))
+            take_progress = functools.partial(self._queue_input, self._take_progress)
+            rospy.Subscriber(names.PROGRESS, BorderProgress, take_progress, queue_size=1)
 
     def close(self) -> None:
-        """Gives planners their usual speed back."""
-        for queue in (self._timer, self._graph_timer, self._reviews):
+        """Gives planners their usual speed back, and cancels where robots look from: nothing would supervise it any more."""
+        for queue in (self._timer, self._graph_timer, self._reviews, self._dispatch_timer):
             queue.close()
+        for sent in self._dispatched.values():
+            sent.set_goal(None)
         for robot in self._robots.values():
             speed = robot.speed
             if self._params.obey and speed is not None:
@@ -159,6 +189,9 @@ class RobotMonitorNode:
                 self._speed_limits = grid
             for robot in robots:
                 robot.set_map(which, grid)
+                # a robot with a name has its own map
+                if which in ("physical", "own") or (which == "borders" and not robot.name):
+                    self._queue_input(self._take_map, robot.name, grid, which == "physical")
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
@@ -176,6 +209,8 @@ class RobotMonitorNode:
     def _on_state(self, message: InteractionState) -> None:
         self._stops.follow(message.stopped, message.stops)
         self._obey_stop()
+        self._queue_input(self._take_state, message)
+        self._dispatch_timer.set()  # when the state ends the robots have to stop at once
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
@@ -199,6 +234,31 @@ class RobotMonitorNode:
             return math.inf
         reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
         return limit_around(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
+
+    # ------------------------------------------------------------- to the spot: what comes in waits for one thread
+    def _queue_input(self, take: Callable[..., None], *what: Any) -> None:
+        if self._params.dispatch:
+            self._inputs.append(functools.partial(take, *what))
+
+    def _take_map(self, name: str, grid: GridMap, physical: bool) -> None:
+        self._dispatcher.maps[name].set_map(grid, "physical" if physical else "borders")
+
+    def _take_state(self, message: InteractionState) -> None:
+        self._dispatcher.sightings.set_state(state_of(message.name), message.interaction_id, message.entered.to_sec())
+
+    def _take_progress(self, message: BorderProgress) -> None:
+        chain, points = array_from_points(message.chain), array_from_points(message.points)
+        self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, message.cameras)
+
+    def _dispatch(self) -> None:
+        while self._inputs:
+            self._inputs.popleft()()
+        for name, sent in self._dispatched.items():
+            self._dispatcher.maps[name].view = sent.view
+        wanted = self._dispatcher.sightings.should_dispatch()
+        robots = {name: sent.status(wanted) for name, sent in self._dispatched.items()}
+        for name, goal in self._dispatcher.decide(rospy.get_time(), robots).items():
+            self._dispatched[name].set_goal(goal)
 
     # ------------------------------------------------------------- goals
     def _review(self, robot: WatchedRobot) -> None:
@@ -230,7 +290,7 @@ class RobotMonitorNode:
                 refusal = robot.judge(goal)
         if refusal is not None:
             return _answer(False, refusal)
-        robot.send(goal)
+        robot.send_to(goal)
         return _answer(True, robot.notice("robot_sent", Severity.INFO))
 
     # ------------------------------------------------------------- periodic looks
@@ -266,7 +326,9 @@ class RobotMonitorNode:
             self._offer = offer.offer(connections_from_message(message))
             faults = self._lasting(self._offer.notices(), now)
             self._log(now)
-            self._notices.set([*faults, *(one for robot in self._robots.values() for one in robot.notices(now))])
+            told = [notice for robot in self._robots.values() for notice in robot.notices(now)]
+            unseen = self._dispatcher.notice
+            self._notices.set([*faults, *told, *([unseen] if unseen else [])])
 
     def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
         """Returns the faults that have held for SETTLING_TIME."""
@@ -285,7 +347,7 @@ class RobotMonitorNode:
             return
         for line in lines:
             if line not in self._logged and line.severity is Severity.INFO:
-                rospy.loginfo("%s: %s", rospy.get_name(), line.notice().sentence())
+                rospy.loginfo("%s: %s", rospy.get_name(), line.sentence())
         self._logged = lines
 
 

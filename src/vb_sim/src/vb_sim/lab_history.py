@@ -7,7 +7,7 @@ import threading
 from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Deque, Dict, Optional, Tuple
+from typing import Any, Deque, Dict, Optional, Tuple
 
 from vb_core.geometry import wrap_angle
 
@@ -37,6 +37,18 @@ class Snapshot:
     laser_color: str = "red"
     laser_velocity: Point2 = (0.0, 0.0)
     person: Optional[Pose2] = None
+
+
+def snapshot_from_message(message: Any) -> Snapshot:
+    """Reads a snapshot from a vb_msgs/LabState."""
+    poses = [(pose.x, pose.y, pose.theta) for pose in [*message.robot_poses, message.person]]
+    return Snapshot(
+        message.header.stamp.to_sec(),
+        {name.strip("/"): pose for name, pose in zip(message.robots, poses)},
+        (message.laser.x, message.laser.y) if message.laser_on else None,
+        message.laser_color or "red",
+        person=poses[-1] if message.person_present else None,
+    )
 
 
 class History:

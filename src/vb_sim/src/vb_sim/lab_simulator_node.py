@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 import warnings
@@ -11,7 +12,7 @@ from typing import List
 import numpy as np
 import rospy
 import tf2_ros
-from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped, TransformStamped, Twist
+from geometry_msgs.msg import Pose2D, PoseWithCovarianceStamped, TransformStamped, Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
@@ -24,9 +25,9 @@ from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
-from vb_sim.lab import Lab, Participant
+from vb_sim.lab import Lab
+from vb_sim.lockstep import Lockstep
 from vb_sim.models import load_models
-from vb_sim.pacing import Lockstep, Pacer
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
@@ -35,6 +36,7 @@ RATE = 50.0  # [1/s] steps of simulated time; cameras of 25 frames/s need an eve
 # 2 Hz, about AMCL's rate while driving
 POSE_STEPS, SCAN_STEPS, AMCL_STEPS = 2, 5, 25
 TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is dated: AMCL's own default
+PARTICIPANT_SILENCE = 0.5  # [s] after which the participant counts as standing there with the laser off
 # steps in which navigation, driver and AMCL each publish once: 0.1 s, the period of move_base's controller and of scans
 CONTROL_STEPS = 5
 
@@ -97,6 +99,7 @@ class LabSimulatorNode:
         self._count = 0
         self._closing = False
         lab.step(0.0, self._now_ns * 1e-9)
+        self._participant, self._heard = ParticipantState(), -math.inf
 
         self._clock = clock_publisher()
         # a slow or hung subscriber must not stop the lab: each has its own short queue
@@ -116,7 +119,7 @@ class LabSimulatorNode:
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Trigger, self._on_reset)
-        self._pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
+        self._pace = 1.0  # simulated seconds per real second, at most
         rospy.Subscriber(names.PACE, Float64, self._on_pace, queue_size=1)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -139,10 +142,10 @@ class LabSimulatorNode:
             self._lockstep.arrive("localisation")
 
     def _on_participant(self, message: ParticipantState) -> None:
-        laser = (message.laser.x, message.laser.y) if message.laser_on else None
-        person = (message.person.x, message.person.y, message.person.theta) if message.person_present else None
         with self._lock:
-            self._lab.set_participant(Participant(laser, message.laser_color or "red", person, message.doing))
+            self._participant, self._heard = message, self._lab.now
+            person = message.person
+            self._lab.person = (person.x, person.y, person.theta) if message.person_present else None
 
     def _on_pace(self, message: Float64) -> None:
         if not MIN_PACE <= message.data <= MAX_PACE:
@@ -150,7 +153,7 @@ class LabSimulatorNode:
                 "%s: a pace of %s ignored, expected %s to %s", rospy.get_name(), message.data, MIN_PACE, MAX_PACE
             )
             return
-        self._pacer.pace = message.data
+        self._pace = message.data
 
     def _on_reset(self, _request: Trigger) -> TriggerResponse:
         with self._lock:
@@ -159,12 +162,17 @@ class LabSimulatorNode:
 
     # ------------------------------------------------------------ time
     def _run(self) -> None:
+        due = time.monotonic()
         try:
             while not rospy.is_shutdown() and not self._closing:
                 self._step()
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
-                time.sleep(self._pacer.wait(time.monotonic()))
+                period, now = self._step_ns * 1e-9 / self._pace, time.monotonic()
+                # a late step makes the next one come sooner; more than one is given up: cameras and controllers would see
+                # nothing of the time in a burst
+                due = max(due + period, now - period)
+                time.sleep(max(due - now, 0.0))
         except rospy.ROSException:
             if not rospy.is_shutdown():
                 raise
@@ -187,16 +195,16 @@ class LabSimulatorNode:
 
     # ------------------------------------------------------------ messages
     def _state_message(self, now: rospy.Time) -> LabState:
-        participant = self._lab.participant()
+        participant = self._participant
+        if self._lab.now - self._heard > PARTICIPANT_SILENCE:
+            participant = ParticipantState(person_present=participant.person_present, person=participant.person)
         state = LabState()
         state.header.stamp, state.header.frame_id = now, names.MAP_FRAME
         state.robots = [robot.namespace.strip("/") for robot in self._lab.world.robots]
         state.robot_poses = [Pose2D(*body.pose) for body in self._lab.robots]
-        state.laser_on = participant.laser is not None
-        state.laser = Point(*(participant.laser or (0.0, 0.0)), 0.0)
-        state.laser_color = participant.laser_color
-        state.person_present = participant.pose is not None
-        state.person = Pose2D(*(participant.pose or (0.0, 0.0, 0.0)))
+        state.laser_on, state.laser = participant.laser_on, participant.laser
+        state.laser_color = participant.laser_color or "red"
+        state.person_present, state.person = participant.person_present, participant.person
         state.participant_doing = participant.doing
         return state
 

@@ -18,7 +18,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
 from vb_sim.models import ParticipantModel, load_models
-from vb_sim.person.participant import Action, CommandReply, ParticipantScript, Perception, Person
+from vb_sim.person.participant import HOLD_STILL, Action, CommandReply, ParticipantScript, Perception, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
 from vb_sim.room.world import Scenario, World, load_world
@@ -106,7 +106,8 @@ class ParticipantNode:
                 {n.code for n in message.notices},
             )
             # a notice is repeated each second; a person takes note of it when it appears
-            self._percept.read(self._notices[message.source] - before)
+            if HOLD_STILL in self._notices[message.source] - before:
+                self._percept.hold_requested = self._percept.now
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:

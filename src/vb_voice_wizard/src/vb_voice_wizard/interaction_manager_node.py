@@ -31,7 +31,6 @@ from vb_msgs.msg import (
 )
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.dialogue import record
 from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer, InteractionParams
@@ -90,7 +89,7 @@ class InteractionManagerNode:
         /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a save which is
             repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
             `stop` and `resume`.
-        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger): on `undo` and `redo`.
+        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
 
@@ -100,7 +99,7 @@ class InteractionManagerNode:
 
     def __init__(self, params: ManagerParams) -> None:
         self._params = params
-        self._log_file = record.file_path("~log_file", params.log_file)
+        self._log_file = Path(params.log_file).expanduser()
         node.keep_private(self._log_file)
         self._lock = threading.Lock()
         self._latch = StopLatch(Path(params.stop_file).expanduser())
@@ -220,16 +219,16 @@ class InteractionManagerNode:
                 self._changed()
         if command == RESUME:
             self._latch.store()
-        return self._complete(pending, interaction_id, order.source) if pending else answer
+        return self._complete(pending, interaction_id, order) if pending else answer
 
-    def _complete(self, pending: str, interaction_id: str, source: str) -> Answer:
+    def _complete(self, pending: str, interaction_id: str, order: CommandRequest) -> Answer:
         """Has other nodes carry out a pending command, without the lock, and ends it with what they answered."""
         border_id = ""
         try:
             if pending == SAVE:
-                border_id, answer = self._save(interaction_id, source), Answer(True, "saved")
+                border_id, answer = self._save(interaction_id, order.source), Answer(True, "saved")
             else:
-                answer = self._change(pending)
+                answer = self._change(pending, order.id)
         except CodedError as error:
             answer = Answer.refusal(error)
             if error.code in UNANSWERED:
@@ -250,10 +249,10 @@ class InteractionManagerNode:
             self._interaction.send_save()
         return self._services.add(border, source, interaction_id)
 
-    def _change(self, command: str) -> Answer:
+    def _change(self, command: str, request_id: str) -> Answer:
         """Carries out undo or redo; returns what became of the borders."""
         before = self._services.fetch_borders()
-        self._services.change(command)
+        self._services.change(command, request_id)
         try:
             return _what_changed(command, before, self._services.fetch_borders())
         except CodedError:
@@ -265,10 +264,9 @@ class InteractionManagerNode:
         ended = self._interaction.take_record()
         if ended is not None:
             cameras = self._cameras if self._cameras_of == ended.interaction_id else []
-            line = record.record_line(ended, self._params.method, cameras)
             rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
             try:
-                append_line(self._log_file, line, private=True)
+                append_line(self._log_file, ended.line(self._params.method, cameras), private=True)
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 

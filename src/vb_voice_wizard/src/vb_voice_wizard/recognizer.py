@@ -1,9 +1,10 @@
 """Recognises the spoken commands and rejects everything else.
 
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the
-utterance makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough
-to take a command, but not to be certain of it: what would move a robot, change the map or lose a drawing is then asked
-about, and answered with another phrase, "yes, save" (interaction.py). Who talks and then shouts *stop* makes one
+utterance makes each command than silence does (speech_model). The sound is looked at more than once, and the evidence is
+held against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds
+are enough to take a command, but not to be certain of it: what would move a robot, change the map or lose a drawing is
+then asked about, and answered with another phrase, "yes, save" (interaction.py). Who talks and then shouts *stop* makes one
 utterance of both: the end of what is no command is a *stop*, too, if it is one beyond doubt. Nothing is trained;
 bench/voice/recognition.py measures.
 
@@ -19,12 +20,10 @@ Use it to tell which command, if any, a piece of speech is; `voice.endpointing` 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Optional
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core.errors import ParameterError
-from vb_core.parameters import Parameters, param
 from vb_core.vocabulary import COMMANDS, STOP, spoken_form
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
@@ -35,38 +34,29 @@ from vb_voice_wizard.voice.speech_model import SpeechModel
 # what people say for each command, and for the answer to the question whether it was meant
 PHRASES = {name: [spoken_form(name), *command.phrases] for name, command in COMMANDS.items()}
 PHRASES.update({answer: ["yes, " + spoken_form(command)] for answer, command in ANSWERS.items()})
-# Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
-# missed as near misses are taken in the development group (docs/results/voice/README.md).
-EVEN_LOG_ODDS = -3.7
-# Odds from which a command is beyond doubt: one and a half times those of the most deceptive of the development
-# speakers' other words, one in a kitchen for *pause* (docs/results/voice/README.md).
-CERTAIN_ODDS = 20.0
+# Evidence with which an utterance is as probably a command as something that sounds like it. With it about as many single
+# words are missed as are taken wrongly in the development group; two words nothing comes near (docs/results/voice).
+_EVEN, _EVEN_TWO_WORDS = -3.5, -6.0
+# Odds from which a command is beyond doubt: nearly three times those of the most deceptive of the development group's
+# other utterances, for a command that matters.
+CERTAIN_ODDS = 10.0
 THRESHOLD = 0.5  # confidence from which a command is taken: even odds
 # [s] of speech at an utterance's end that may be a "stop", as short and as long as people say it
 _ENDINGS = (0.4, 0.6, 0.8)
+_ENDING_CERTAIN = -0.7  # evidence from which it is one: there are many ends in an hour of talk
 _MIN_LENGTH = 0.2  # [s] with its padding: less is no word
-# Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another
-# shows.
-_SPEEDS = (1.0, 0.94, 1.07)
-
-
-@dataclass(frozen=True)
-class RecognizerParams(Parameters):
-    """Parameters of the recogniser; config/voice_commands.yaml says why."""
-
-    phrases: dict = param({})
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for command, texts in self.phrases.items():
-            if command not in PHRASES:
-                raise ParameterError(f"phrases/{command}", f"unknown command; known are {', '.join(PHRASES)}")
-            if (
-                not isinstance(texts, list)
-                or not texts
-                or not all(isinstance(text, str) and text.strip() for text in texts)
-            ):
-                raise ParameterError(f"phrases/{command}", f"expected a list of phrases, got {texts!r}")
+# How each utterance is looked at: played at a speed, with silence [s] put before and after it, or sound taken off. What is
+# found is averaged: what noise, a breath before the word, or the network's whim hides in one look, another shows.
+_LOOKS = (
+    (1.0, 0.0, 0.0),
+    (0.94, 0.0, 0.0),
+    (1.07, 0.0, 0.0),
+    (1.0, -0.2, 0.0),
+    (1.0, -0.2, -0.15),
+    (1.0, 0.3, 0.0),
+    (1.0, 0.0, 0.3),
+)
+_CLOSEST = 4  # phrases that are looked for more than once
 
 
 @dataclass(frozen=True)
@@ -95,18 +85,14 @@ class RecognitionResult:
 class CommandRecognizer:
     """Recognises commands; calls may come from one thread at a time.
 
-    Args:
-        params: see RecognizerParams; None for the defaults.
-
     Raises:
-        ParameterError: for a bad parameter.
         CodedError: if a file of the speech model is missing.
     """
 
-    def __init__(self, params: Optional[RecognizerParams] = None) -> None:
-        phrases = {**PHRASES, **(params or RecognizerParams()).phrases}
-        said = [(command, text) for command, texts in phrases.items() for text in texts]
+    def __init__(self) -> None:
+        said = [(command, text) for command, texts in PHRASES.items() for text in texts]
         self._meanings = np.array([command for command, _ in said])
+        self._even = np.array([_EVEN_TWO_WORDS if " " in text else _EVEN for _, text in said])
         self._model = SpeechModel([text.lower() for _, text in said])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
@@ -116,22 +102,40 @@ class CommandRecognizer:
         result = RecognitionResult(reason="too_long") if utterance.too_long else self._judge(utterance.pcm)
         if result.command is None:
             endings = [utterance.pcm[-int((seconds + PADDING) * SAMPLE_RATE) :] for seconds in _ENDINGS]
-            stops = [self._judge(pcm, self._meanings == STOP) for pcm in endings]
-            result = next((stop for stop in stops if stop.certain), result)
+            stops = np.flatnonzero(self._meanings == STOP)
+            for pcm in endings:
+                _, evidence = self._weigh(pcm, stops, _LOOKS[:3])
+                if evidence >= _ENDING_CERTAIN:
+                    odds = np.exp(evidence - _EVEN)
+                    return RecognitionResult(STOP, STOP, float(odds / (1.0 + odds)), True)
         return result
 
-    def _judge(self, pcm: np.ndarray, which: Optional[np.ndarray] = None) -> RecognitionResult:
-        """Classifies sound as one of the phrases, or of some of them."""
-        evidence = np.array([self._model.log_likelihood_ratios(_played(pcm, speed), which) for speed in _SPEEDS])
-        odds = np.mean(np.exp(evidence - EVEN_LOG_ODDS), axis=0)
-        number = int(odds.argmax())
-        meanings = self._meanings if which is None else self._meanings[which]
-        best, confidence = str(meanings[number]), float(odds[number] / (1.0 + odds[number]))
+    def _judge(self, pcm: np.ndarray) -> RecognitionResult:
+        """Classifies sound as one of the phrases."""
+        number, evidence = self._weigh(pcm, np.arange(len(self._meanings)), _LOOKS)
+        odds, best = float(np.exp(evidence - self._even[number])), str(self._meanings[number])
+        confidence = odds / (1.0 + odds)
         if confidence < THRESHOLD:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
-        return RecognitionResult(best, best, confidence, bool(odds[number] >= CERTAIN_ODDS))
+        return RecognitionResult(best, best, confidence, odds >= CERTAIN_ODDS)
+
+    def _weigh(
+        self, pcm: np.ndarray, which: np.ndarray, looks: Sequence[Tuple[float, float, float]]
+    ) -> Tuple[int, float]:
+        """Returns which of some phrases, by number, fits best, and the evidence for it: a logarithm, averaged as odds."""
+        first = self._model.log_likelihood_ratios(_seen(pcm, *looks[0]), which)
+        closest = np.argsort(-first)[:_CLOSEST]
+        found = [first[closest]]
+        found += [self._model.log_likelihood_ratios(_seen(pcm, *look), which[closest]) for look in looks[1:]]
+        evidence = np.log(np.mean(np.exp(found), axis=0))
+        best = int(evidence.argmax())
+        return int(which[closest[best]]), float(evidence[best])
 
 
-def _played(pcm: np.ndarray, speed: float) -> np.ndarray:
-    """Returns an utterance played at another speed."""
-    return np.interp(np.arange(0.0, len(pcm) - 1, speed), np.arange(len(pcm)), pcm).astype(np.int16)
+def _seen(pcm: np.ndarray, speed: float, before: float, after: float) -> np.ndarray:
+    """Returns an utterance played at another speed, with silence [s] put before and after it, or taken off (negative)."""
+    played = np.interp(np.arange(0.0, len(pcm) - 1, speed), np.arange(len(pcm)), pcm).astype(np.int16)
+    begin, end = int(before * SAMPLE_RATE), int(after * SAMPLE_RATE)
+    if len(played) + min(0, begin) + min(0, end) >= _MIN_LENGTH * SAMPLE_RATE:
+        played = played[max(0, -begin) : len(played) + min(0, end)]
+    return np.pad(played, (max(0, begin), max(0, end)))

@@ -5,10 +5,11 @@ Times are injected, in seconds, and may pause or jump back. `interaction` builds
 
 from __future__ import annotations
 
+import json
 import math
 import uuid
-from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Mapping, Optional, Tuple
+from dataclasses import asdict, dataclass, field
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import sentences
 from vb_core.errors import CodedError
@@ -77,6 +78,11 @@ class Record:
     seed_s: float
     total_s: float
     sources: Tuple[str, ...]
+
+    def line(self, method: str, cameras: Sequence[str]) -> str:
+        """Writes it as one line of JSON, without the line's end."""
+        fields = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
+        return json.dumps({**fields, "method": method, "cameras": list(cameras)})
 
 
 def _new_id() -> str:

@@ -20,19 +20,20 @@ from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, level_db
 from vb_voice_wizard.voice.listener import CommandListener, Heard
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
+from vb_voice_wizard.recognizer import CommandRecognizer
 
 AUDIO = "/virtual_borders/voice/audio"
 
 _WATCH_PERIOD = 0.25  # [s] wall time between two looks whether there is sound
 _NEAR = 0.2  # confidence from which a rejected utterance gets the refusal sound: say it again
 _DEAF_TIMEOUT = 5.0  # [s] without any sound after which people are told
+_LATE = 2.0  # [s] from the end of a command to its understanding: the person may have gone on to something else
 _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this is its least significant bit
 
 
 @dataclass(frozen=True)
 class VoiceParams(Parameters):
-    """Parameters of the voice commands, beside the recogniser's; config/voice_commands.yaml says why."""
+    """Parameters of the voice commands; config/voice_commands.yaml says why."""
 
     source: str = param("microphone", choices=("microphone", "topic"))
     device: str = param("default")
@@ -41,7 +42,9 @@ class VoiceParams(Parameters):
 class VoiceCommandsNode:
     """Recognises spoken commands and sends them to the interaction.
 
-    Sound is handled as it arrives: people speak in wall time, whatever /clock says.
+    Sound is handled as it arrives: people speak in wall time, whatever /clock says. A computer that has too much to do
+    understands late. What was said does not expire by that: the time counts from the understanding, but what matters is
+    then asked about, as if it had been doubtful, and people are told.
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): what is heard while one plays, and not beyond it, counts only if it is
@@ -52,7 +55,8 @@ class VoiceCommandsNode:
     Published topics:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.
         /virtual_borders/stop (vb_msgs/Stop): on `stop`.
-        /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
+        /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent,
+            speech_late.
         /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is understood; "error" for a near miss,
             and for a command without an answer. The feedback node tells how the interaction answers the command.
 
@@ -60,16 +64,16 @@ class VoiceCommandsNode:
         /virtual_borders/command (vb_msgs/Command): with source "voice".
 
     Args:
-        params: where sound comes from, and how to handle what was heard.
-        recognizer: how commands are recognised.
+        params: where sound comes from.
     """
 
-    def __init__(self, params: VoiceParams, recognizer: CommandRecognizer) -> None:
-        self._listener = CommandListener(recognizer)
+    def __init__(self, params: VoiceParams) -> None:
+        self._listener = CommandListener(CommandRecognizer())
         # 20 s of sound: a node that falls further behind should not act on old commands
         self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
         self._trouble = ""
+        self._late = False
         self._heard_at = time.monotonic()
         self._notices = NoticePublisher()
         self._watch = node.WakeTimer(_WATCH_PERIOD)
@@ -121,6 +125,8 @@ class VoiceCommandsNode:
             missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
         elif time.monotonic() - self._heard_at > _DEAF_TIMEOUT:
             missing = [Notice("microphone_silent", Severity.WARNING)]
+        elif self._late:
+            missing = [Notice("speech_late", Severity.WARNING)]
         self._notices.set(missing)
 
     # ------------------------------------------------------------------ own sounds
@@ -139,13 +145,15 @@ class VoiceCommandsNode:
 
     def _handle(self, heard: Heard) -> None:
         result = heard.result
+        self._late = time.monotonic() - heard.end > _LATE
         if not result.command:
             if result.reason == "unlike_a_command" and result.confidence >= _NEAR:
                 self._beep("error")
             self._publish(heard)
             return
         self._beep("recognized")
-        if not self._orders.put(result.command, heard, uncertain=not result.certain, given=heard.start):
+        doubtful, stop = self._late or not result.certain, self._orders.stop_number(heard.start)
+        if not self._orders.put(result.command, heard, uncertain=doubtful, seen_stop=stop):
             self._publish(replace(heard, result=result.refused("busy")))
 
     def _on_answer(
@@ -188,5 +196,4 @@ class VoiceCommandsNode:
 
 def build() -> VoiceCommandsNode:
     """Reads the parameters and makes the node."""
-    params = parameters.read(VoiceParams, ignore=("recognizer",))
-    return VoiceCommandsNode(params, CommandRecognizer(parameters.read(RecognizerParams, "~recognizer")))
+    return VoiceCommandsNode(parameters.read(VoiceParams))

@@ -21,15 +21,14 @@ from vb_core.errors import CodedError
 from vb_core.ros import commands
 from vb_core.ros.messages import BorderPreviewArray
 from vb_core.ros.notices import NoticeListener
-from vb_msgs.msg import BorderProgress, SpeechCommand, InteractionState
+from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.confirmation import ANSWERS
-from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, NOTE, QUIT_KEY, ConsoleContent, letters, printable
+from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, printable
 
 _PERIOD = 0.2  # [s] between two looks at what changed: an operator cannot follow more
+_ESCAPE = "\x1b"
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
-_MIN_CONFIDENCE_SHOWN = 0.1  # confidence of something spoken that was not understood
 
 
 class WizardConsoleNode:
@@ -38,7 +37,6 @@ class WizardConsoleNode:
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/notices (vb_msgs/NoticeArray)
-        /virtual_borders/voice/heard (vb_msgs/SpeechCommand)
 
     Services called:
         /virtual_borders/command (vb_msgs/Command)
@@ -64,7 +62,6 @@ class WizardConsoleNode:
             rospy.Subscriber(
                 topic, kind, lambda message, where=where: setattr(self._view, where, message), queue_size=1
             )
-        rospy.Subscriber(names.SPEECH_COMMANDS, SpeechCommand, self._on_speech_command, queue_size=5)
 
     # ------------------------------------------------------------------ ROS
     def _on_state(self, message: InteractionState) -> None:
@@ -77,27 +74,15 @@ class WizardConsoleNode:
             text = f"{who}, {self._view.words('command_' + message.last_command)}: {self._view.sentence(said)}"
             self._say(text, GOOD if message.last_success else BAD)
 
-    def _on_speech_command(self, message: SpeechCommand) -> None:
-        # what was understood comes with the state, as any command
-        if not message.accepted and message.confidence >= _MIN_CONFIDENCE_SHOWN:
-            values = {
-                "command": f"$command_{ANSWERS.get(message.command, message.command)}",
-                "confidence": f"{message.confidence:.2f}",
-                "reason": f"$utterance_{message.reason}",
-            }
-            self._say(self._view.words("console_not_understood", **values), NOTE)
-
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """Handles a pressed key; its command runs in a separate thread, so that the keyboard is read on.
+        """Handles a pressed key; its command runs in a separate thread, so that the keyboard is read on. Others mean nothing.
 
         Returns:
             Whether the console is to be left.
         """
         if key in COMMAND_KEYS and not self._orders.put(COMMAND_KEYS[key]):
             self._say(self._view.words("console_too_many_keys"), BAD)
-        elif key not in COMMAND_KEYS and key != QUIT_KEY:
-            self._say(self._view.words("console_key_unknown", key=key), NOTE)
         return key == QUIT_KEY
 
     def _on_answer(
@@ -145,7 +130,8 @@ class WizardConsoleNode:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
                 if not typed:
                     return  # the terminal is gone
-            if any([self.press(key) for key in letters(typed)]):
+            # what a terminal sends for an arrow or function key begins with ESC, and may end with a letter
+            if _ESCAPE not in typed and any([self.press(key) for key in typed]):
                 return
 
 
@@ -157,7 +143,10 @@ def run(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="(default: en)")
     chosen = parser.parse_args(rospy.myargv(["wizard_console", *given])[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        print("wizard_console needs a terminal; for scripts there is 'rosrun vb_voice_wizard command'", file=sys.stderr)
+        print(
+            "wizard_console needs a terminal; for scripts there is the service /virtual_borders/command",
+            file=sys.stderr,
+        )
         return 1
     if not rosgraph.is_master_online():
         print(f"the ROS master does not answer at {rosgraph.get_master_uri()}: start the lab first", file=sys.stderr)

@@ -200,8 +200,9 @@ class Places:
             holders: whose it is, for instance an address and a session: the one that holds more counts.
         """
         self.leave(connection)
-        self._held = {other: whose for other, whose in self._held.items() if not other.closed()}
         self._held[connection] = holders
+        if len(self._held) > self._size:
+            self._held = {other: whose for other, whose in self._held.items() if not other.closed()}
         if len(self._held) <= self._size:
             return None
         counts = Counter(holder for whose in self._held.values() for holder in whose)

@@ -56,7 +56,6 @@ class Draft:
     name: str
     zone: str
     max_speed: float
-    schedule: str
     enabled: bool
     robots: Tuple[str, ...] = ()
 
@@ -159,7 +158,6 @@ _BORDER = {
     "kind": _choice(*KINDS),
     "zone": _choice(*ZONES),
     "max_speed": _number(0.0, 2.0),
-    "schedule": _text(300),  # the map integrator alone knows the grammar, and refuses a "bad_schedule"
     "enabled": _flag,
     "robots": _robots,
 }
@@ -176,8 +174,6 @@ ACTIONS: Dict[str, Dict[str, Optional[Callable[[Any, str], Any]]]] = {
     "send": {"robot": _matching(_ROBOT, empty=True), "goal": None},
     "halt": {"robot": _matching(_ROBOT, empty=True)},
     "confirm_map": {"same": _flag, "map_id": _text(100)},
-    "study": {"participant": _text(40), "condition": _text(40)},
-    "mark": {"text": _text(300, empty=False)},
     "invite": {},
 }
 

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import asyncio
 import copy
-import threading
 from typing import Any, Callable, Dict, Optional
 
-import rospy
 from geometry_msgs.msg import Point
-from std_srvs.srv import Trigger, TriggerRequest
-from vb_msgs.msg import StudyEvent, VirtualBorder
-from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UpdateBorder
+from vb_msgs.msg import VirtualBorder
+from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UndoRedo
+from vb_msgs.srv import UpdateBorder
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -24,7 +22,7 @@ from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.action_requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
-from vb_web.view import rounded
+from vb_web.view import refusal, rounded
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _TIMEOUT = 20.0
@@ -39,7 +37,6 @@ class ActionHandler:
     Args:
         borders: returns the stored border of an id, or None.
         manager_there: whether there is an interaction manager; robots_there: whether there is a robot's driver.
-        on_study: receives the operator's marks.
         invite: returns what a phone needs to log in.
     """
 
@@ -48,16 +45,12 @@ class ActionHandler:
         borders: Callable[[str], Optional[VirtualBorder]],
         manager_there: Callable[[], bool],
         robots_there: Callable[[], bool],
-        on_study: Callable[[StudyEvent], None],
         invite: Callable[[], Dict[str, Any]],
     ) -> None:
         self._borders, self._manager_there, self._robots_there = borders, manager_there, robots_there
-        self._on_study, self._give_invitation = on_study, invite
-        self._lock = threading.Lock()
-        self.participant, self.condition = "", ""
+        self._give_invitation = invite
         self._orders = CommandSender("page", self._on_answer)
         self._orders.connect()
-        self._study_out = rospy.Publisher(names.STUDY_EVENTS, StudyEvent, queue_size=50)
 
     def carry_out(self, request: Request, source: str) -> Dict[str, Any]:
         """Carries out a request and returns its answer.
@@ -68,15 +61,11 @@ class ActionHandler:
         return getattr(self, f"_{request.action}")(request, source)
 
     # ------------------------------------------------------------- commands
-    async def command(self, request: Request, source: str) -> Dict[str, Any]:
-        """Carries out a command, without a thread of its own.
-
-        Raises:
-            CodedError: if it was not carried out.
-        """
+    def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
+        """Begins to carry out a command; returns its answer, for the loop of the calling thread."""
         command, loop = request.values["command"], asyncio.get_event_loop()
         if command in ("undo", "redo") and not self._manager_there():
-            return await loop.run_in_executor(None, self._trigger, names.UNDO if command == "undo" else names.REDO)
+            return loop.run_in_executor(None, self._undo_or_redo, request)
         answered = loop.create_future()
         # the browser's id: a request repeated after the page was restarted is carried out once
         if not self._orders.put(
@@ -87,31 +76,24 @@ class ActionHandler:
             seen_stop=request.values["seen_stop"],
             identity=request.id,
         ):
-            raise CodedError("page_too_fast")
-        answer, error = await answered
+            answered.set_result(refusal(CodedError("page_too_fast")))
+        return answered
+
+    def _on_answer(self, given: Any, answered: "asyncio.Future[Dict[str, Any]]", answer: Any, error: Any) -> None:
         if error is None:
-            return _answer(answer)
-        if command != "stop" or error.code not in _UNREACHED:
-            raise error
-        # robots that heard it keep it, and tell the manager once it is running
-        if not self._robots_there():
-            raise CodedError("page_stop_unheard") from error
-        return {"ok": True, "code": "page_stop_sent", "values": {}, "message": ""}
+            found = _answer(answer)
+        elif given.command != "stop" or error.code not in _UNREACHED:
+            found = refusal(error)
+        elif not self._robots_there():
+            found = refusal(CodedError("page_stop_unheard"))
+        else:  # robots that heard it keep it, and tell the manager once it is running
+            found = {"ok": True, "code": "page_stop_sent", "values": {}, "message": ""}
+        answered.get_loop().call_soon_threadsafe(answered.set_result, found)
 
     @staticmethod
-    def _on_answer(_request: Any, answered: Any, *answer: Any) -> None:
-        answered.get_loop().call_soon_threadsafe(answered.set_result, answer)
-
-    @staticmethod
-    def _trigger(name: str) -> Dict[str, Any]:
-        response = services.call(name, Trigger, TriggerRequest(), _INTEGRATOR)
-        code = "page_done" if response.success else "page_not_done"
-        return {
-            "ok": response.success,
-            "code": code,
-            "values": {"reason": response.message},
-            "message": response.message,
-        }
+    def _undo_or_redo(request: Request) -> Dict[str, Any]:
+        name = names.UNDO if request.values["command"] == "undo" else names.REDO
+        return _answer(_call(name, UndoRedo, request_id=request.id))
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
@@ -170,25 +152,6 @@ class ActionHandler:
 
     def _halt(self, request: Request, _source: str) -> Dict[str, Any]:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
-
-    # ------------------------------------------------------------- study
-    def _study(self, request: Request, source: str) -> Dict[str, Any]:
-        with self._lock:
-            self.participant, self.condition = request.values["participant"], request.values["condition"]
-        return self._record("study", "", source)
-
-    def _mark(self, request: Request, source: str) -> Dict[str, Any]:
-        return self._record("mark", request.values["text"], source)
-
-    def _record(self, kind: str, text: str, source: str) -> Dict[str, Any]:
-        with self._lock:
-            event = StudyEvent(
-                kind=kind, participant=self.participant, condition=self.condition, text=text, source=source
-            )
-        event.header.stamp = rospy.Time.now()
-        self._study_out.publish(event)
-        self._on_study(event)
-        return {"ok": True, "code": "page_noted", "values": {}, "message": ""}
 
     def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
         return {"ok": True, "code": "ok", "values": {}, "message": "", **self._give_invitation()}

@@ -9,17 +9,19 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import random
 import time
+from functools import partial
 from typing import Any, Dict, List, Optional, Tuple
 
 from tornado import web
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError
 from vb_core.limiter import Limiter
 from vb_web import access, action_requests
 from vb_web.access import Role
+from vb_web.view import as_message, refusal
 
 # [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
 _SEND_PERIOD = 0.04
@@ -38,12 +40,6 @@ def routes(page: Any) -> List[Tuple]:
         (r"/link", _LinkHandler, given),
         (r"/(.*)", _FileHandler, given),
     ]
-
-
-def refusal(error: CodedError) -> Dict[str, Any]:
-    """Converts an error to an answer."""
-    values = {key: str(value) for key, value in error.values.items()}
-    return {"ok": False, "code": error.code, "values": values, "message": error.message}
 
 
 class _Guarded(web.RequestHandler):
@@ -200,37 +196,37 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         self._underway = 0
         self._asks = Limiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
-        hello = {
-            "role": self.role.name.lower(),
-            "languages": sentences.languages(),
-            "login": self.page.sessions is not None,
-            **vocabulary.tables(),
-            "zones": zones.table(),
-        }
-        self._tell({"hello": hello})
+        self._write(self.page.hellos[self.role])
         asyncio.ensure_future(self._send_view())
 
     def on_close(self) -> None:
         self.page.browsers.discard(self)
 
     async def _send_view(self) -> None:
-        """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid."""
-        sent = 0
+        """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid.
+
+        Viewers get it in turns within that time, for an operator's answer would wait for all of them.
+        """
+        sent, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
             while self in self.page.browsers:
                 news = self.page.news
                 sent, text = self.page.view.since(sent)
                 if text:
                     await self.write_message(text)
-                    await asyncio.sleep(_SEND_PERIOD)
+                    await asyncio.sleep(_SEND_PERIOD - turn)
                 else:
                     await news.wait()
+                    await asyncio.sleep(turn)
 
     def _tell(self, message: Dict[str, Any]) -> None:
-        with contextlib.suppress(WebSocketClosedError):
-            self.write_message(json.dumps(message, ensure_ascii=False, allow_nan=False, separators=(",", ":")))
+        self._write(as_message(message))
 
-    async def on_message(self, message: Any) -> None:
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(WebSocketClosedError):
+            self.write_message(text)
+
+    def on_message(self, message: Any) -> None:
         request: Optional[action_requests.Request] = None
         try:
             if not self._asks.allows("", time.monotonic()):
@@ -248,15 +244,15 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         if self._underway >= _MAX_UNDERWAY and request.values.get("command") != "stop":
             self._tell({"re": request.id, **refusal(CodedError("page_too_fast"))})
             return
-        asyncio.ensure_future(self._answer(request))  # the next message is read meanwhile
-
-    async def _answer(self, request: action_requests.Request) -> None:
         self._underway += 1
+        # by callback: each await would be one more turn of the loop, in which all others come first
+        self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
+
+    def _answer(self, request: action_requests.Request, answered: asyncio.Future) -> None:
+        self._underway -= 1
         try:
-            answer = await self.page.carry_out(request, self.session)
+            answer = answered.result()
         except Exception:
             self._tell({"re": request.id, **refusal(CodedError("internal_error"))})
             raise
-        finally:
-            self._underway -= 1
         self._tell({"re": request.id, **answer})

@@ -1,18 +1,19 @@
-"""Node: the page for phones, wall displays and the operator of a study."""
+"""Node: the page for phones and wall displays."""
 
 from __future__ import annotations
 
 import socket
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Deque, Dict, List, Optional
 
 import numpy as np
 import rospy
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
-from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import RobotStatusArray, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.border_changes import border_changes
@@ -30,7 +31,6 @@ from vb_core.vocabulary import DEFAULT
 from vb_web import access, images, ros_view
 from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
-from vb_web.event_history import EventHistory
 from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
 from vb_web.view import View, coarse_age, mark_borders, rounded
@@ -40,13 +40,13 @@ _HEALTH_PERIOD = 0.5  # [s]
 _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
 _SESSIONS = "page_sessions.json"  # beside the codes
 _UNDER_WAY = ("saving", "changing")  # answers that another one follows
+_EVENTS = 100
 
 
 @dataclass(frozen=True)
 class PageParams(ServerParams):
     """Parameters of the page; config/page.yaml explains them."""
 
-    events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
     cameras: list = param([])
     image_transport: str = param("raw", choices=("raw", "compressed"))
 
@@ -72,7 +72,6 @@ class PageNode:
         /<camera>/camera_info (sensor_msgs/CameraInfo): the same
     Published topics:
         /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
-        /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
     Services called:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/confirm_map (vb_msgs/ConfirmMap)
         /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
@@ -80,7 +79,7 @@ class PageNode:
         /virtual_borders/rename_border (vb_msgs/RenameBorder)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
         /virtual_borders/send_robot (vb_msgs/SendRobot)
-        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
+        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo)
     Parameters:
         config/page.yaml
     """
@@ -90,7 +89,7 @@ class PageNode:
         self._lock = threading.Lock()
         self._showing = threading.Lock()
         self._view, self._images = View(), images.ImageCache()
-        self._history = EventHistory(Path(params.events_file).expanduser())
+        self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
         self._borders: Optional[Dict[str, VirtualBorder]] = None  # None: not known yet
         self._border_list: Optional[VirtualBorderArray] = None
@@ -114,11 +113,8 @@ class PageNode:
             lambda border_id: (self._borders or {}).get(border_id),
             lambda: self._connected(names.STATE),
             lambda: self._stoppable or self._connected(names.DRIVERS),
-            self._on_study,
             self._invitation,
         )
-        self._view.put("events", self._history.shown())
-        self._recall_study()
         self._subscribe()
         self._robots = OfferListener()
         self._serve()
@@ -138,7 +134,7 @@ class PageNode:
         local = access.is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
         secrets = [codes, *(codes.with_name(name) for name in (_SESSIONS, "page.key"))]
-        node.keep_private(Path(params.events_file).expanduser(), *([] if local else secrets))
+        node.keep_private(*([] if local else secrets))
         self._codes = None if local else access.load_codes(codes)
         sessions = None if self._codes is None else access.Sessions(self._codes, codes.with_name(_SESSIONS))
         backend = Backend(
@@ -358,23 +354,12 @@ class PageNode:
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0
 
-    # ------------------------------------------------------------- history and study
-    def _tell(self, code: str, values: Dict[str, Any], source: str = "", **more: Any) -> None:
-        self._view.put("events", self._history.add(code, values, source, **more))
-
-    def _on_study(self, event: StudyEvent) -> None:
-        study = {"participant": event.participant, "condition": event.condition}
-        self._view.put("study", study)
-        if event.kind == "mark":
-            self._tell("page_event_mark", {"text": event.text}, event.source, **study)
-        else:
-            self._tell("page_event_study", study, event.source, **study)
-
-    def _recall_study(self) -> None:
-        for event in self._history.recalled:
-            if "participant" in event:
-                self._actions.participant, self._actions.condition = str(event["participant"]), str(event["condition"])
-        self._view.put("study", {"participant": self._actions.participant, "condition": self._actions.condition})
+    # ------------------------------------------------------------- history
+    def _tell(self, code: str, values: Dict[str, Any], source: str = "") -> None:
+        with self._lock:
+            self._events.append({"at": round(time.time(), 1), "code": code, "values": values, "source": source})
+            events = list(self._events)
+        self._view.put("events", events)
 
     # ------------------------------------------------------------- for the server
     def _bounds(self) -> Optional[Bounds]:

@@ -119,7 +119,6 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
         "enabled": bool(border.enabled),
         "in_force": bool(border.in_force),
         "reason": border.reason,
-        "schedule": border.schedule,
         "zone": zone_of(border.zone).name,
         "max_speed": rounded(border.max_speed, 2),
         "area": rounded(border.area_m2, 2),
@@ -223,5 +222,5 @@ def apply_draft(draft: Draft, border: VirtualBorder) -> VirtualBorder:
         border.occupancy = zone.occupancy
     border.zone = zone.number
     border.max_speed = draft.max_speed if zone.limits_speed else 0.0
-    border.schedule, border.enabled, border.robots = draft.schedule, draft.enabled, list(draft.robots)
+    border.enabled, border.robots = draft.enabled, list(draft.robots)
     return border

@@ -18,21 +18,21 @@ from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 from weakref import WeakValueDictionary
 
 from tornado import web
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 
-from vb_core import sentences
+from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError, ParameterError
 from vb_core.limiter import Limiter
 from vb_core.parameters import Parameters, param
 from vb_web import access, action_requests, handlers
 from vb_web.access import Places, Role, Sessions
 from vb_web.images import ImageCache
-from vb_web.view import View
+from vb_web.view import View, as_message, refusal
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -43,8 +43,7 @@ _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".webmanifest": "application/manifest+json",
 }
-# connections: together below the usual limit of open files, with room for ROS; strangers' handshakes at once take 0.1 s,
-# for which everybody waits
+# connections: together below the usual limit of open files, with room for ROS
 _PLACES = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
 _PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
 _SEND_PATIENCE = 20  # [s] for a browser to take what is sent to it
@@ -89,14 +88,14 @@ class Backend:
     Attributes:
         act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the
             same as an answer that is not ok.
-        command: does so with a command, without a thread.
+        command: does so with a command, without a thread; the answer comes later.
         bounds: where points may be; None without a map.
         camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
         floor_webp: the floor as the ceiling cameras see it; None if none does.
     """
 
     act: Callable[[action_requests.Request, str], Dict[str, Any]]
-    command: Callable[[action_requests.Request, str], Awaitable[Dict[str, Any]]]
+    command: Callable[[action_requests.Request, str], "asyncio.Future[Dict[str, Any]]"]
     bounds: Callable[[], Optional[action_requests.Bounds]]
     camera_jpeg: Callable[[str], Optional[bytes]]
     floor_webp: Callable[[], Optional[bytes]]
@@ -132,6 +131,7 @@ class PageServer:
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
         self.turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()
         self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
+        self.hellos = {role: self._hello(role) for role in Role}
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
             words = json.dumps({**sentences.catalog(), **sentences.catalog(language)}, ensure_ascii=False)
@@ -140,6 +140,17 @@ class PageServer:
         self._on_fault, self.on_shortage = on_fault, on_shortage
         self._started: "Future[int]" = Future()  # with the port
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
+
+    def _hello(self, role: Role) -> str:
+        """Writes the first message to a browser: who it is, and the tables of what there is."""
+        hello = {
+            "role": role.name.lower(),
+            "languages": sentences.languages(),
+            "login": self.sessions is not None,
+            **vocabulary.tables(),
+            "zones": zones.table(),
+        }
+        return as_message({"hello": hello})
 
     def start(self) -> None:
         """Begins to listen.
@@ -233,25 +244,25 @@ class PageServer:
         async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
-    async def carry_out(self, request: action_requests.Request, person: str) -> Dict[str, Any]:
+    def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
         """Carries out a request and returns its answer; a repeated request gets the answer that it got before."""
-        key = (person, request.id)
+        key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self.answers:
-            self.answers[key] = asyncio.ensure_future(self._carry_out(request, person))
+            if request.action == "command":
+                self.answers[key] = self.backend.command(request, source)
+            else:
+                self.answers[key] = asyncio.ensure_future(self._carry_out(request, person, source))
             while len(self.answers) > 300:
                 self.answers.popitem(last=False)
-        return await asyncio.shield(self.answers[key])
+        return self.answers[key]
 
-    async def _carry_out(self, request: action_requests.Request, person: str) -> Dict[str, Any]:
-        source = f"page {person[:4]}".strip()
+    async def _carry_out(self, request: action_requests.Request, person: str, source: str) -> Dict[str, Any]:
         try:
-            if request.action == "command":
-                return await self.backend.command(request, source)
             if request.action == "preview":
                 return await self.in_turn(person, self.backend.act, request, source)
             return await asyncio.get_event_loop().run_in_executor(self.pool, self.backend.act, request, source)
         except CodedError as error:
-            return handlers.refusal(error)
+            return refusal(error)
 
 
 class _BoundedServer(HTTPServer):

@@ -13,6 +13,8 @@ import threading
 from string import ascii_uppercase
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
+from vb_core.errors import CodedError
+
 
 def rounded(value: float, digits: int = 3) -> Optional[float]:
     """Rounds a number for JSON; None for one that is not finite."""
@@ -23,6 +25,17 @@ def coarse_age(seconds: float) -> int:
     """Rounds an age [s] for a sentence that is read out each time it changes: 0 below 3 s, then 3, 5, 10, 20 ... 60, 120 ..."""
     steps = (3, 5, *range(10, 60, 10), *range(60, 3600, 60), 3600)
     return max([step for step in steps if step <= seconds], default=0)
+
+
+def as_message(value: Any) -> str:
+    """Writes what a browser gets as JSON."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def refusal(error: CodedError) -> Dict[str, Any]:
+    """Converts an error to an answer."""
+    values = {key: str(value) for key, value in error.values.items()}
+    return {"ok": False, "code": error.code, "values": values, "message": error.message}
 
 
 class View:
@@ -41,7 +54,7 @@ class View:
 
     def put(self, section: str, value: Any) -> bool:
         """Replaces a section; False, without a message, if it is unchanged."""
-        text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        text = as_message(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
                 return False

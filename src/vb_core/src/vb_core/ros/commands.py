@@ -50,14 +50,6 @@ def make_request(
     return request
 
 
-def read_stop_number(timeout: float) -> str:
-    """Returns the number of the newest stop, for a program that gives one command; "" if no state comes within [s]."""
-    try:
-        return rospy.wait_for_message(names.STATE, InteractionState, timeout).stop_number
-    except rospy.ROSException:
-        return ""
-
-
 def send(
     request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = RESPONSE_TIMEOUT
 ) -> CommandResponse:
@@ -111,6 +103,10 @@ class CommandSender:
         if message.stop_number != self._stop_numbers[-1][1]:
             self._stop_numbers.append((time.monotonic(), message.stop_number))
 
+    def stop_number(self, when: float) -> str:
+        """Returns the number of the newest stop that was known here at a time [s] of the monotonic clock."""
+        return next(number for since, number in reversed(self._stop_numbers) if since <= when)
+
     def put(
         self,
         command: str,
@@ -134,7 +130,7 @@ class CommandSender:
         """
         given, source = min(given, time.monotonic()), source or self._source
         if seen_stop is None:
-            seen_stop = next(number for since, number in reversed(self._stop_numbers) if since <= given)
+            seen_stop = self.stop_number(given)
         request = make_request(command, source, VALIDITY - (time.monotonic() - given), uncertain, seen_stop)
         request.id = identity or request.id
         if command == STOP and self._stop is not None:

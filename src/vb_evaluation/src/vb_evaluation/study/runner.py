@@ -32,11 +32,10 @@ from vb_evaluation.virtual_ros.stand_ins import replaced
 from vb_fusion import live_extraction
 from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
-from vb_sim.robot.costmap import Costmap, CostmapParams
+from vb_sim.robot.costmap import Costmap
 from vb_sim.person.hand import perceive_border
 from vb_sim.lab import Lab
-from vb_sim.lab_history import History
-from vb_sim.lab_messages import snapshot_from_message
+from vb_sim.lab_history import History, snapshot_from_message
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
@@ -261,7 +260,7 @@ def personal_scenario(
     """
     meant = perceive_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
     scenario = replace(scenario, border=meant)
-    planner = Planner(Costmap(grid, CostmapParams(robot_radius=traits.model.body_radius)))
+    planner = Planner(Costmap(grid, traits.model.body_radius))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
     for share in (1.0, 0.75, 0.5, 0.25):
         place = scenario.stand + share * np.array(traits.stand_offset)

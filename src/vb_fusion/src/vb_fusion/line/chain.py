@@ -1,4 +1,4 @@
-"""The result of an extraction, and its errors."""
+"""The result of an extraction."""
 
 from __future__ import annotations
 
@@ -8,15 +8,6 @@ from typing import Dict
 import numpy as np
 
 from vb_core import sentences
-from vb_core.errors import CodedError
-
-
-class ExtractionError(CodedError):
-    """No chain or no seed can be extracted.
-
-    Codes: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects",
-    "too_many_spots", "no_seed".
-    """
 
 
 @dataclass(frozen=True)

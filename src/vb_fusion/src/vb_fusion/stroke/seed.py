@@ -13,7 +13,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.line.chain import ExtractionError
+from vb_core.errors import CodedError
 from vb_fusion.stroke.observations import (
     TIME_BIN,
     TREMOR,
@@ -84,13 +84,13 @@ def find_dwells(
         before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
 
     Raises:
-        ExtractionError: "no_spots" or "no_seed".
+        CodedError: "no_spots" or "no_seed".
     """
     seen = make_observations(points, stamps, cameras, confidences, mobile)
     if len(seen.points) == 0:
-        raise ExtractionError("no_spots")
+        raise CodedError("no_spots")
     if len(seen.points) < MIN_SPOTS:
-        raise ExtractionError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
+        raise CodedError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
     seen = merge_observations(seen)
     places = find_places(seen)
     at = places.points

@@ -54,7 +54,6 @@ def save(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
     if path.exists():
         write_atomically(path.with_name(path.name + ".old"), path.read_bytes())
     content = {
-        "camera": pose.camera,
         "parent": pose.parent,
         "frame": pose.frame,
         "translation": [round(float(value), 6) for value in pose.T[:3, 3]],
@@ -72,8 +71,7 @@ def load(path: Path) -> CameraPose:
     """Reads a calibration file; inverse of `save` for what the launch file needs.
 
     Raises:
-        CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose;
-            "calibration_of_other_camera", with that `camera`, if its name says another one.
+        CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose.
     """
     try:
         content = yaml.safe_load(path.read_text())
@@ -82,19 +80,17 @@ def load(path: Path) -> CameraPose:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise CodedError("bad_calibration", f"cannot read '{path}': {error}") from None
     try:
-        camera, parent, frame = (content[key] for key in ("camera", "parent", "frame"))
+        parent, frame = (content[key] for key in ("parent", "frame"))
         translation = np.array(content["translation"], dtype=float).reshape(3)
         rotation = geometry.rotation_from_quaternion(np.array(content["rotation"], dtype=float).reshape(4))
-        if not all(isinstance(name, str) and name for name in (camera, parent, frame)):
-            raise ValueError("camera, parent and frame must be names")
+        if not all(isinstance(name, str) and name for name in (parent, frame)):
+            raise ValueError("parent and frame must be names")
         if not np.isfinite(translation).all():
             raise ValueError(f"translation {translation}")
         focal = float(content.get("focal_px", 0.0))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
-    if camera != path.stem:
-        raise CodedError("calibration_of_other_camera", file=path, camera=camera)
-    return CameraPose(camera, parent, frame, geometry.transform(rotation, translation), focal)
+    return CameraPose(path.stem, parent, frame, geometry.transform(rotation, translation), focal)
 
 
 def require_own_frame(camera: str, frame: str, frames: Mapping[str, str]) -> None:

@@ -98,13 +98,7 @@ class CalibrationSession:
             estimate = self.solve()
         except CodedError as error:
             return f"{count}; not yet: {error}"
-        left_out = int((~estimate.used).sum())
-        middle, worst = 100 * np.array(estimate.floor_sigma)
-        return (
-            f"{count}: error {estimate.rms_px:.2f} px, {100 * estimate.rms_m:.2f} cm on the floor"
-            + (f", {left_out} of {points} points left out as wrong" if left_out else "")
-            + f"; uncertainty of a spot {middle:.1f} cm in the middle, {worst:.1f} cm at the worst place"
-        )
+        return f"{count}: {_how_good(estimate)}"
 
 
 def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
@@ -113,21 +107,24 @@ def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
     tilt = math.degrees(math.acos(max(-1.0, min(1.0, -float(T[2, 2])))))
     right = math.degrees(math.atan2(T[1, 0], T[0, 0]))
     used = estimate.used
-    sigma_cm, sigma_deg = 100 * estimate.position_sigma, np.degrees(estimate.angle_sigma)
     lines = [
-        f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m, "
-        f"+- {sigma_cm[0]:.1f} {sigma_cm[1]:.1f} {sigma_cm[2]:.1f} cm",
-        f"orientation  {tilt:.2f} deg from vertical, the image's x axis points to {right:.1f} deg in the map,  "
-        f"+- {sigma_deg[0]:.2f} {sigma_deg[1]:.2f} {sigma_deg[2]:.2f} deg about the camera's x, y, z",
-        f"points       {int(used.sum())} of {len(used)} used",
-        f"error        {estimate.rms_px:.2f} px rms, {estimate.errors_px[used].max():.2f} px at most",
-        f"on the floor {100 * estimate.rms_m:.2f} cm rms, {100 * estimate.errors_m[used].max():.2f} cm at most",
-        f"uncertainty  {100 * estimate.floor_sigma[0]:.1f} cm in the middle of the image, "
-        f"{100 * estimate.floor_sigma[1]:.1f} cm at its worst place (1 sigma)",
+        f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m",
+        f"orientation  {tilt:.2f} deg from vertical, the image's x axis points to {right:.1f} deg in the map",
+        _how_good(estimate),
     ]
     for point, error in zip(observed.points[~used], estimate.errors_m[~used]):
         lines.append(f"left out     ({point[0]:.3f}, {point[1]:.3f}): {100 * error:.0f} cm off")
     return lines
+
+
+def _how_good(estimate: PoseEstimate) -> str:
+    """Describes how well places fit, and how well a spot's place is known, in one line."""
+    middle, worst = 100 * np.array(estimate.floor_sigma)
+    return (
+        f"{int(estimate.used.sum())} of {len(estimate.used)} points used, error {estimate.rms_px:.2f} px, "
+        f"{100 * estimate.rms_m:.2f} cm on the floor; uncertainty of a spot {middle:.1f} cm in the middle of the image, "
+        f"{worst:.1f} cm at its worst place (1 sigma)"
+    )
 
 
 def describe_points(estimate: PoseEstimate, observed: Correspondences) -> List[str]:

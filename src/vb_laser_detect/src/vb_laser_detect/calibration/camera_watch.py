@@ -215,6 +215,5 @@ def _unread(camera: str, error: CodedError, is_kept: bool) -> CodedError:
         return CodedError("camera_not_calibrated", error=error.message)
     if error.code == "shared_frame":
         return error
-    code = "camera_wrong_file" if error.code == "calibration_of_other_camera" else "camera_file_broken"
     pose = "$camera_pose_kept" if is_kept else "$camera_pose_missing"
-    return CodedError(code, error=error.message, file=f"{camera}.yaml", other=error.values.get("camera", ""), pose=pose)
+    return CodedError("camera_file_broken", error=error.message, file=f"{camera}.yaml", pose=pose)

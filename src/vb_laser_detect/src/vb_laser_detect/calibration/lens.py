@@ -43,14 +43,13 @@ class LensCalibration:
 
     Args:
         size: width and height of the images [px].
-        fisheye: for lenses that see more than about 120 degrees.
 
     Attributes:
         covered: cells of the image in which corners were seen, (columns, rows) bool.
     """
 
-    def __init__(self, size: Tuple[int, int], fisheye: bool = False) -> None:
-        self.size, self.fisheye = size, fisheye
+    def __init__(self, size: Tuple[int, int]) -> None:
+        self.size = size
         self.views: List[BoardView] = []
         self.covered = np.zeros(_CELLS, bool)
         self._estimated: Optional[LensEstimate] = None
@@ -83,26 +82,17 @@ class LensCalibration:
         if self._estimated is None:
             objects = [np.column_stack([view.corners, np.zeros(len(view.ids))]) for view in self.views]
             try:
-                estimate = self._fisheye if self.fisheye else self._pinhole
-                self._estimated = estimate(objects, [view.pixels for view in self.views])
+                self._estimated = self._fit(objects, [view.pixels for view in self.views])
             except cv2.error:
                 raise CodedError("lens_not_determined") from None
         return self._estimated
 
-    def _pinhole(self, objects: list, pixels: list) -> LensEstimate:
+    def _fit(self, objects: list, pixels: list) -> LensEstimate:
         parts = ([part.astype(np.float32) for part in parts] for parts in (objects, pixels))
         found = cv2.calibrateCameraExtended(*parts, self.size, None, None, criteria=_CRITERIA)
         rms, matrix, distortion, turns, sigma = found[0], found[1], found[2], found[3], found[5].ravel()
         camera = CameraModel(*self.size, matrix, distortion.ravel()[:5])
         return LensEstimate(camera, rms, max(sigma[0] / matrix[0, 0], sigma[1] / matrix[1, 1]), _count_tilted(turns))
-
-    def _fisheye(self, objects: list, pixels: list) -> LensEstimate:
-        flags = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
-        parts = ([part[:, None].astype(float) for part in parts] for parts in (objects, pixels))
-        rms, matrix, distortion, turns, _ = cv2.fisheye.calibrate(
-            *parts, self.size, np.eye(3), np.zeros((4, 1)), flags=flags
-        )
-        return LensEstimate(CameraModel(*self.size, matrix, distortion.ravel(), True), rms, 0.0, _count_tilted(turns))
 
     def solve(self) -> Tuple[CameraModel, float]:
         """Returns the lens and its error [px], if it is good enough to be used.

@@ -79,8 +79,6 @@ class PoseEstimate:
         used: (N,) bool, which observations agree with it.
         errors_px: (N,) [px] distance in the image between a point and where the pose puts it.
         errors_m: (N,) [m] the same on the floor.
-        position_sigma: (3,) [m] standard deviations along the map's axes.
-        angle_sigma: (3,) [rad] standard deviations about the camera's axes.
         floor_sigma: (middle, worst) [m] standard deviation of a spot on the floor from the pose's uncertainty, in the
             middle of the image and at the worst place of it.
     """
@@ -89,8 +87,6 @@ class PoseEstimate:
     used: np.ndarray
     errors_px: np.ndarray
     errors_m: np.ndarray
-    position_sigma: np.ndarray
-    angle_sigma: np.ndarray
     floor_sigma: Tuple[float, float]
 
     @property
@@ -138,15 +134,11 @@ def estimate_pose(
     middle, worst = floor_uncertainty(camera, fit.T_map_camera, fit.covariance)
     if worst > _MAX_FLOOR_SIGMA:
         raise CodedError("uncertain", cm=f"{100 * worst:.1f}", most=f"{100 * _MAX_FLOOR_SIGMA:.0f}")
-    # an error of the camera's position is one of T_camera_map's translation, turned into the map
-    in_map = fit.T_map_camera[:3, :3]
     return PoseEstimate(
         T_map_camera=fit.T_map_camera,
         used=agreeing,
         errors_px=np.linalg.norm(project(camera, fit.T_map_camera, observed.points) - observed.pixels, axis=1),
         errors_m=errors,
-        position_sigma=np.sqrt(np.diag(in_map @ fit.covariance[3:, 3:] @ in_map.T)),
-        angle_sigma=np.sqrt(np.diag(fit.covariance))[:3],
         floor_sigma=(middle, worst),
     )
 

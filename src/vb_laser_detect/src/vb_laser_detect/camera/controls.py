@@ -60,8 +60,6 @@ def plan(listing: str, params: CaptureParams) -> List[str]:
     add(_AUTO_EXPOSURE, _MANUAL if params.exposure else _APERTURE_PRIORITY, bool(params.exposure))
     if params.exposure:
         add(_EXPOSURE, params.exposure, True)
-    if params.gain >= 0:
-        add(("gain",), params.gain, True)
     add(_AUTO_WHITE, int(not params.white_balance), bool(params.white_balance))
     if params.white_balance:
         add(("white_balance_temperature",), params.white_balance, True)
@@ -69,7 +67,7 @@ def plan(listing: str, params: CaptureParams) -> List[str]:
 
 
 def apply(device: str, params: CaptureParams) -> None:
-    """Sets exposure, gain and white balance of a device.
+    """Sets exposure and white balance of a device.
 
     Raises:
         CodedError: what `run_v4l2` and `plan` raise.

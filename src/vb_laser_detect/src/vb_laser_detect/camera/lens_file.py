@@ -40,7 +40,7 @@ def load(path: Path) -> CameraModel:
     """Reads a lens; inverse of `save`.
 
     Raises:
-        CodedError: "no_lens_file" if there is none, "bad_lens_file" if it says nothing that a camera can have.
+        CodedError: "no_camera_info" if there is none, "bad_lens_file" if it says nothing that a camera can have.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -52,7 +52,8 @@ def load(path: Path) -> CameraModel:
             content.get("distortion_model") in _FISHEYE,
         )
     except FileNotFoundError:
-        raise CodedError("no_lens_file", file=path, camera=path.stem) from None
+        why = f"there is no {path}: run `rosrun vb_laser_detect calibrate_camera lens {path.stem}`"
+        raise CodedError("no_camera_info", why) from None
     except CodedError as error:
         raise CodedError("bad_lens_file", file=path, why=error.message) from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:

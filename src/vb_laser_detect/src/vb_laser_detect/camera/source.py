@@ -24,7 +24,7 @@ import numpy as np
 import simplejpeg
 
 from vb_core.errors import CodedError
-from vb_core.image_format import Picture
+from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_core.parameters import Parameters, param
 
 _OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] a phone that sleeps, a cable that was pulled from a switch
@@ -37,6 +37,7 @@ _CATCH_UP = (
     1.0  # [s] a file that is late by less keeps its images' times; a stroke's spots stay as far apart as they were
 )
 _QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
+_HALVED_ROWS = 1000  # smaller images cost little, and a spot in them has few pixels
 # a sentence's code, to FFmpeg's errors that it tells of; others are told in FFmpeg's own words
 _REASONS = {
     "camera_password": (av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError),
@@ -59,9 +60,7 @@ class CaptureParams(Parameters):
     pixel_format: str = param("mjpeg")
     delay_ms: float = param(0.0, "ms", low=0.0, high=5000.0, doc="time from an image to its arrival")
     exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
-    gain: int = param(-1, "", low=-1, high=100000, doc="a device's gain, as it counts; -1: as it is")
     white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
-    half_size: bool = param(False, doc="whether images are searched at half their size")
 
 
 class Shot(NamedTuple):
@@ -85,26 +84,28 @@ class Shot(NamedTuple):
         with _readable():
             return simplejpeg.decode_jpeg_header(self.jpeg)[1::-1]
 
-    def picture(self, binning: int = 1) -> Picture:
-        """Returns the image, of 1 / binning of its size, which for 2 takes a third less time.
-
-        Colours of a JPEG are not smoothed between pixels, which would take a third longer.
+    def picture(self) -> AnyPicture:
+        """Returns the image; a large one is decoded as far as it is needed.
 
         Raises:
-            CodedError: "bad_image" for half a JPEG.
+            CodedError: "bad_image" for what is no JPEG; for half a JPEG when it is decoded.
         """
-        width, height = (length // binning for length in self.size)
-        if self.jpeg is None:
-            small = self.frame.reformat(width, height, "bgr24", interpolation="AREA")
-            return Picture(np.ascontiguousarray(small.to_ndarray()), "bgr")
-        how = dict(min_height=height, min_width=width, min_factor=binning) if binning > 1 else {}
-        with _readable():
-            return Picture(simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=False, **how), "bgr")
+        size = self.size
+        if size[1] < _HALVED_ROWS or size[0] % 2 or size[1] % 2:
+            return Picture(self._decode(*size), "bgr")
+        return HalvedPicture(size, self._decode)
 
-    def searched(self, half_size: bool) -> Tuple[Picture, int]:
-        """Returns the image as it is searched, and by how much it is smaller; raises as `picture`."""
-        binning = 2 if half_size and not any(length % 2 for length in self.size) else 1
-        return self.picture(binning), binning
+    def _decode(self, width: int, height: int) -> np.ndarray:
+        """Returns the pixels (H, W, 3) bgr at the image's size or half of it.
+
+        Colours of a JPEG are not smoothed between pixels, which would take a third longer.
+        """
+        if self.jpeg is None:
+            sized = self.frame.reformat(width, height, "bgr24", interpolation="AREA")
+            return np.ascontiguousarray(sized.to_ndarray())
+        how = dict(min_height=height, min_width=width, min_factor=self.size[0] / width)
+        with _readable():
+            return simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=False, **how)
 
 
 @contextlib.contextmanager

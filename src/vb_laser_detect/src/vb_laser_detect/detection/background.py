@@ -16,6 +16,8 @@ from typing import List, Optional, Tuple
 import cv2
 import numpy as np
 
+from vb_core.image_format import AnyPicture
+
 BLOCK = 8  # [px] edge of a block
 _BAND = 160_000  # [bytes] of one row of all blocks in a band: it stays in the cache of the processor's core
 _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
@@ -42,23 +44,27 @@ class Background:
     spot are left out of any.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, the first image.
+        image: (H, W) or (H, W, 3) uint8, the first image as it is searched.
+        whole: the same at the camera's own size, if `image` is the half of it.
 
     Attributes:
         image: the background itself.
+        whole: the same at the camera's own size; None if that is searched.
         reference: what the last image was compared with.
         blocks: their rows and columns.
         bright: [grey levels] of the brightest surfaces in it.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
     """
 
-    def __init__(self, image: np.ndarray) -> None:
+    def __init__(self, image: np.ndarray, whole: Optional[np.ndarray] = None) -> None:
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise, self._deviation, self._changed_s = np.zeros((3,) + blocks, np.float32)
         self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
         self._noise_s, self._noise_known = 0.0, False
+        self.whole = whole
         self._adopt(image.copy())
         self.reference = self.image
+        self._gains: Optional[np.ndarray] = None  # of the rows of blocks, where the last image's light differs
 
     def _adopt(self, image: np.ndarray) -> None:
         """Makes an image the background."""
@@ -68,7 +74,8 @@ class Background:
         self._age, self._images = 0.0, 0
         # of the room's brightest surfaces: single lamps are less than a hundredth of the image. The places in a Bayer
         # image's pattern see different colours
-        cells = image if image.ndim == 3 else cv2.dilate(image, np.ones((2, 2), np.uint8), anchor=(0, 0))
+        seen = image if self.whole is None else self.whole
+        cells = seen if seen.ndim == 3 else cv2.dilate(seen, np.ones((2, 2), np.uint8), anchor=(0, 0))
         self.bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
 
     def subtract_background(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
@@ -81,7 +88,7 @@ class Background:
             Each block's largest rise above the background, and by how much a sample of it became darker, (rows, columns)
             uint8. While the camera moves nothing is called darker: what became so is taken from the image soon.
         """
-        self.motion, self.reference = motion, self.image
+        self.motion, self.reference, self._gains = motion, self.image, None
         if motion is None:
             return block_maxima(image, self.image), max_channel(cv2.subtract(self._sample, sample_blocks(image)))
         if self._brightest is None:
@@ -100,11 +107,15 @@ class Background:
         gains = np.median(now / before, axis=1)
         if np.ptp(gains) < _BANDS * gains.mean():
             return None
-        rows = np.interp(np.arange(len(image)), BLOCK * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
-        light = rows.reshape((-1, 1) + (1,) * (image.ndim - 2))
-        self.reference = cv2.convertScaleAbs(self.image * light)
+        self._gains, self.reference = gains, _in_light(self.image, gains, BLOCK)
         darker = cv2.subtract(sample_blocks(self.reference), sample_blocks(image))
         return block_maxima(image, self.reference), max_channel(darker)
+
+    def whole_reference(self) -> np.ndarray:
+        """Returns the reference at the camera's own size."""
+        if self.whole is None:
+            return self.reference
+        return self.whole if self._gains is None else _in_light(self.whole, self._gains, 2 * BLOCK)
 
     def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
         """Returns a part of the background as the camera sees it now; of the image where nothing was in view."""
@@ -128,10 +139,11 @@ class Background:
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(threshold)), cv2.CMP_GE) > 0
 
-    def update(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
+    def update(self, picture: AnyPicture, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
         """Adds a frame.
 
         Args:
+            picture: one that is searched at half its size is decoded whole for each keyframe.
             rise: (rows, columns) of the blocks.
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             dt: [s] since the last frame.
@@ -139,6 +151,7 @@ class Background:
         Returns:
             Whether the image became the keyframe.
         """
+        image = picture.searched
         self._age, self._images = self._age + dt, self._images + 1
         if self.motion is None:
             self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
@@ -151,6 +164,8 @@ class Background:
                 cv2.copyTo(image, mask_of_blocks(lasting, *image.shape[:2]), floor)
             kept = (changed | spots) & ~lasting
             self._changed_s[lasting] = 0.0
+            if self.whole is not None:
+                self._renew_whole(picture.pixels, lasting, kept)
         else:
             middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
             far = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
@@ -170,6 +185,17 @@ class Background:
         self._adopt(floor)
         return True
 
+    def _renew_whole(self, image: np.ndarray, lasting: np.ndarray, kept: np.ndarray) -> None:
+        """Adds an image at the camera's own size to the keyframe of that size, as `update` does to the searched one."""
+        floor, (high, wide) = cv2.addWeighted(image, _WEIGHT, self.whole, 1.0 - _WEIGHT, 0.0), self.image.shape[:2]
+        for blocks, source in ((lasting, image), (kept, self.whole)):
+            if blocks.any():
+                mask = cv2.resize(
+                    mask_of_blocks(blocks, high, wide), image.shape[1::-1], interpolation=cv2.INTER_NEAREST
+                )
+                cv2.copyTo(source, mask, floor)
+        self.whole = floor
+
     def _learn_noise(self, rise: np.ndarray, steady: np.ndarray, dt: float) -> None:
         """Averages the rise of steady blocks, and its deviation; both change slowly, and not with each image."""
         self._noise_s += dt
@@ -184,6 +210,12 @@ class Background:
 def _warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
     """Moves an image by a motion (3, 3), in place of all pixels of another one that it covers."""
     return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
+
+
+def _in_light(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:
+    """Returns an image in the light of each row of its blocks, of an edge [px]."""
+    rows = np.interp(np.arange(len(image)), edge * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
+    return cv2.convertScaleAbs(image * rows.reshape((-1, 1) + (1,) * (image.ndim - 2)))
 
 
 # ------------------------------------------------------------------ blocks
@@ -245,10 +277,10 @@ def max_channel(image: np.ndarray) -> np.ndarray:
     return first
 
 
-def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float) -> Tuple[slice, slice]:
-    """Returns the rows and columns of a grid (rows, columns) of blocks within `reach` of a place [px]."""
-    top, bottom = int(max(0.0, v - reach)) // BLOCK, int(max(-1.0, v + reach)) // BLOCK + 1
-    left, right = int(max(0.0, u - reach)) // BLOCK, int(max(-1.0, u + reach)) // BLOCK + 1
+def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, edge: int = BLOCK) -> Tuple[slice, slice]:
+    """Returns the rows and columns of a grid (rows, columns) of blocks of an edge within `reach` of a place [px]."""
+    top, bottom = int(max(0.0, v - reach)) // edge, int(max(-1.0, v + reach)) // edge + 1
+    left, right = int(max(0.0, u - reach)) // edge, int(max(-1.0, u + reach)) // edge + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
 
 

@@ -18,7 +18,6 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_core.errors import CodedError
 from vb_laser_detect.detection.background import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
@@ -310,35 +309,9 @@ class SpotClassifier:
         return 1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), reason
 
 
-def load_classifier(path: Path) -> SpotClassifier:
-    """Reads a classifier as bench/detection/training.py writes it.
-
-    Raises:
-        CodedError: "bad_classifier" unless each curve belongs to a feature and has as many finite values as rising knots.
-    """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        intercept, curves = float(document["intercept"]), {}
-        for name, curve in document["curves"].items():
-            x, y = curves[name] = np.array(curve["knots"], float), np.array(curve["values"], float)
-            if name not in FEATURES:
-                raise ValueError(f"nothing measures {name}")
-            if (
-                x.ndim != 1
-                or x.shape != y.shape
-                or not np.isfinite([x, y]).all()
-                or not (np.diff(x) > 0).all()
-                or not len(x)
-            ):
-                raise ValueError(f"{name} is no curve")
-        if not (curves and math.isfinite(intercept)):
-            raise ValueError("it says nothing of spots")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CodedError("bad_classifier", file=path, why=f"{type(error).__name__}: {error}") from None
-    return SpotClassifier(curves, intercept)
-
-
 @lru_cache(maxsize=None)
 def packaged_classifier() -> SpotClassifier:
-    """Reads the classifier that comes with the package, once."""
-    return load_classifier(Path(__file__).with_name("spot_classifier.json"))
+    """Reads the classifier that comes with the package, as bench/detection/training.py writes it; once."""
+    document = json.loads(Path(__file__).with_name("spot_classifier.json").read_text(encoding="utf-8"))
+    curves = {name: (np.array(one["knots"]), np.array(one["values"])) for name, one in document["curves"].items()}
+    return SpotClassifier(curves, document["intercept"])

@@ -79,9 +79,7 @@ class ImageRegistration:
         if good.sum() < _FEWEST:
             return None
         # RANSAC, by default
-        motion, agree = cv2.estimateAffinePartial2D(
-            self._corners[good], found[good], ransacReprojThreshold=_AGREE_PX, maxIters=200
-        )
+        motion, agree = cv2.estimateAffinePartial2D(self._corners[good], found[good], ransacReprojThreshold=_AGREE_PX)
         if motion is None or agree.sum() < max(_FEWEST, _SHARE * good.sum()):
             return None
         self._motion = np.vstack([motion, (0.0, 0.0, 1.0)])

@@ -34,7 +34,6 @@ _MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an erro
 _MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
-_SAME_SURFACE = 0.08  # of the depth; readings that differ by more are of a thing beside the spot
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
 
 
@@ -151,23 +150,19 @@ class FloorProjection:
         Raises:
             CodedError: as `on_plane`, and "not_on_floor" for a point above or below the floor.
         """
-        p = self.params
-        plane = self.on_plane(camera, T_map_camera, u, v)
-        ray = camera.rays(np.array([[u, v]]))[0]
-        reading = None
+        plane, origin, ratio = self.on_plane(camera, T_map_camera, u, v), T_map_camera[:3, 3], None
         if depth is not None and depth.ndim == 2 and depth.size:
             model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
-            reading = depth_at(depth, model.project(ray[None])[0])
-        if reading is None:
+            pixel = model.project(camera.rays(np.array([[u, v]])))[0]
+            ratio = depth_over_plane(depth, pixel, model, T_map_camera, self.params.floor_height)
+        if ratio is None:
             return FloorPoint(plane.position, plane.meters_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
-        point = geometry.apply(T_map_camera, ray * reading)
-        off = float(point[2] - p.floor_height)
-        distance = float(np.linalg.norm(ray) * reading)
+        point, distance = origin + ratio * (plane.position - origin), ratio * plane.range
+        off = float(point[2] - plane.position[2])
         if abs(off) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * distance:
             raise CodedError("not_on_floor", f"the spot lies {off:+.2f} m off the floor")
         self._check_map(point)
-        scale = plane.meters_per_pixel * distance / plane.range
-        return FloorPoint(point, scale, DEPTH, distance)
+        return FloorPoint(point, ratio * plane.meters_per_pixel, DEPTH, distance)
 
     def _check_map(self, point: np.ndarray) -> None:
         if self.floor is None:
@@ -177,39 +172,24 @@ class FloorProjection:
             raise CodedError("spot_outside_map", f"({point[0]:.2f}, {point[1]:.2f}) lies outside the map")
 
 
-def depth_at(depth: np.ndarray, pixel: np.ndarray) -> Optional[float]:
-    """Reads the depth [m] at a pixel of the depth image, the median of its neighbourhood; None if there are only holes.
+def depth_over_plane(
+    depth: np.ndarray, pixel: np.ndarray, camera: CameraModel, T_map_camera: np.ndarray, height: float
+) -> Optional[float]:
+    """Reads a depth image at a pixel, as a multiple of the floor plane's depth there; None if there are only holes.
 
-    The floor is slanted in the image, so the median of a symmetric neighbourhood represents its middle.
+    Each reading near by is divided by what the plane would show in its place, so that neither the floor's slant nor the side
+    on which readings are missing shifts their median.
     """
-    if not np.isfinite(pixel).all():
+    if not camera.contains(pixel[None])[0]:
         return None
-    r = _DEPTH_RADIUS
-    column, row = int(round(float(pixel[0]))), int(round(float(pixel[1])))
-    if not (0 <= column < depth.shape[1] and 0 <= row < depth.shape[0]):
-        return None
-    # the same reach to both sides, also at the image's edge
-    rx = min(r, column, depth.shape[1] - 1 - column)
-    ry = min(r, row, depth.shape[0] - 1 - row)
-    part = depth[row - ry : row + ry + 1, column - rx : column + rx + 1].astype(float)
-    if depth.dtype.kind in "ui":
-        part = part / 1000.0
-    rows, columns = np.mgrid[-ry : ry + 1, -rx : rx + 1]
-    with np.errstate(invalid="ignore"):
-        good = np.isfinite(part) & (part >= _MIN_DEPTH) & (part <= _MAX_DEPTH)
-    if good.sum() < max(1, _DEPTH_SHARE * part.size):
-        return None
-    values = part[good]
-    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what is near the median, so that holes on one
-    # side and the pixel's place within its cell do not shift the result
-    near = np.abs(values - np.sort(values)[len(values) // 2]) < _SAME_SURFACE * values
-    offsets = columns[good][near] - (pixel[0] - column), rows[good][near] - (pixel[1] - row)
-    design = np.column_stack([np.ones(near.sum()), *offsets])
-    solution, _, rank, _ = np.linalg.lstsq(design, 1.0 / values[near], rcond=None)
-    middle = float(np.median(values))
-    # points in a line, as at the image's edge, say nothing of the slant; points on one side only may tell it wrongly
-    fits = rank == 3 and abs(middle * solution[0] - 1.0) < _SAME_SURFACE
-    return 1.0 / float(solution[0]) if fits else middle
+    left, top = np.maximum(np.round(pixel).astype(int) - _DEPTH_RADIUS, 0)
+    right, bottom = np.round(pixel).astype(int) + _DEPTH_RADIUS + 1
+    part = np.nan_to_num(depth[top:bottom, left:right].astype(float)) / (1000.0 if depth.dtype.kind in "ui" else 1.0)
+    rows, columns = np.nonzero((part >= _MIN_DEPTH) & (part <= _MAX_DEPTH))
+    floor = floor_points(camera, T_map_camera, np.column_stack([columns + left, rows + top]), height)
+    ratios = part[rows, columns] / geometry.apply(geometry.invert(T_map_camera), floor)[:, 2]
+    ratios = ratios[np.isfinite(ratios)]
+    return float(np.median(ratios)) if len(ratios) >= max(1.0, _DEPTH_SHARE * part.size) else None
 
 
 # ------------------------------------------------------------------ one image

@@ -13,6 +13,7 @@ from typing import NamedTuple, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
+from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.background import BLOCK, Background, Region, blocks_around, find_regions
 from vb_laser_detect.detection.features import brightest, relight
 from vb_laser_detect.detector_params import DetectorParams
@@ -24,30 +25,41 @@ _DARKEST, _BRIGHTEST = (
     64.0,
     191.0,
 )  # [grey levels] the reference brightness stays within them in very dark and very bright rooms
+_HALF_LEVEL = 0.8  # of its level, at least, a spot of few pixels has left in the half of an image
 _MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts again
 
 
 class SearchedImage(NamedTuple):
-    """An image, and what is known of the scene.
+    """An image, and what is known of the scene. Places and regions are the picture's own pixels, whatever is searched.
 
     Attributes:
-        reference: what the image would show without a spot, the same shape.
+        background: what the picture is compared with.
         regions: to examine, the brightest first.
         rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker.
         bright: [grey levels] what is bright in this room, see `ImageTraits`.
     """
 
-    image: np.ndarray
-    reference: np.ndarray
+    picture: AnyPicture
+    background: Background
     regions: Sequence[Region]
     rise: np.ndarray
     changed: np.ndarray
     bright: float
 
+    @property
+    def edge(self) -> int:
+        """Of a block [px]."""
+        return BLOCK * self.picture.scale
+
+    def brightest(self, region: Region) -> float:
+        """Returns how bright [grey levels] the brightest sample of a region is, or in a half may be in the whole."""
+        found = brightest(self.picture.searched, tuple(side // self.picture.scale for side in region))
+        return found if self.picture.scale == 1 else found / _HALF_LEVEL
+
     def change_elsewhere(self, u: float, v: float, diameter: float) -> float:
         """Measures how much else changed in the image, apart from a blob and its own light."""
-        own = blocks_around(self.changed.shape, u, v, 1.25 * diameter + BLOCK)
+        own = blocks_around(self.changed.shape, u, v, 1.25 * diameter + self.edge, self.edge)
         return math.sqrt((np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])) / self.changed.size)
 
 
@@ -76,12 +88,13 @@ class Proposer:
         self._motion = found
         return self._motion @ cv2.invert(before)[1]
 
-    def propose(self, image: np.ndarray, expected: Sequence[Expected]) -> SearchedImage:
-        """Compares an image with the background.
+    def propose(self, picture: AnyPicture, expected: Sequence[Expected]) -> SearchedImage:
+        """Compares a picture with the background.
 
         Args:
             expected: where spots should be.
         """
+        image = picture.searched
         if self._background is not None:
             still = np.array_equal(self._motion, np.eye(3))
             rise, hot, darker = self._changes(
@@ -91,28 +104,32 @@ class Proposer:
             if banded is not None:
                 rise, hot, darker = self._changes(*banded)
         if self._background is None or _much(hot, darker):
-            self._start(image, expected)
+            self._start(picture, expected)
             rise, fall = self._background.subtract_background(image, None)
             hot, darker = rise >= self._least_change, fall > self._least_change
         # a spot shows the camera's white wherever it falls; by how much it rises depends on the floor, and on a bright one a
         # person beside it rises more
         regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
-        return SearchedImage(image, self._background.reference, regions, rise, hot | darker, self._bright)
+        regions = [tuple(picture.scale * side for side in region) for region in regions]
+        return SearchedImage(picture, self._background, regions, rise, hot | darker, self._bright)
 
     def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the blocks' rise, and which of them became brighter than noise does, and darker, bool."""
         least = self._least_change
         return rise, self._background.foreground_blocks(rise, least), fall > least
 
-    def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
+    def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> None:
         """Begins a background. A spot is no floor: where one is expected, the background before is taken in the new light."""
-        floor = image.copy()
+        edge, before = BLOCK * picture.scale, self._background
+        floors = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
         for one in expected:
-            rows, columns = blocks_around(self._background.blocks, one.u, one.v, one.reach + one.widest)
-            part = slice(BLOCK * rows.start, BLOCK * rows.stop), slice(BLOCK * columns.start, BLOCK * columns.stop)
-            if image[part].size:
-                floor[part] = relight(self._background.moved_part(part, image), image[part], one.widest)
-        self._background = Background(floor)
+            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.widest, edge)
+            for size, floor in zip((picture.scale, 1), floors):
+                part = tuple(slice(edge // size * side.start, edge // size * side.stop) for side in (rows, columns))
+                if floor[part].size:
+                    old = before.moved_part(part, floor) if floor is floors[0] else before.whole[part]
+                    floor[part] = relight(old, floor[part], one.widest / size)
+        self._background = Background(*floors)
         self._begin()
 
     def _begin(self) -> None:
@@ -139,8 +156,8 @@ class Proposer:
         """
         held = np.zeros_like(view.changed)
         for spot in spots:
-            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + BLOCK)] = True
-        if self._background.update(view.image, view.rise, view.changed, held, elapsed):
+            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.edge, view.edge)] = True
+        if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
             self._begin()
 
 

@@ -1,7 +1,7 @@
 """Spots over time: which sighting belongs to which spot, when it counts, and which is published.
 
-The only part of the detector that knows time. A track moves on at a constant velocity, on the floor where the camera's
-pose is known, else in the image; every limit is given in seconds and holds for some images at least, so that a camera
+The only part of the detector that knows time. A track moves on at a constant velocity in the image, and with it as the
+camera turns; every limit is given in seconds and holds for some images at least, so that a camera
 of two images a second works as one of sixty does. A track that is published stays so until it is lost.
 
 What shines at one place for long, in whatever rhythm, is a lamp and no pointer. How long a place was lit is counted
@@ -26,15 +26,14 @@ from vb_laser_detect.detection.projection import FloorPoint
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
 
-_SLACK, _SLACK_PX = 0.05, 12.0  # [m], [px] what noise alone may move a spot between two images
+_SLACK_PX = 12.0  # [px] what noise alone may move a spot between two images
 _BLINK = 1.5  # [s] light that is away from a place for no longer is taken to be there all the time
 _MEMORY = 10.0  # a place is remembered for so many times as long as it was lit
-_MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
+_MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
 # a spot may be hidden so long, a leg's time or the dark half of a pointer's blinking, and be missing in two images of any
 # camera
 _GAP_TIME, _GAP_PERIODS = (0.35, 3.5)
 _RECALL_TIME = 1.0  # [s] older sightings of a spot confirmed late are not published
-_DIAGONAL = 5.0  # [m] without a pose an image's diagonal counts as this much
 _PERIODS = 15  # [images] whose mean distance in time is the period
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
 # ... of a laser on a floor that is nearly white; the mean of white glints in Bayer images over half a second is less
@@ -108,7 +107,7 @@ class Track:
     """A spot that is followed.
 
     Attributes:
-        place: (4,) u, v [px] and x, y [m], the last ones, with their velocity per second.
+        place, velocity: (2,) [px], [px/s] u and v, the last ones.
         created: [s] when it was seen first.
         lit_s: [s] for how long there has been light where it is now.
         unpublished: what was seen before it was confirmed, the oldest first.
@@ -118,7 +117,7 @@ class Track:
     place: np.ndarray
     stamp: float
     created: float
-    velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
     hits: int = 0
     diameter: float = 0.0
     confirmed: bool = False
@@ -145,7 +144,6 @@ class SpotTracker:
         self.period, self.lamps = 0.0, 0
         self._stamp: Optional[float] = None
         self._lit = np.zeros((0, 4))  # places u, v [px], lit for, last lit at [s]
-        self._axes = slice(0, 2)  # of a place, in which spots are told apart
 
     def begin(self, stamp: float, camera: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
         """Begins the next image; call it before `update`.
@@ -172,8 +170,8 @@ class SpotTracker:
 
     def _expect(self, track: Track) -> Expected:
         elapsed = self._since(track)
-        u, v = (track.place + track.velocity * elapsed)[:2].tolist()
-        reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity[:2])
+        u, v = (track.place + track.velocity * elapsed).tolist()
+        reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
         return Expected(u, v, reach, 2.0 * track.diameter)
 
     def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
@@ -222,22 +220,14 @@ class SpotTracker:
         """Assigns a track to each spot: the nearest pairs within reach, else a new one."""
         if not spots:
             return []
-        places = np.array(
-            [(one.u, one.v, *((math.nan,) * 2 if one.place is None else one.place.position[:2])) for one in spots]
-        )
-        axes = slice(0, 2) if math.isnan(places[0, 2]) else slice(2, 4)
-        if axes != self._axes:
-            self._tracks, self._axes = [], axes
-        slack, speed = (
-            (_SLACK, _MAX_SPEED) if axes.start else (_SLACK_PX, _MAX_SPEED * self._camera.diagonal / _DIAGONAL)
-        )
+        places = np.array([(one.u, one.v) for one in spots])
         found: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
-            last = np.array([track.place[axes] for track in self._tracks])
+            last = np.array([track.place for track in self._tracks])
             elapsed = np.array([self._since(track) for track in self._tracks])
-            ahead = last + elapsed[:, None] * [track.velocity[axes] for track in self._tracks]
-            near = cdist(places[:, axes], last) <= slack + speed * elapsed
-            for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places[:, axes], ahead), 1e9))):
+            ahead = last + elapsed[:, None] * [track.velocity for track in self._tracks]
+            near = cdist(places, last) <= _SLACK_PX + _MAX_SPEED * self._camera.diagonal * elapsed
+            for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places, ahead), 1e9))):
                 if near[row, column]:
                     found[row] = self._tracks[column]
         for row, place in enumerate(places):

@@ -52,7 +52,6 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
         wall=message.kind == BorderMessage.VIRTUAL_WALL,
         zone=_ZONES[message.zone],
         max_speed=round(message.max_speed, 6),
-        schedule=message.schedule,
     )
 
 
@@ -82,7 +81,6 @@ def message_from_border(
         area_m2=area_m2,
         zone=border.zone.number,
         max_speed=border.max_speed,
-        schedule=border.schedule,
         in_force=in_force,
         reason=reason,
         before=messages.points_from_array(outlines[0]),

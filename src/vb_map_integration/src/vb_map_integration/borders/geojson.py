@@ -18,29 +18,30 @@ import shapely.geometry
 
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_values import border_from_mapping, border_to_mapping
 
-_GEOMETRY = ("points", "seed", "kind")
+_WALL = "virtual_wall"
 _PROPERTIES = tuple(
-    one.name for one in dataclasses.fields(VirtualBorder) if one.name not in (*_GEOMETRY, "closed", "wall")
+    one.name for one in dataclasses.fields(VirtualBorder) if one.name not in ("points", "seed", "closed", "wall")
 )
+
+
+def border_to_feature(border: VirtualBorder) -> Dict[str, Any]:
+    """Writes a border as a Feature, in plain values; inverse of `border_from_feature`."""
+    points = border.points.tolist()
+    geometry: Dict[str, Any] = {"type": "LineString", "coordinates": points}
+    if border.closed:
+        geometry = {"type": "Polygon", "coordinates": [points + points[:1]]}
+    properties = {name: getattr(border, name) for name in _PROPERTIES}
+    properties.update(zone=border.zone.name, seed=border.seed.tolist())
+    if border.wall:
+        properties["kind"] = _WALL
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
     """Writes borders as a FeatureCollection; inverse of `borders_from_geojson`."""
-    features = []
-    for border in borders:
-        values = border_to_mapping(border)
-        points = values["points"]
-        geometry: Dict[str, Any] = {"type": "LineString", "coordinates": points}
-        if border.closed:
-            geometry = {"type": "Polygon", "coordinates": [points + points[:1]]}
-        properties = {key: value for key, value in values.items() if key not in _GEOMETRY}
-        properties["seed"] = values["seed"]
-        if border.wall:
-            properties["kind"] = values["kind"]
-        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
-    lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)  # a border is a line
+    features = (json.dumps(border_to_feature(border), ensure_ascii=False) for border in borders)
+    lines = ",\n".join(features)  # a border is a line
     return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
 
 
@@ -62,7 +63,7 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     borders = []
     for number, feature in enumerate(features, 1):
         try:
-            borders.append(_border(feature))
+            borders.append(border_from_feature(feature))
         except CodedError as error:
             raise CodedError(error.code, f"feature {number}: {error.message}", **error.values) from None
     return borders
@@ -72,7 +73,12 @@ def _wrong(key: str, expected: str, found: Any) -> CodedError:
     return CodedError("bad_border_file", reason="$file_value", key=key, expected=expected, found=repr(found))
 
 
-def _border(feature: Any) -> VirtualBorder:
+def border_from_feature(feature: Any) -> VirtualBorder:
+    """Reads a border from a Feature; inverse of `border_to_feature`.
+
+    Raises:
+        CodedError: "bad_border_file" or what a border raises.
+    """
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise _wrong("type", "Feature", feature)
     try:
@@ -89,14 +95,16 @@ def _border(feature: Any) -> VirtualBorder:
     points = shapely.get_coordinates(shape.exterior if closed else shape)  # heights are left out
     given = feature.get("properties")
     given = given if isinstance(given, dict) else {}
-    wall = not closed and given.get("kind") == "virtual_wall"
-    values = {key: value for key, value in given.items() if key in (*_PROPERTIES, "seed")}
-    values.update(points=points, kind="polygon" if closed else "virtual_wall" if wall else "separating_curve")
-    if "seed" not in values and not wall:
-        if not closed:
+    wall = not closed and given.get("kind") == _WALL
+    values = {key: given[key] for key in (*_PROPERTIES, "seed") if key in given}
+    if "seed" not in values:
+        if not closed and not wall:
             raise CodedError("bad_border_file", reason="$file_no_seed")
-        values["seed"] = _point_inside(shape) if np.isfinite(points).all() else (0.0, 0.0)
-    return border_from_mapping(values)
+        values["seed"] = _point_inside(shape) if closed and np.isfinite(points).all() else (0.0, 0.0)
+    try:
+        return VirtualBorder(points, closed=closed, wall=wall, **values)
+    except TypeError as error:
+        raise CodedError("bad_border_file", reason="$file_keys", detail=str(error)) from None
 
 
 def _point_inside(polygon: Any) -> Tuple[float, float]:

@@ -19,7 +19,7 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import MAX_NAME, VirtualBorder
-from vb_map_integration.borders.border_values import border_from_mapping, border_to_mapping
+from vb_map_integration.borders.geojson import border_from_feature, border_to_feature
 from vb_map_integration.places.registration import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
@@ -192,7 +192,7 @@ class Database:
             raise CodedError("unknown_border", id=border_id)
         place = self._places[border_id]
         if border_id not in self._read:
-            self._read[border_id] = border_from_mapping(self._kept.get(f"borders/{place}/{border_id}"))
+            self._read[border_id] = border_from_feature(self._kept.get(f"borders/{place}/{border_id}"))
         return place, self._read[border_id]
 
     def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
@@ -276,8 +276,8 @@ class Database:
 
 
 def _to_dict(border: Optional[VirtualBorder]) -> Any:
-    return None if border is None else border_to_mapping(border)
+    return None if border is None else border_to_feature(border)
 
 
 def _from_dict(values: Any) -> Optional[VirtualBorder]:
-    return None if values is None else border_from_mapping(values)
+    return None if values is None else border_from_feature(values)

@@ -1,14 +1,12 @@
 """Values on the disk, kept so that neither a crash nor a damaged file costs what was acknowledged.
 
 The idea: there is so little to keep that each change writes all of it again, beside what is there, and then puts it in its
-place. So a file is either whole or not there. Its first line is the checksum of the rest, and there is a second file with
-the same: at a start the sound one with the highest revision is read, and what is wrong with the other is put right.
+place. So a file is either whole or not there, and its first line is the checksum of the rest. After it the same is written
+into the copy of the day: a start reads the file, or, if that is not sound, the copy with the highest revision.
 
-    borders.jsonl        its checksum; its format and revision; then in each line a key, a tab and its value
-    borders.twin.jsonl   the same
-    borders*.damaged     what was not sound at a start
-    copies/borders-YYYY-MM-DD.jsonl   of each of the last days with changes, as it was before the first of these, or at the
-                         day's last start
+    borders.jsonl                     its checksum; its format and revision; then in each line a key, a tab and its value
+    borders.jsonl.damaged             what was not sound at a start
+    copies/borders-YYYY-MM-DD.jsonl   the same as it was at the end of each of the last days with a change or a start
 
 What is in memory is the truth while the program runs: files that were deleted or damaged meanwhile come again with the next
 change. One process has the folder: it holds a lock for as long as it runs.
@@ -32,7 +30,7 @@ from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 
 FORMAT = 1
-FILES = ("borders.jsonl", "borders.twin.jsonl")
+FILE = "borders.jsonl"
 MAX_COPIES = 14  # days
 LOCK_TIMEOUT = 5.0  # [s] how long a new process waits for the one before to end
 
@@ -112,7 +110,7 @@ class DurableValues:
             try:
                 self._take_folder(self._folder, 0.0)
             except OSError as error:
-                raise CodedError("cannot_write", what=FILES[0], reason=error.strerror or error) from None
+                raise CodedError("cannot_write", what=FILE, reason=error.strerror or error) from None
             try:
                 self._write(self._folder, content)
             except CodedError:
@@ -122,60 +120,57 @@ class DurableValues:
         self.revision, self._values = content
 
     def _load(self, folder: Path) -> None:
-        found: Dict[Path, Optional[_Content]] = {}
-        refused: Optional[OSError] = None
-        for path in (folder / name for name in FILES):
-            try:
-                found[path] = _read(path)
-            except OSError as error:  # it may be sound, and readable at another time
-                refused = error
-        damaged = [path for path, content in found.items() if content is None and path.exists()]
-        best = max(filter(None, found.values()), key=lambda content: content.revision, default=None)
-        if best is None and refused is not None:
-            raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None
-        if best is not None and damaged:
-            self._report("database_repaired", Severity.WARNING, what=str(folder))
-        elif best is None:
-            # dates are only for people: clocks go wrong
-            read = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
-            copies = {path: content for path, content in read.items() if content is not None}
-            if copies:
-                path, best = max(copies.items(), key=lambda item: item[1].revision)
-                self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
-            elif damaged:
-                self._report("borders_lost", Severity.ERROR, what=str(folder))
-        if best is not None:
-            self.revision, self._values = best
-            sound = [path for path, content in found.items() if content == best]
-            newest = max((folder / "copies").glob("*.jsonl"), default=None)
-            if sound and (newest is None or _read_or_none(newest) != best):
-                self._copy(folder, sound[0], renew=True)
+        path, content = folder / FILE, None
         try:
-            for path in damaged:
+            content = _read(path)
+        except OSError as error:  # it may be sound, and readable at another time
+            refused: Optional[OSError] = error
+        else:
+            refused = None
+        damaged = content is None and refused is None and path.exists()
+        if content is None:
+            content = self._read_copies(folder)
+        if content is None and refused is not None:
+            raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None
+        if content is None and damaged:
+            self._report("borders_lost", Severity.ERROR, what=str(folder))
+        try:
+            if damaged:
                 os.replace(str(path), f"{path}.damaged")
-            for path in folder.glob(".borders*"):  # of a write that was cut off
+            for path in folder.rglob(".borders*"):  # of a write that was cut off
                 path.unlink()
-            if best is not None and (refused or any(content != best for content in found.values())):
-                self._write(folder, best)
+            if content is not None:
+                self.revision, self._values = content
+                if not (content == _read_or_none(folder / FILE) == _read_or_none(self._copy(folder))):
+                    self._write(folder, content)
         except (OSError, CodedError) as error:
             self._report_read_only(str(error))
 
+    def _read_copies(self, folder: Path) -> Optional[_Content]:
+        """Returns the content of the newest copy; dates are only for people: clocks go wrong."""
+        read = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
+        sound = {path: content for path, content in read.items() if content is not None}
+        if not sound:
+            return None
+        path, content = max(sound.items(), key=lambda item: item[1].revision)
+        if len(sound) == len(read):
+            self._report("database_repaired", Severity.WARNING, what=str(folder), date=path.stem[-10:])
+        else:
+            self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
+        return content
+
+    def _copy(self, folder: Path) -> Path:
+        return folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
+
     def _write(self, folder: Path, content: _Content) -> None:
-        main, twin = (folder / name for name in FILES)
         lines = (f"{json.dumps(key)}\t{value}" for key, value in content.values.items())
         rest = "\n".join([json.dumps([FORMAT, content.revision]), *lines, ""]).encode()
-        whole = _checksum(rest) + b"\n" + rest
-        self._copy(folder, main, renew=False)
-        files.write_together({main: whole, twin: whole})
+        whole, copy = _checksum(rest) + b"\n" + rest, self._copy(folder)
+        files.write_together({folder / FILE: whole, copy: whole})
+        for old in sorted(path for path in copy.parent.glob("*.jsonl") if path != copy)[: 1 - MAX_COPIES]:
+            with contextlib.suppress(OSError):
+                old.unlink()
         self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
-
-    def _copy(self, folder: Path, source: Path, renew: bool) -> None:
-        copy = folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
-        with contextlib.suppress(OSError, CodedError):  # without it everything is still kept twice
-            if source.exists() and (renew or not copy.exists()):
-                files.write_atomically(copy, source.read_bytes())
-                for old in sorted(copy.parent.glob("*.jsonl"))[:-MAX_COPIES]:
-                    old.unlink()
 
     def _take_folder(self, folder: Path, timeout: float) -> None:
         """Locks the folder, within a time [s]; again if the lock was deleted meanwhile, and another process may have it."""

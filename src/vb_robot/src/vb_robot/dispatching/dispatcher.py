@@ -75,11 +75,6 @@ class Dispatcher:
         self._unserved_since = math.inf  # [s] since when no camera sees the spot and no robot comes
         self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what
 
-    def set_physical_map(self, grid: GridMap) -> None:
-        """Stores the map without borders: what is on it hides the spot."""
-        for known in self.maps.values():
-            known.set_map(grid, "physical")
-
     def set_progress(
         self, interaction: str, chain: np.ndarray, closed: bool, points: np.ndarray, cameras: Iterable[str]
     ) -> None:

@@ -92,10 +92,7 @@ class Arbiter:
     def set_state(self, state: State, interaction: str, entered: float, stamp: float) -> None:
         """Stores the interaction's state, published at a time [s]."""
         with self._lock:
-            if self._spots.set_state(state, interaction, entered):
-                # what was seen in another state guides no robot
-                self.follower.spot = None
-                self.gate.stamps.pop("spot", None)
+            self._spots.set_state(state, interaction, entered)
             self.gate.record_input("state", stamp)
 
     def add(self, sighting: Sighting) -> None:
@@ -143,8 +140,6 @@ class Arbiter:
             self._listeners = listeners
             goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
             source, request = self._choose(now, goal)
-            if source != FOLLOW:
-                self.follower.stop()
             if source in (STOP, TELEOP, FOLLOW):
                 self._escape.interrupt(now)
             v, w, code = self.gate.limit(now, source, request)

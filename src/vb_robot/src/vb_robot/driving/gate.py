@@ -47,7 +47,7 @@ from vb_robot.driving.safety import (
     stop_distance,
 )
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
-from vb_robot.driving.workspace import BorderContact, Workspace
+from vb_robot.driving.workspace import Workspace
 
 RATE = 20.0  # [1/s] how soon late messages are noticed
 INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot stops
@@ -170,13 +170,6 @@ class Gate:
         unknown = not self._located or self.pose_uncertain or now < self._jump_hold_until
         return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._fixes[-1].pose
 
-    def border_contact(self, now: float) -> Tuple[BorderContact, str, bool]:
-        """Returns whether and how the robot touches a border, its name, and whether it may not be entered at all."""
-        pose, workspace = self.pose(now), self.workspace
-        if pose is None or workspace is None:
-            return BorderContact.FREE, "", False
-        return workspace.contact_at(pose), workspace.name_at(pose[:2]), workspace.is_lethal(pose[:2])
-
     # ------------------------------------------------------------- what it lets through
     def limit(self, now: float, source: str, request: VelocityRequest) -> Tuple[float, float, str]:
         """Limits a source's request at a time [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
@@ -217,7 +210,7 @@ class Gate:
         ages = {code: math.inf for code, holds in missing.items() if holds}
         needs = {"scan": self.profile.scanner.present, "state": alone, "pose": alone}
         ages.update({f"{what}_lost": self._age(now, what) for what, needed in needs.items() if needed})
-        if source == FOLLOW and "spot" in self.stamps:
+        if source == FOLLOW:
             ages["spot_lost"] = self._age(now, "spot")
         ages["driving"] = self._age(now, source) if source in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age

@@ -51,18 +51,14 @@ class SpotFollower:
 
     def __init__(self) -> None:
         self.spot: Optional[Tuple[float, float]] = None
-        self.stop()
-
-    def stop(self) -> None:
-        """Stops: the robot does not follow now."""
         self._turning, self._driving = False, 0  # driving: 1 forward, -1 back
 
     def compute_request(self, pose: Optional[Pose]) -> VelocityRequest:
         """Computes the motion that keeps the spot in view of the robot at a pose; None: the pose is not known."""
         if pose is None or self.spot is None:
-            self.stop()
+            self._turning, self._driving = False, 0
             return VelocityRequest(0.0, 0.0, "spot_lost")
-        v, w = self._servo(to_base(np.array(self.spot), pose)[0])
+        v, w = self._servo(to_base(np.array(self.spot), pose).ravel())
         return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "driving" if v or w else "spot_in_view")
 
     def _servo(self, spot: np.ndarray) -> Tuple[float, float]:
@@ -85,6 +81,5 @@ class SpotFollower:
         v, w = steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05))
         if self._driving == 1:
             return v, w
-        return DISTANCE_GAIN * (
-            distance - BACK_TO_DISTANCE - 0.05
-        ) if self._driving == -1 else 0.0, w if self._turning else 0.0
+        back = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05)
+        return back if self._driving == -1 else 0.0, w if self._turning else 0.0

@@ -1,4 +1,4 @@
-"""The maps as one robot's driver sees them: how near its footprint is to what, and which border that is.
+"""The maps as one robot's driver sees them: how near its footprint is to what.
 
 The idea: a scanner shows how far a wall is from the robot, but only the localisation tells how far a border is. So the
 robot keeps off borders, and only off them, by its localisation uncertainty. Borders are inflated by that much once, in
@@ -7,13 +7,10 @@ one map, `Workspace.keep_out`, which the gate, the escape and navigation share, 
 
 from __future__ import annotations
 
-import enum
 import math
 from collections import deque
-from dataclasses import dataclass
-from typing import Deque, Optional, Sequence
+from typing import Deque, Optional
 
-import cv2
 import numpy as np
 
 from vb_core.grid_layers import clearance_grid, nearest_cell, sample
@@ -31,35 +28,6 @@ MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] beyond, three times what the margin
 MAX_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
 UNCERTAINTY_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
 UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
-
-
-@dataclass(frozen=True)
-class KnownBorder:
-    """A border as the driver knows it: name, chain (N, 2) [m], seed (2,) [m], and kind."""
-
-    name: str
-    points: np.ndarray
-    seed: np.ndarray
-    polygon: bool
-
-    def may_restrict(self, place) -> bool:
-        """Returns whether a place is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
-        polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
-        inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (place, self.seed)]
-        return not self.polygon or inside[0] == inside[1]
-
-
-def quoted(name: str) -> str:
-    """Returns a border's name as it stands in sentences."""
-    return f"'{name}'" if name else "$border_without_name"
-
-
-class BorderContact(enum.Enum):
-    """Position of a footprint with respect to the borders, from best to worst."""
-
-    FREE = 0
-    TOUCHES = 1
-    INSIDE = 2
 
 
 class PoseUncertainty:
@@ -86,49 +54,34 @@ class PoseUncertainty:
         return self.meters != before
 
 
+def forbidden(borders: GridMap, physical: GridMap) -> np.ndarray:
+    """Returns (H, W) bool: where only a border forbids to be; also on floor that was unknown."""
+    return (borders.data >= LETHAL_THRESHOLD) & (borders.data > physical.data)
+
+
 class Workspace:
     """What a robot may enter. What the map with borders has more occupied than the one without is restricted by borders.
 
-    The maps decide what is restricted, so that this always agrees with navigation. The borders only lend names.
+    The maps decide what is restricted, so that this always agrees with navigation.
 
     Args:
         borders: the map with borders.
         physical: the one without, of the same geometry.
         radius: [m] of the robot.
-        known: the borders that are in force for this robot.
         uncertainty: [m] of its localisation.
 
     Attributes:
         keep_out: the map with borders, with those that must not be entered inflated by the uncertainty.
     """
 
-    def __init__(
-        self,
-        borders: GridMap,
-        physical: GridMap,
-        radius: float,
-        known: Sequence[KnownBorder] = (),
-        uncertainty: float = 0.0,
-    ) -> None:
-        self.borders, self.physical, self._radius, self.known = borders, physical, radius, known
-        # unknown (-1) that becomes occupied is restricted too
-        self._restricted = borders.data > np.maximum(physical.data, 0)
-        self._lethal = self._restricted & (borders.data >= LETHAL_THRESHOLD)
+    def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
+        self.borders, self._radius = borders, radius
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
-        self._to_restricted, self._to_lethal = (
-            clearance_grid(cells, borders.resolution, edge=False) for cells in (self._restricted, self._lethal)
-        )
+        self._to_lethal = clearance_grid(forbidden(borders, physical), borders.resolution, edge=False)
         self.keep_out = borders.with_data(
             np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
         )
         self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution, edge=False)
-
-    def contact_at(self, place) -> BorderContact:
-        """Returns whether the round footprint at a place (2,) [m] touches the restricted area."""
-        gap = self._at(self._to_restricted, place)
-        return (
-            BorderContact.INSIDE if gap <= 0.0 else BorderContact.TOUCHES if gap < self._radius else BorderContact.FREE
-        )
 
     def distance_to_keep_out(self, place) -> float:
         """Returns the distance [m] from a place (2,) [m] to what borders forbid to enter; 0 within it."""
@@ -144,28 +97,6 @@ class Workspace:
         cell, center = nearest_cell(self.borders, room, place[:2], reach)
         return None if cell is None else center
 
-    def is_lethal(self, place) -> bool:
-        """Returns whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
-        cell, _ = self._nearest(place)
-        return cell is not None and bool(self._lethal[cell])
-
-    def name_at(self, place) -> str:
-        """Returns the name of the border that restricts a place (2,) [m], or the restricted area next to it; "" if none does.
-
-        A polygon that encloses it, or else a curve, the nearest: the maps do not say which border a cell is from.
-        """
-        cell, center = self._nearest(place)
-        if cell is None or not self.known:
-            return ""
-        return min(
-            self.known,
-            key=lambda border: (
-                not border.may_restrict(center),
-                not border.polygon,
-                float(np.linalg.norm(border.points - center, axis=1).min()),
-            ),
-        ).name
-
     def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
         """Returns how far [m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
@@ -180,7 +111,3 @@ class Workspace:
 
     def _at(self, layer: np.ndarray, place) -> float:
         return float(sample(self.borders, layer, np.asarray(place, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])
-
-    def _nearest(self, place):
-        """Finds the restricted cell nearest to a place within twice the radius: ((row, column), centre (2,) [m])."""
-        return nearest_cell(self.borders, self._restricted, place, 2.0 * self._radius + self.borders.resolution)

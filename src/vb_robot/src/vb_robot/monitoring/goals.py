@@ -1,4 +1,4 @@
-"""Why a goal cannot be reached, before navigation has found out. No ROS.
+"""Which border a robot is in, and why a goal cannot be reached, before navigation has found out. No ROS.
 
 The idea: navigation gives up after its recoveries, half a minute later, and does not say why. The maps tell at once:
 the goal has no room, or no free floor joins it to the robot; and the map without borders tells whether borders are why.
@@ -6,42 +6,81 @@ the goal has no room, or no free floor joins it to the robot; and the map withou
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_core.grid_layers import clearance_grid, nearest_cell
+from vb_core.grid_layers import clearance_grid, nearest_cell, sample
 from vb_core.grid_map import GridMap
 from vb_robot.clearance_map import START_TOLERANCE
 from vb_robot.grid_ways import GridWays
-from vb_robot.driving.workspace import LETHAL_THRESHOLD, BorderContact, KnownBorder, Workspace
+from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
 
+NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps
 SEARCH_CELLS = 200  # along the map's longer side: the way is only searched for the border's name
+
+
+@dataclass(frozen=True)
+class KnownBorder:
+    """A border by name: its chain (N, 2) [m], seed (2,) [m], and kind."""
+
+    name: str
+    points: np.ndarray
+    seed: np.ndarray
+    polygon: bool
+
+    def may_restrict(self, place) -> bool:
+        """Returns whether a place is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
+        polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
+        inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (place, self.seed)]
+        return not self.polygon or inside[0] == inside[1]
+
+
+def name_of(known: Sequence[KnownBorder], place) -> str:
+    """Returns the name of the border that restricts a place (2,) [m]; "" if none is known.
+
+    A polygon that encloses it, or else a curve, the nearest: the maps do not say which border a cell is from.
+    """
+
+    def order(border: KnownBorder) -> tuple:
+        distance = float(np.linalg.norm(border.points - place, axis=1).min())
+        return not border.may_restrict(place), not border.polygon, distance
+
+    return min(known, key=order).name if known else ""
+
+
+def is_inside(borders: GridMap, physical: GridMap, place) -> bool:
+    """Returns whether a place (2,) [m] is where only a border forbids to be."""
+    there, without = (sample(grid, grid.data, np.reshape(place, (1, 2)), -1.0)[0] for grid in (borders, physical))
+    return bool(there >= LETHAL_THRESHOLD and there > without)
+
+
+def quoted(name: str) -> str:
+    """Returns a border's name as it stands in sentences."""
+    return f"'{name}'" if name else "$border_without_name"
 
 
 class GoalReview:
     """Reviews goals on one pair of maps.
 
     Args:
-        borders: the map with borders; physical: the one without; radius: [m] of the robot's inscribed circle.
+        borders: the map with borders, to plan on; physical: the one without, of the same geometry.
+        radius: [m] of the robot's inscribed circle.
         known: the borders that are in force for this robot; they lend names.
     """
 
-    def __init__(
-        self, borders: GridMap, physical: Optional[GridMap], radius: float, known: Sequence[KnownBorder]
-    ) -> None:
-        self.workspace = Workspace(borders, physical, radius, known)
+    def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
+        self.borders, self.physical, self._known = borders, physical, known
+        self._barred = forbidden(borders, physical)
         # only what is certain is called out of reach: navigation may round differently by a cell
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
-        self._rooms = {
-            which: self._connected(grid)
-            for which, grid in (("borders", borders), ("physical", self.workspace.physical))
-        }
+        self._rooms = {which: self._connected(grid) for which, grid in (("borders", borders), ("physical", physical))}
 
-    def is_inside(self, place) -> bool:
-        """Returns whether a place (2,) [m] is in an area that must not be entered."""
-        return self.workspace.contact_at(place) is BorderContact.INSIDE and self.workspace.is_lethal(place)
+    def name_at(self, place) -> str:
+        """Returns the name of the border that a place (2,) [m] is in, or has no room because of."""
+        return name_of(self._known, nearest_cell(self.borders, self._barred, place, 2.0 * self._radius + NEAR)[1])
 
     def review(self, start, goal) -> Optional[Tuple[str, str]]:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m] or None: (code, border's name).
@@ -49,14 +88,14 @@ class GoalReview:
         Codes: "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border", "goal_out_of_reach". None if
         nothing speaks against the goal.
         """
-        grid = self.workspace.borders
+        grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
             return "goal_off_map", ""
         there = {which: self._room_at(which, goal, 0.0) for which in self._rooms}
         if not there["physical"]:
             return "goal_in_obstacle", ""
         if not there["borders"]:
-            return "goal_in_border", self.workspace.name_at(goal)
+            return "goal_in_border", self.name_at(goal)
         if start is None:
             return None
         here = {which: self._room_at(which, start, START_TOLERANCE) for which in self._rooms}
@@ -72,7 +111,7 @@ class GoalReview:
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
     def _room_at(self, which: str, place, reach: float) -> int:
-        rooms, grid = self._rooms[which], self.workspace.borders
+        rooms, grid = self._rooms[which], self.borders
         cell = tuple(grid.world_to_cell(place)[0])
         if grid.contains_cells(np.array([cell]))[0] and rooms[cell]:
             return int(rooms[cell])
@@ -81,18 +120,18 @@ class GoalReview:
 
     def _crossed(self, start, goal) -> str:
         """Returns the name of the first border on the way that crosses the fewest border cells."""
-        if self.is_inside(start):
-            return self.workspace.name_at(start)
-        step = int(np.ceil(max(self.workspace.borders.shape) / SEARCH_CELLS))
+        if is_inside(self.borders, self.physical, start):
+            return self.name_at(start)
+        step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
         allowed, passable = (_any_of(self._rooms[which] > 0, step) for which in ("borders", "physical"))
         passable |= allowed
-        ends = self.workspace.borders.world_to_cell(np.array([start, goal])) // step
+        ends = self.borders.world_to_cell(np.array([start, goal])) // step
         passable[tuple(ends.T)] = True  # between two blocks that have room
         cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
         for row, column in GridWays(cost, ends[:1], np.zeros(1)).way_to(ends[1]):
             if not allowed[row, column]:
                 middle = (np.array([row, column]) + 0.5) * step - 0.5
-                return self.workspace.name_at(self.workspace.borders.cell_to_world(middle[None])[0])
+                return self.name_at(self.borders.cell_to_world(middle[None])[0])
         return ""
 
 

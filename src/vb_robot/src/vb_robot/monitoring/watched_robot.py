@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -17,19 +17,20 @@ from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
+from vb_core.poses import Pose
 from vb_core.ros import robot_profile
 from vb_core.ros.messages import array_from_points, message_from_pose2d, points_from_array, pose2d_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.gate import OTHER_PUBLISHER
-from vb_robot.driving.workspace import KnownBorder, quoted
 from vb_robot.monitoring import wiring
-from vb_robot.monitoring.goals import GoalReview
+from vb_robot.monitoring.goals import GoalReview, KnownBorder, is_inside, quoted
 from vb_robot.monitoring.navigation_limits import PlannerSpeed
 from vb_robot.monitoring.wiring import Wiring, within
 
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 DRIVER_SILENCE = 3.0  # [s] a driver reports twice a second
+NAVIGATION_SILENCE = 2.0  # [s] navigation sends its status five times a second
 POSE_SILENCE = 3.0  # [s] localisation that has not spoken for this long does not know where the robot is
 TOLD_AT_LEAST = 10.0  # [s] why a goal is refused is told while navigation works on it, and at least for this long
 PATH_POINTS = 100  # of a path are told
@@ -42,13 +43,18 @@ class WatchedRobot:
     Args:
         name: its namespace; "" for the only one; frame: of its base.
         on_goal: called with this robot when its navigation got a goal.
+
+    Attributes:
+        goals: of its navigation, as its newest message has them: status by id.
     """
 
     def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
         self.name, self.frame = name, frame
         self.who = sentences.robot_value(name)
         self.wiring = Wiring()
-        self.pose: Optional[Tuple[float, float, float]] = None
+        self.pose: Optional[Pose] = None
+        self.goals: Dict[str, int] = {}
+        self._status_at = -math.inf
         self.goal: Optional[Tuple[float, float]] = None
         self.speed: Optional[PlannerSpeed] = None
         self._driver_heard, self._in_control = -math.inf, False
@@ -109,14 +115,15 @@ class WatchedRobot:
 
     def locate(self) -> None:
         """Looks up where it is."""
-        self.pose = None
+        pose = None
         try:
             found = self._transforms.lookup(names.MAP_FRAME, self.frame, rospy.Time(0), 0.0)
+            newest = self._transforms.newest(names.MAP_FRAME, self.frame)
+            if newest.is_zero() or abs((rospy.Time.now() - newest).to_sec()) < POSE_SILENCE:
+                pose = geometry.pose2d_from_transform(found)
         except CodedError:
-            return
-        newest = self._transforms.newest(names.MAP_FRAME, self.frame)
-        if newest.is_zero() or abs((rospy.Time.now() - newest).to_sec()) < POSE_SILENCE:
-            self.pose = geometry.pose2d_from_transform(found)
+            pass
+        self.pose = pose
 
     def _has_driver(self) -> bool:
         return 0.0 <= rospy.get_time() - self._driver_heard < DRIVER_SILENCE
@@ -134,7 +141,14 @@ class WatchedRobot:
         self._on_goal(self)
 
     def _take_status(self, message: GoalStatusArray) -> None:
-        self._running = any(entry.status in RUNNING for entry in message.status_list)
+        self.goals = {entry.goal_id.id: entry.status for entry in message.status_list}
+        self._running = any(status in RUNNING for status in self.goals.values())
+        self._status_at = rospy.get_time()
+
+    def is_navigating(self) -> bool:
+        """Returns whether its navigation is there: connected, and heard of lately."""
+        heard = 0.0 <= rospy.get_time() - self._status_at < NAVIGATION_SILENCE
+        return heard and self._goals.get_num_connections() > 0
 
     def _take_path(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
@@ -163,14 +177,17 @@ class WatchedRobot:
             path=points_from_array(self._path) if goal else [],
         )
 
+    def _with_borders(self) -> Optional[GridMap]:
+        return self._maps.get("own", self._maps.get("borders"))
+
     def review(self) -> Optional[GoalReview]:
-        """Returns the maps as this robot's goals are reviewed on them; None before there is a map."""
-        grid = self._maps.get("own", self._maps.get("borders"))
+        """Returns the maps as this robot's goals are reviewed on them; None before there are any that belong together."""
+        grid, physical = self._with_borders(), self._maps.get("physical")
         if any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
             grid = self._maps.get("keep_out", grid)  # its plans keep the margin that its driver keeps
-        if self._review is None and grid is not None:
+        if self._review is None and grid is not None and physical is not None and physical.same_geometry(grid):
             radius = self.wiring.radius or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
-            self._review = GoalReview(grid, self._maps.get("physical"), radius, self._known)
+            self._review = GoalReview(grid, physical, radius, self._known)
         return self._review
 
     def judge(self, goal) -> Optional[Notice]:
@@ -188,11 +205,12 @@ class WatchedRobot:
         found = []
         if self._refusal is not None and self._is_told(now):
             found.append(self._refusal)
-        # a driver tells this by itself, and what it does about it
-        maps = self.review() if self.pose is not None and self.wiring.move_base and not self._has_driver() else None
-        if maps is not None and maps.is_inside(self.pose[:2]):
-            border = quoted(maps.workspace.name_at(self.pose[:2]))
-            found.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
+        review, pose = self.review(), self.pose
+        if review is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
+            # not by the map that it plans on, which may have a margin
+            if is_inside(self._with_borders(), self._maps["physical"], pose[:2]):
+                border = quoted(review.name_at(pose[:2]))
+                found.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
         return found
 
     def notice(self, code: str, severity: Severity, **values: str) -> Notice:
@@ -200,17 +218,23 @@ class WatchedRobot:
         return Notice(code, severity, robot=self.name, values={"who": self.who, **values})
 
     # ------------------------------------------------------------- what is asked of navigation
-    def send(self, goal) -> None:
+    def send_to(self, place) -> None:
         """Sends it to a place (2,) [m]; it arrives looking as it set out."""
-        x, y = goal
-        yaw = math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0
+        x, y = place
+        self.send((x, y, math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0))
+
+    def send(self, pose: Pose, mark: str = "-") -> str:
+        """Sends it to a pose; returns the goal's id, which has a mark in it."""
         now = rospy.Time.now()
-        message = MoveBaseActionGoal(goal_id=GoalID(now, f"{rospy.get_name()}-{next(self._ids)}-{now.to_nsec()}"))
+        identity = f"{rospy.get_name()}{mark}{next(self._ids)}-{now.to_nsec()}"
+        message = MoveBaseActionGoal(goal_id=GoalID(now, identity))
         message.header.stamp = message.goal.target_pose.header.stamp = now
         message.goal.target_pose.header.frame_id = names.MAP_FRAME
-        message.goal.target_pose.pose = message_from_pose2d(x, y, yaw)
+        message.goal.target_pose.pose = message_from_pose2d(*pose)
         self._goals.publish(message)
+        rospy.loginfo("%s: %s is sent to x %.2f m, y %.2f m, yaw %.2f rad", rospy.get_name(), self.frame, *pose)
+        return identity
 
-    def cancel_goals(self) -> None:
-        """Cancels whatever goals its navigation has."""
-        self._cancel.publish(GoalID())
+    def cancel_goals(self, identity: str = "") -> None:
+        """Cancels one goal of its navigation, or whatever goals that has."""
+        self._cancel.publish(GoalID(id=identity))

@@ -22,8 +22,7 @@ from vb_core.ros.images import message_from_image
 from vb_msgs.msg import LabState
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.cameras.view import View
-from vb_sim.lab_history import History, Snapshot
-from vb_sim.lab_messages import snapshot_from_message
+from vb_sim.lab_history import History, Snapshot, snapshot_from_message
 
 _REPORT_PERIOD = 60.0  # [s]
 
@@ -123,9 +122,8 @@ class CameraNode:
         node.wait_for_clock()
         skipped = 0
         while self._running and not rospy.is_shutdown():
-            now = self._clock.now()
             try:
-                for index, stamp in self._schedule.due(now):
+                for index, stamp in self._schedule.due(self._clock.now()):
                     self._publish(self._cameras[index], stamp)
                 if self._schedule.skipped > skipped:
                     skipped = self._schedule.skipped

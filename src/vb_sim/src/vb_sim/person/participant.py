@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import dataclass
-from typing import Collection, Generator, Optional, Tuple
+from typing import Generator, Optional, Tuple
 
 import numpy as np
 
@@ -65,11 +65,6 @@ class Perception:
     hold_requested: float = -math.inf
     answer: Optional[CommandReply] = None
     answered: int = 0
-
-    def read(self, codes: Collection[str]) -> None:
-        """Reads the display, by the codes of its notices."""
-        if HOLD_STILL in codes:
-            self.hold_requested = self.now
 
     def record_spot(
         self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool

@@ -12,10 +12,11 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_sim.models import ParticipantModel
-from vb_sim.robot.costmap import Costmap, CostmapParams
+from vb_sim.robot.costmap import Costmap
 from vb_sim.robot.planner import Planner
 
 ROBOT_DISTANCE = 0.5  # [m] between a person's and a robot's middle
+BERTH = 0.15  # [m] that a person gives to things where there is room
 NEAREST_STAND = 0.8  # [m] from the spot: nearer, the person's body blocks the view
 
 
@@ -38,8 +39,7 @@ class Walker:
     def __init__(self, grid: GridMap, model: ParticipantModel, here: np.ndarray) -> None:
         self._grid = grid
         self._model = model
-        self._params = CostmapParams(robot_radius=model.body_radius, inflation_radius=model.body_radius + 0.15)
-        self._planner = Planner(Costmap(grid, self._params))
+        self._planner = Planner(Costmap(grid, model.body_radius, inflation=BERTH))
         self._way = np.zeros((0, 2))
         self._waited = 0.0
         self._planner_with_robot: Optional[Tuple[np.ndarray, Planner]] = None
@@ -174,5 +174,8 @@ class Walker:
                 np.hypot(rows - row, columns - column) * self._grid.resolution
                 < ROBOT_DISTANCE - self._model.body_radius
             )
-            self._planner_with_robot = (np.array(robot), Planner(Costmap(self._grid, self._params, disc)))
+            self._planner_with_robot = (
+                np.array(robot),
+                Planner(Costmap(self._grid, self._model.body_radius, disc, BERTH)),
+            )
         return self._planner_with_robot[1]

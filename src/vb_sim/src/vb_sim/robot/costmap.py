@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Optional
 
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED, UNKNOWN, GridMap, distance_to
-from vb_core.parameters import Parameters, param
+from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 
 LETHAL = 254
 INSCRIBED = 253
 NO_INFORMATION = 255
-
-
+INFLATION = 0.17  # [m] of a robot: costmap_2d's inflation_radius without the robot's own
 _SCALING = 8.0  # [1/m] decay of the cost around obstacles: costmap_2d's cost_scaling_factor
-
-
-@dataclass(frozen=True)
-class CostmapParams(Parameters):
-    """The robot on the map; names and meaning as in costmap_2d."""
-
-    robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
-    inflation_radius: float = param(0.35, "m", low=0.0, high=5.0)
 
 
 class Costmap:
@@ -35,19 +24,22 @@ class Costmap:
         distance: (H, W) float32 [m] from each cell's centre to the nearest obstacle cell's.
     """
 
-    def __init__(self, grid: GridMap, params: CostmapParams, obstacles: Optional[np.ndarray] = None) -> None:
+    def __init__(
+        self, grid: GridMap, radius: float, obstacles: Optional[np.ndarray] = None, inflation: float = INFLATION
+    ) -> None:
         """Makes the costmap of a map.
 
         Args:
+            radius: [m] of the robot, or person, that moves there.
             obstacles: (H, W) bool, further obstacle cells beside the map's.
+            inflation: [m] beyond the radius in which places near obstacles cost more.
         """
         self.grid = grid
-        self.params = params
         static = static_costs(grid.data)
         if obstacles is not None:
             static[obstacles] = LETHAL
         self.distance = distance_to(static == LETHAL) * np.float32(grid.resolution)
-        self.costs = inflate(static, self.distance, params)
+        self.costs = inflate(static, self.distance, radius, inflation)
 
     def traversable(self) -> np.ndarray:
         """Returns (H, W) bool: in which cells the robot's centre may be; in unknown cells it may not."""
@@ -71,18 +63,15 @@ def static_costs(data: np.ndarray) -> np.ndarray:
     return table[data.view(np.uint8)]
 
 
-def inflate(static: np.ndarray, distance: np.ndarray, params: CostmapParams) -> np.ndarray:
+def inflate(static: np.ndarray, distance: np.ndarray, radius: float, inflation: float) -> np.ndarray:
     """Costs (H, W) uint8 with the decay of inflation_layer's computeCost about obstacles; the higher cost wins."""
-    decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - params.robot_radius))
+    decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - radius))
     # a distance of just so many cells is within a radius of just so many, whatever the last bit says
-    inflated = np.where(distance <= params.robot_radius + 1e-6, INSCRIBED, decay)
-    inflated[distance > max(params.inflation_radius, params.robot_radius) + 1e-6] = 0
+    inflated = np.where(distance <= radius + 1e-6, INSCRIBED, decay)
+    inflated[distance > radius + inflation + 1e-6] = 0
     costs = np.maximum(static, np.minimum(inflated, INSCRIBED).astype(np.uint8))
     costs[static == LETHAL] = LETHAL
     # as the real layer: unknown stays unknown unless a robot would touch an obstacle there
     unknown = static == NO_INFORMATION
     costs[unknown] = np.where(inflated[unknown] >= INSCRIBED, INSCRIBED, NO_INFORMATION)
     return costs
-
-
-assert UNKNOWN == -1  # static_costs relies on how -1 looks as an unsigned byte

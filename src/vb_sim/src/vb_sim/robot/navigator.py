@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.poses import Pose, to_map
 from vb_core.robot_profile import RobotProfile
-from vb_sim.robot.costmap import Costmap, CostmapParams
+from vb_sim.robot.costmap import Costmap
 from vb_sim.robot.follower import Follower, Motion
 from vb_sim.robot.planner import Planner
 
@@ -29,7 +29,7 @@ class Navigator:
 
     def __init__(self, profile: RobotProfile) -> None:
         radius, limits = profile.radius, profile.limits
-        self._costmap_params = CostmapParams(radius, radius + 0.17)
+        self._radius = radius
         self._follower = Follower(radius, limits.max_speed, limits.max_turn_rate)
         self._planner: Optional[Planner] = None  # on the static map
         self._goal: Pose = (0.0, 0.0, 0.0)
@@ -45,7 +45,7 @@ class Navigator:
     # ------------------------------------------------------------ maps
     def set_map(self, grid: GridMap) -> Costmap:
         """Sets the static map, and returns its costs."""
-        costmap = Costmap(grid, self._costmap_params)
+        costmap = Costmap(grid, self._radius)
         self._planner = Planner(costmap)
         return costmap
 
@@ -64,7 +64,7 @@ class Navigator:
         cells = grid.world_to_cell(fresh)
         mask = np.zeros(grid.shape, bool)
         mask[cells[:, 0], cells[:, 1]] = True
-        return Planner(Costmap(grid, self._costmap_params, mask))
+        return Planner(Costmap(grid, self._radius, mask))
 
     def _unmapped(self, static: Planner, pose: Pose, seen: np.ndarray) -> np.ndarray:
         """Returns (N, 2) [m] what the scanner sees and the map lacks, map frame."""

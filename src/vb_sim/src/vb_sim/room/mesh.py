@@ -6,7 +6,7 @@ Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m
 from __future__ import annotations
 
 import math
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -22,8 +22,6 @@ _NEAR = 0.03
 _LIGHT = np.array([0.30, -0.45, 0.84])
 _AMBIENT, _DIRECT = 0.58, 0.46
 _SHIFT = 4
-_STRIP = 48  # [px] rows that are worked out at a time
-_SMALL = 20000  # [px] of a rectangle that is worked out at once
 
 
 class Mesh:
@@ -130,17 +128,11 @@ class RayGrid:
         return grids[0], grids[1]
 
     def combine(
-        self,
-        a: float,
-        b: float,
-        c: float,
-        rows: slice = slice(None),
-        columns: slice = slice(None),
-        out: Optional[np.ndarray] = None,
+        self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)
     ) -> np.ndarray:
         """Computes (h, w) float32: a x + b y + c over a part of the image."""
         x, y = (self.x[rows, columns], self.y[rows, columns]) if self.distorted else (self.x[:, columns], self.y[rows])
-        return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c), out=out)
+        return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c))
 
 
 class DepthBuffer:
@@ -160,9 +152,6 @@ class DepthBuffer:
         self.normals = np.zeros((256, 3), np.float32)
         self.colors = np.zeros((256, 3), np.uint8)
         self._count = 0
-        # what a face is worked out in, used again for each: making it new takes longer than filling it
-        self._bytes = np.empty((3, size[0] * size[1]), np.uint8)
-        self._floats = np.empty(size[0] * size[1], np.float32)
 
     def clear(self) -> None:
         """Empties the buffer."""
@@ -237,41 +226,22 @@ class DepthBuffer:
         right, bottom = min(math.ceil(most_x) + 1, width), min(math.ceil(most_y) + 1, height)
         if right <= left or bottom <= top:
             return
-        mask = self._bytes[0, : (bottom - top) * (right - left)].reshape(bottom - top, right - left)
-        mask.fill(0)
+        mask = np.zeros((bottom - top, right - left), np.uint8)
         points = np.round((outline - (left, top)) * (1 << _SHIFT)).astype(np.int32)
         if self.grid.distorted:
-            cv2.fillPoly(mask, [points], 255, cv2.LINE_8, _SHIFT)
+            cv2.fillPoly(mask, [points], 1, cv2.LINE_8, _SHIFT)
         else:
-            cv2.fillConvexPoly(mask, points, 255, cv2.LINE_8, _SHIFT)
+            cv2.fillConvexPoly(mask, points, 1, cv2.LINE_8, _SHIFT)
         self._count += 1
         self.colors[self._count] = np.minimum(np.maximum(color, 0), 255)
         self.normals[self._count] = normal
-        # a wall that runs across the image fills a twentieth of the rectangle around it: strips fit closer
-        if mask.size < _SMALL:
-            self._put(mask, top, left, plane)
-            return
-        for first in range(0, len(mask), _STRIP):
-            x, y, width, height = cv2.boundingRect(mask[first : first + _STRIP])
-            if width:
-                self._put(mask[first + y : first + y + height, x : x + width], top + first + y, left + x, plane)
-
-    def _put(self, mask: np.ndarray, top: int, left: int, plane: Tuple[float, float, float]) -> None:
-        """Puts the newest face where a mask is set and nothing is nearer."""
-        height, width = mask.shape
-        rows, columns = slice(top, top + height), slice(left, left + width)
-        nearer, number = (part[: height * width].reshape(height, width) for part in self._bytes[1:])
-        candidate = self._floats[: height * width].reshape(height, width)
+        rows, columns = slice(top, bottom), slice(left, right)
         inverse = self.inverse[rows, columns]
-        if plane[0] == 0.0 and plane[1] == 0.0:
-            candidate.fill(plane[2])
-        else:
-            self.grid.combine(*plane, rows, columns, out=candidate)
-        np.greater(candidate, inverse, out=nearer.view(bool))
-        np.logical_and(mask, nearer, out=nearer.view(bool))
-        cv2.copyTo(candidate, nearer, inverse)
-        number.fill(self._count)
-        cv2.copyTo(number, nearer, self.ids[rows, columns])
+        flat = plane[:2] == (0.0, 0.0)
+        candidate = np.float32(plane[2]) if flat else self.grid.combine(*plane, rows, columns)
+        nearer = mask.astype(bool) & (candidate > inverse)
+        np.copyto(inverse, candidate, where=nearer)
+        self.ids[rows, columns][nearer] = self._count
 
     def paint(self, image: np.ndarray) -> None:
         """Puts the things' colours over the image (H, W, 3) of the floor, in place."""

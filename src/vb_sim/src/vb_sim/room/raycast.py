@@ -7,27 +7,18 @@ from typing import Tuple
 
 import numpy as np
 
-from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap, distance_to
-
-TRACING_STEPS = 14
-_STRETCH = 48  # samples of a creeping beam that are checked together: few creep on for longer
 
 
 class DistanceField:
     """Distance from any place to the nearest obstacle of a map, and ray casting by it.
 
     Args:
-        grid: the physical map; its origin must not be rotated. What is not free is an obstacle:
-            unknown cells may contain anything, and they are behind the walls.
-
-    Raises:
-        CodedError: "bad_map" if the map's origin is rotated.
+        grid: a world's physical map, which is not turned. What is not free is an obstacle: unknown cells may contain
+            anything, and they are behind the walls.
     """
 
     def __init__(self, grid: GridMap) -> None:
-        if abs(grid.origin[2]) > 1e-9:
-            raise CodedError("bad_map", "a simulated map's origin must not be rotated")
         self._resolution = grid.resolution
         self._origin = np.array(grid.origin[:2])
         self._free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # a rim of obstacles ends every beam
@@ -57,8 +48,7 @@ class DistanceField:
         """Ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf where nothing is hit.
 
         Sphere tracing: each beam goes forward by the distance that is known to be free, so that a
-        hundred cells of open floor cost one step. The few beams that creep along a wall are sampled
-        cell by cell in the end.
+        hundred cells of open floor cost one step, and only beams that creep along a wall go on by half cells.
         """
         direction_x, direction_y = np.cos(angles) / self._resolution, np.sin(angles) / self._resolution
         start_x = (origin[0] - self._origin[0]) / self._resolution + 1.0
@@ -68,43 +58,16 @@ class DistanceField:
             return result
         ranges = np.zeros(len(angles))
         beams = np.arange(len(angles))
-        for _ in range(TRACING_STEPS):
+        while len(beams):
             cells = (start_y + ranges * direction_y).astype(np.int32) * self._columns + (
                 start_x + ranges * direction_x
             ).astype(np.int32)
             steps = self._steps[cells]
-            going = steps > 0.0  # a step of 0 marks an obstacle
-            if not going.all():
-                result[beams[~going]] = ranges[~going]
-                beams, ranges, steps = beams[going], ranges[going], steps[going]
-                direction_x, direction_y = direction_x[going], direction_y[going]
-            if not len(beams):
-                break
-            ranges = ranges + steps
-        if len(beams):
-            result[beams] = self._sample(start_x, start_y, direction_x, direction_y, ranges, range_max)
+            going = steps > 0.0  # a step of 0 marks an obstacle: the rim ends every beam
+            result[beams[~going]] = ranges[~going]
+            beams, ranges = beams[going], ranges[going] + steps[going]
+            direction_x, direction_y = direction_x[going], direction_y[going]
         result[result > range_max] = np.inf
-        return result
-
-    def _sample(
-        self, x: float, y: float, direction_x: np.ndarray, direction_y: np.ndarray, ranges: np.ndarray, range_max: float
-    ) -> np.ndarray:
-        """Extends all beams at once from `ranges` (N,), by half a cell at a time."""
-        count = int(max(range_max - ranges.min(), 0.0) / (0.5 * self._resolution)) + 2
-        result = np.full(len(ranges), np.inf)
-        beams = np.arange(len(ranges))
-        for start in range(0, count, _STRETCH):
-            at = ranges[beams, None] + 0.5 * self._resolution * np.arange(start, min(start + _STRETCH, count))
-            rows = (y + at * direction_y[beams, None]).astype(np.int32)
-            columns = (x + at * direction_x[beams, None]).astype(np.int32)
-            np.minimum(np.maximum(rows, 0, out=rows), self._rows - 1, out=rows)
-            np.minimum(np.maximum(columns, 0, out=columns), self._columns - 1, out=columns)
-            hit = self._steps[rows * self._columns + columns] == 0.0
-            ended = hit.any(axis=1)
-            result[beams[ended]] = at[ended, hit[ended].argmax(axis=1)]
-            beams = beams[~ended]
-            if not len(beams):
-                break
         return result
 
 

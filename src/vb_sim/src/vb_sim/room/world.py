@@ -357,13 +357,7 @@ def _items(cls: Type[P], entries: Any, where: str) -> Tuple[P, ...]:
         return ()
     if not isinstance(entries, list):
         raise ParameterError(where, f"expected a list, got {entries!r}")
-    items = []
-    for index, entry in enumerate(entries):
-        if cls is Wall and isinstance(entry, Mapping):
-            # "from" is a word of Python and cannot be a field's name
-            entry = {{"from": "start", "to": "end"}.get(key, key): value for key, value in entry.items()}
-        items.append(cls.from_mapping(entry, f"{where}[{index}]"))
-    return tuple(items)
+    return tuple(cls.from_mapping(entry, f"{where}[{index}]") for index, entry in enumerate(entries))
 
 
 def _points(value: Any, where: str, least: int = 1) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Callable, Dict, List, Type
 
-from std_srvs.srv import Trigger, TriggerRequest
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
@@ -20,6 +19,8 @@ from vb_msgs.srv import (
     ListBorders,
     ListBordersRequest,
     PreviewBorderRequest,
+    UndoRedo,
+    UndoRedoRequest,
 )
 
 
@@ -77,16 +78,10 @@ class BorderServices:
         _check(response)
         return response.id
 
-    def change(self, command: str) -> None:
-        """Undoes the newest change of the borders ("undo"), or makes it again ("redo")."""
+    def change(self, command: str, request_id: str) -> None:
+        """Undoes the newest change of the borders ("undo"), or makes it again ("redo"); once however often it is sent."""
         name = names.UNDO if command == UNDO else names.REDO
-        response = self._ask(name, Trigger, TriggerRequest(), _INTEGRATOR)
-        if not response.success:
-            # a Trigger has no code; this is the case that people meet
-            nothing = f"nothing_to_{command}"
-            if response.message.endswith(f"[{nothing}]"):
-                raise CodedError(nothing)
-            raise CodedError("not_changed", command=command, reason=response.message)
+        _check(self._ask(name, UndoRedo, UndoRedoRequest(request_id), _INTEGRATOR))
 
     def fetch_borders(self) -> Dict[str, VirtualBorder]:
         """Fetches all borders, by their ids."""

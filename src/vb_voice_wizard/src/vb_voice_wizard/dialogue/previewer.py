@@ -18,7 +18,7 @@ from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorde
 
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
-from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler
+from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler, places
 
 
 class Previewer:
@@ -88,8 +88,8 @@ class Previewer:
         refused = message.code != "ok"
         self._inputs = dataclasses.replace(
             self._inputs,
-            chain=array_from_points(message.chain),
-            seed=array_from_points([message.seed] if message.has_seed else []),
+            chain=places(array_from_points(message.chain)),
+            seed=places(array_from_points([message.seed] if message.has_seed else [])),
             code=message.code if refused else "seed_not_drawn",
             message=message.message if refused else sentences.translate("seed_not_drawn"),
             values=tuple(mapping_from_values(message.values).items()) if refused else (),
@@ -138,7 +138,7 @@ class Previewer:
         """
         with self._condition:
             inputs, (shown, border) = self._inputs, self._shown
-            if inputs.interaction_id == interaction_id and shown.complete and inputs.is_equivalent(shown):
+            if inputs.interaction_id == interaction_id and shown.complete and inputs == shown:
                 return border
         return self._services.fetch_drawn_border(interaction_id)
 

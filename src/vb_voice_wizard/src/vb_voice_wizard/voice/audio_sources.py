@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import collections
 import subprocess
+import tempfile
 import threading
-from typing import Callable, Deque, Optional
+from typing import Callable, Optional
 
 import numpy as np
 
@@ -67,29 +67,20 @@ class Microphone:
             self._closing.wait(self._retry)
 
     def _record(self) -> str:
-        try:
-            with self._lock:
-                self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-                said: Deque[bytes] = collections.deque(maxlen=20)
-                # a program whose messages are not read blocks once the pipe is full, and the system is deaf
-                drain = threading.Thread(
-                    target=said.extend, args=(iter(self._process.stderr.readline, b""),), daemon=True
-                )
-                drain.start()
-        except OSError as error:
-            return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
-        process = self._process
-        while True:
-            data = process.stdout.read(2 * self._chunk)
-            if len(data) < 2 * self._chunk:
-                break
-            self._on_samples(np.frombuffer(data, dtype="<i2").astype(np.int16))
-        process.wait()
-        drain.join(timeout=5.0)
-        process.stdout.close()
-        process.stderr.close()
-        last = said[-1].decode(errors="replace").strip() if said else "it said nothing"
-        return f"{self._command[0]} ended with status {process.returncode}: {last}"
+        # what it says goes to a file: a program blocks once a pipe that nobody reads is full, and the system is deaf
+        with tempfile.TemporaryFile() as said:
+            try:
+                with self._lock:
+                    self._process = process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=said)
+            except OSError as error:
+                return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
+            with process.stdout as sound:
+                while len(data := sound.read(2 * self._chunk)) == 2 * self._chunk:
+                    self._on_samples(np.frombuffer(data, dtype="<i2").astype(np.int16))
+            process.wait()
+            said.seek(0)
+            last = said.read().decode(errors="replace").strip().splitlines() or ["it said nothing"]
+        return f"{self._command[0]} ended with status {process.returncode}: {last[-1]}"
 
 
 def arecord(device: str) -> list:

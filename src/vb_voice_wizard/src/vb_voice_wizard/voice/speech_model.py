@@ -52,16 +52,16 @@ class SpeechModel:
         self._given = np.array(
             [[_START, *row] + [_ENDS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64
         )
-        self._rarity = _RARITY * self._written(np.zeros(16000, np.int16), np.ones(len(rows), bool))
+        self._rarity = _RARITY * self._written(np.zeros(16000, np.int16), np.arange(len(rows)))
 
     def log_likelihood_ratios(self, pcm: np.ndarray, which: Optional[np.ndarray] = None) -> np.ndarray:
         """Returns (M,), for each text the logarithm of how much more probable an utterance makes it.
 
         Args:
             pcm: (N,) int16 at 16 kHz, a tenth of a second at least.
-            which: (number of texts,) bool, those that are asked for; None: all.
+            which: (M,) int, the numbers of those that are asked for; None: all.
         """
-        which = np.ones(len(self._given), bool) if which is None else which
+        which = np.arange(len(self._given)) if which is None else which
         return self._written(pcm, which) - self._rarity[which]
 
     def _continued(self, pcm: np.ndarray, tokens: np.ndarray) -> np.ndarray:

@@ -1,10 +1,9 @@
 // The list of borders, and what can be done with one.
 "use strict";
 import { closeButton, leave, show } from "./dialog.js";
-import { draft, draftFields, draftOf, edit, map } from "./editor.js";
-import { DAYS, formatSchedule, parseSchedule, parseTime, scheduleText } from "./schedule.js";
-import { pairs } from "./shapes.js";
-import { $, ask, button, element, fill, hello, nameField, operator, row, say, toast, view, words } from "./ui.js";
+import { draft, edit, map } from "./editor.js";
+import { hello, operator, row, say, view, words } from "./state.js";
+import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
 
 // Why a border is not in force; "" if it is.
 function idle(border) {
@@ -16,9 +15,8 @@ function idle(border) {
   return code && say(words.has(code) ? code : border.reason);
 }
 
-// How that is drawn, on the map and in the list: it waits for its time, or it is off.
-const idleLook = (border) =>
-  !idle(border) ? "" : border.enabled && border.reason === "off_schedule" ? "waits" : "off";
+// How that is drawn, on the map and in the list.
+const idleLook = (border) => (idle(border) ? "off" : "");
 
 const markOf = (border) => element("span", { class: `mark ${idleLook(border)}` }, border.mark);
 
@@ -32,19 +30,14 @@ function why(border) {
   const only = border.robots.length ? say("page_only_for", { who: border.robots.join(", ") }) : "",
     unkept = border.unkept && !idle(border) ? words.tell(border.unkept) : "";
   const waiting = border.in_force && border.reason && say(`page_reason_${border.reason}`);
-  return [unkept, first, waiting, kind, only, border.schedule && scheduleText(border.schedule)]
-    .filter(Boolean)
-    .join(" · ");
+  return [unkept, first, waiting, kind, only].filter(Boolean).join(" · ");
 }
 
 export function drawBorders() {
   if (!view.borders) return;
   const { list } = view.borders;
   map.setBorders(
-    list.map((border) => {
-      const look = idleLook(border);
-      return { ...border, idle: look, note: look === "waits" ? scheduleText(border.schedule) : idle(border) };
-    }),
+    list.map((border) => ({ ...border, idle: idleLook(border), note: idle(border) })),
     draft && draft.border,
   );
   fill(
@@ -128,7 +121,6 @@ export function borderDialog(id, typed = null) {
           }),
         "primary",
       ),
-      button("page_schedule", () => leave(() => scheduleDialog(border))),
     ),
     form,
     element(
@@ -150,96 +142,4 @@ export function borderDialog(id, typed = null) {
     closeButton(),
   );
   $("dialog").unsaved = () => (name.value === words.border(border.name) ? null : () => borderDialog(id, name.value));
-}
-
-function scheduleDialog(border, schedule = parseSchedule(border.schedule)) {
-  const toggles = DAYS.map((day) =>
-    element(
-      "button",
-      {
-        type: "button",
-        onclick: () =>
-          press(
-            schedule.days.has(day)
-              ? DAYS.filter((one) => one !== day && schedule.days.has(one))
-              : [...schedule.days, day],
-          ),
-      },
-      say(`page_day_${day}`),
-    ),
-  );
-  const press = (days) => {
-    schedule.days = new Set(days);
-    toggles.forEach((one, i) => one.setAttribute("aria-pressed", String(schedule.days.has(DAYS[i]))));
-  };
-  press(schedule.days);
-  // not type=time, which has the browser's clock of 12 or 24 hours instead of the page's
-  const times = [
-    ["from", "page_from"],
-    ["to", "page_to"],
-  ].map(([key, code]) => {
-    const made = element("input", {
-      value: schedule[key],
-      inputmode: "numeric",
-      maxlength: 5,
-      placeholder: "00:00",
-      autocomplete: "off",
-      "data-key": key,
-    });
-    made.addEventListener("input", () => {
-      schedule[key] = parseTime(made.value);
-    });
-    made.addEventListener("change", () => {
-      made.value = schedule[key] || made.value;
-    });
-    return element("label", {}, element("span", {}, say(code)), made);
-  });
-  // people who say when a border is in force want it switched on
-  const put = async (text) => {
-    if (text === border.schedule && border.enabled) {
-      toast(say("page_saved"));
-      return $("dialog").close();
-    }
-    const fields = { ...draftFields(draftOf(border)), points: pairs(border.points), schedule: text, enabled: true };
-    const [saved, on] = text ? ["page_scheduled", "page_scheduled_and_on"] : ["page_saved", "page_saved_and_on"];
-    if (
-      (
-        await ask(
-          "update",
-          { draft: fields, border: border.id, revision: view.borders.revision },
-          border.enabled ? saved : on,
-          { times: scheduleText(text) },
-        )
-      ).ok
-    )
-      $("dialog").close();
-  };
-  const save = () =>
-    schedule.days.size && schedule.from && schedule.to
-      ? put(formatSchedule(schedule))
-      : toast(say("page_schedule_incomplete"), true);
-  show(
-    [markOf(border), say("page_schedule_of", { border: border.name })],
-    element("p", { class: "muted" }, say("page_schedule_help")),
-    element(
-      "div",
-      { class: "row" },
-      button("page_weekdays", () => press(DAYS.slice(0, 5))),
-      button("page_day_daily", () => press(DAYS)),
-    ),
-    element("div", { class: "days", role: "group", "aria-label": say("page_days") }, ...toggles),
-    element("div", { class: "row" }, ...times),
-    element(
-      "div",
-      { class: "row" },
-      button("page_always", () => put("")),
-      button("page_save", save, "primary"),
-    ),
-    closeButton(),
-  );
-  const shown = JSON.stringify([...schedule.days, schedule.from, schedule.to]);
-  $("dialog").unsaved = () =>
-    JSON.stringify([...schedule.days, schedule.from, schedule.to]) === shown
-      ? null
-      : () => scheduleDialog(border, schedule);
 }

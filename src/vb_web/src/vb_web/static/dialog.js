@@ -1,6 +1,7 @@
 // Dialogs, which are not modal: stop has to be in reach all the time; and what Escape and a phone's Back do.
 "use strict";
-import { $, button, element, lock, page, say } from "./ui.js";
+import { page, say } from "./state.js";
+import { $, button, element, lock } from "./ui.js";
 
 // What a dialog lies on: whether something unsaved is there, and how it is left.
 export const below = { isChanged: () => false, leave: () => {} };
@@ -26,11 +27,7 @@ export const closeButton = (code = "page_close") => button(code, () => leave());
 // Goes on to what follows a dialog or a drawing, and asks first if something unsaved would be lost: `unsaved` of a dialog
 // returns null, or what brings it back, as Back does from the question.
 export function leave(next = () => $("dialog").close()) {
-  const again = $("dialog").open
-    ? $("dialog").unsaved()
-    : below.isChanged()
-      ? () => $("dialog").close()
-      : null;
+  const again = $("dialog").open ? $("dialog").unsaved() : below.isChanged() ? () => $("dialog").close() : null;
   if (!again) return next();
   show(
     say("page_unsaved"),

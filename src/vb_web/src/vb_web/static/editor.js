@@ -6,29 +6,8 @@
 import { below, keepBack } from "./dialog.js";
 import { MapView } from "./map.js";
 import { distance, inside, middle, pairs, simplify } from "./shapes.js";
-import {
-  $,
-  ask,
-  button,
-  element,
-  figures,
-  fill,
-  hello,
-  issues,
-  lock,
-  nameField,
-  operator,
-  page,
-  prompt,
-  row,
-  say,
-  select,
-  standing,
-  toast,
-  view,
-  what,
-  words,
-} from "./ui.js";
+import { hello, operator, page, prompt, row, say, standing, view, what, words } from "./state.js";
+import { $, ask, button, element, figures, fill, issues, lock, nameField, select, toast } from "./ui.js";
 
 export let draft = null;
 let taps = [],
@@ -149,7 +128,9 @@ function reviewGo(cancel) {
   return [
     element("h2", {}, say("page_title_go")),
     element("p", { class: "muted" }, say("page_help_go")),
-    goes.length > 1 ? element("div", { class: "row", role: "group", "aria-label": say("page_robot") }, ...choices) : null,
+    goes.length > 1
+      ? element("div", { class: "row", role: "group", "aria-label": say("page_robot") }, ...choices)
+      : null,
     element("div", { class: "row" }, cancel),
   ];
 }
@@ -173,9 +154,7 @@ export function drawHint() {
           : taps.length && (page.mode === "draw" || page.mode === "wall")
             ? `${page.mode}_next`
             : page.mode;
-  const text = first
-    ? words.tell(first)
-    : say((page.mode === "look" && prompt()) || `page_hint_${which}`);
+  const text = first ? words.tell(first) : say((page.mode === "look" && prompt()) || `page_hint_${which}`);
   if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
   $("hint").classList.toggle("warning", Boolean(first && first.severity));
 }
@@ -188,7 +167,6 @@ function begin(points, kind) {
     name: "",
     zone: hello.zones[0].name,
     max_speed: 0.2,
-    schedule: "",
     enabled: true,
     robots: [],
     border: "",
@@ -206,7 +184,6 @@ export function draftOf(border) {
     name: border.name,
     zone: border.zone,
     max_speed: border.max_speed || 0.2,
-    schedule: border.schedule,
     enabled: border.enabled,
     robots: border.robots,
     border: border.id,
@@ -239,7 +216,6 @@ export const draftFields = (of = draft) => ({
   name: of.name,
   zone: of.zone,
   max_speed: row("zones", of.zone).limits_speed ? of.max_speed : 0,
-  schedule: of.schedule,
   enabled: of.enabled,
   robots: of.robots,
 });

@@ -113,7 +113,8 @@ export class Gestures {
       } else if (this.gesture === "between") {
         this.gesture = "corner";
         this.corner = this.map.on.between(this.corner, this.map.onMap(this.map.toWorld(here)));
-      } else if (this.gesture === "corner") this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(here)), false);
+      } else if (this.gesture === "corner")
+        this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(here)), false);
     }
     this.pointers.set(event.pointerId, here);
   }
@@ -173,7 +174,8 @@ export class Gestures {
     const reach = event.shiftKey ? 0.25 : 0.05;
     if (corner !== undefined) {
       const at = event.target.at;
-      if (step) this.map.on.drag(Number(corner), this.map.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]), true);
+      if (step)
+        this.map.on.drag(Number(corner), this.map.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]), true);
       else if (event.key === "Delete" || event.key === "Backspace") this.map.on.removeCorner(Number(corner));
       else if (event.key === "Enter" || event.key === " ") this.map.on.choose(Number(corner));
       else return;
@@ -186,7 +188,8 @@ export class Gestures {
     } else if (step && (this.map.drawing || this.map.picking)) {
       const at = this.map.cursor ? this.map.cursor.at : [this.map.view.x, this.map.view.y];
       this.map.setCursor(this.map.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]));
-    } else if ((event.key === "Enter" || event.key === " ") && this.map.cursor) this.map.on.tap(this.map.cursor.at, null);
+    } else if ((event.key === "Enter" || event.key === " ") && this.map.cursor)
+      this.map.on.tap(this.map.cursor.at, null);
     else if (step) this.map.pan(-60 * step[0], 60 * step[1]);
     else if (event.key === "+" || event.key === "-") this.map.zoom(event.key === "+" ? 1.3 : 1 / 1.3);
     else return;

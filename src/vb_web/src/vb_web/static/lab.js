@@ -1,22 +1,8 @@
-// The rest of the panel: notices, cameras, robots, events and the study; and the picture of the floor.
+// The rest of the panel: notices, cameras, robots and events; and the picture of the floor.
 "use strict";
 import { drawHint, map } from "./editor.js";
-import {
-  $,
-  ask,
-  commandName,
-  dropStanding,
-  element,
-  fill,
-  operator,
-  robotName,
-  say,
-  sourceName,
-  standing,
-  toast,
-  view,
-  words,
-} from "./ui.js";
+import { commandName, operator, robotName, say, sourceName, standing, view, words } from "./state.js";
+import { $, ask, dropStanding, element, fill, toast } from "./ui.js";
 
 export let floorOn = false;
 let floorSeers = "";
@@ -44,7 +30,12 @@ export function drawDrives() {
         operator()
           ? element(
               "button",
-              { type: "button", class: "danger", "data-key": `halt ${name}`, onclick: () => ask("halt", { robot: name }) },
+              {
+                type: "button",
+                class: "danger",
+                "data-key": `halt ${name}`,
+                onclick: () => ask("halt", { robot: name }),
+              },
               say("page_end_drive"),
             )
           : null,
@@ -73,7 +64,9 @@ export function drawHealth() {
   const told = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter((one) => one.severity);
   const bad = new Set([
     ...cameras.filter((one) => !one.there).map((one) => `camera ${one.name}`),
-    ...Object.keys(drivers).filter((name) => !drivers[name].there).map((name) => `robot ${robotName(name)}`),
+    ...Object.keys(drivers)
+      .filter((name) => !drivers[name].there)
+      .map((name) => `robot ${robotName(name)}`),
     ...told.map(about).filter(Boolean),
   ]).size;
   $("health-sum").textContent = bad
@@ -193,12 +186,6 @@ export function drawEvents() {
         );
       }),
   );
-}
-
-export function drawStudy() {
-  const form = $("study-form");
-  for (const key of ["participant", "condition"])
-    if (document.activeElement !== form.elements[key]) form.elements[key].value = (view.study || {})[key] || "";
 }
 
 // A camera that comes or goes changes what there is to see of the floor.

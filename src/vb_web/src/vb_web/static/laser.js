@@ -3,17 +3,8 @@
 import { closeButton, show } from "./dialog.js";
 import { map } from "./editor.js";
 import {
-  $,
-  ask,
-  button,
-  clock,
   commandName,
-  dropStanding,
-  element,
-  figures,
-  fill,
   hello,
-  issues,
   offers,
   operator,
   page,
@@ -24,7 +15,8 @@ import {
   view,
   what,
   words,
-} from "./ui.js";
+} from "./state.js";
+import { $, ask, button, clock, dropStanding, element, figures, fill, issues } from "./ui.js";
 
 async function command(name) {
   if (name === "save" && view.preview && view.preview.available && !(view.state && view.state.confirm))
@@ -147,7 +139,9 @@ export function drawBanners() {
         ...[
           ["page_same_place", true],
           ["page_other_place", false],
-        ].map(([code, same]) => button(code, () => ask("confirm_map", { same, map_id: view.borders.map_id }, "page_noted"))),
+        ].map(([code, same]) =>
+          button(code, () => ask("confirm_map", { same, map_id: view.borders.map_id }, "page_noted")),
+        ),
       );
     if (state && state.ends_in_s && state.name !== "default")
       put("", say("page_ends", { time: clock(state.ends_in_s) }));

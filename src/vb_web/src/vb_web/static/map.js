@@ -335,7 +335,9 @@ export class MapView {
     this.clear("drives");
     for (const { goal, path: way } of Object.values(drives)) {
       this.line("drives", "path", path(pairs(way), false));
-      this.place("drives", "goal", pairs(goal)[0], [["path", { d: "M0 0C-9-11-9-22 0-22S9-11 0 0ZM-3-14A3 3 0 1 0 3-14A3 3 0 1 0-3-14" }]]);
+      this.place("drives", "goal", pairs(goal)[0], [
+        ["path", { d: "M0 0C-9-11-9-22 0-22S9-11 0 0ZM-3-14A3 3 0 1 0 3-14A3 3 0 1 0-3-14" }],
+      ]);
     }
     this.update();
   }

@@ -3,21 +3,11 @@
 import { borderDialog, drawBorders } from "./borders.js";
 import { closeButton, show } from "./dialog.js";
 import { draft, drawHint, drawReview, examine, listeners, map, setMode } from "./editor.js";
-import {
-  drawDrives,
-  drawEvents,
-  drawHealth,
-  drawNotices,
-  drawStudy,
-  floorOn,
-  refreshFloor,
-  setFloor,
-  watch,
-  watched,
-} from "./lab.js";
+import { drawDrives, drawEvents, drawHealth, drawNotices, floorOn, refreshFloor, setFloor, watch, watched } from "./lab.js";
 import { drawBanners, drawState } from "./laser.js";
 import { Link } from "./link.js";
-import { $, ask, button, element, hello, operator, page, say, toast, view, words } from "./ui.js";
+import { hello, operator, page, say, view, words } from "./state.js";
+import { $, ask, button, element, toast } from "./ui.js";
 
 function drawAll() {
   drawHint();
@@ -28,7 +18,6 @@ function drawAll() {
   drawNotices();
   drawHealth();
   drawEvents();
-  drawStudy();
   drawDrives();
 }
 
@@ -83,7 +72,6 @@ const DRAW = {
   },
   drivers: drawHealth,
   events: drawEvents,
-  study: drawStudy,
 };
 
 // The language that was chosen here, or the first of the browser's that there is.
@@ -215,18 +203,6 @@ $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
 $("floor-button").addEventListener("click", () => setFloor(!floorOn));
-
-$("study-form").addEventListener("submit", (event) => {
-  event.preventDefault();
-  const { participant, condition } = event.target.elements;
-  ask("study", { participant: participant.value, condition: condition.value }, "page_noted");
-});
-
-$("mark-form").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const text = event.target.elements.text;
-  if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = "";
-});
 
 $("health").addEventListener("toggle", () => {
   if (!$("health").open) [...watched.keys()].forEach(watch);

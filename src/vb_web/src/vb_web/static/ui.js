@@ -1,15 +1,10 @@
-// What every part of the page uses: what the server's view says, words, elements, and requests.
+// What every part of the page is made of: elements, answers and requests.
 "use strict";
-import { Words } from "./words.js";
+import { page, prompt, say, view, words } from "./state.js";
 
 export const $ = (id) => document.getElementById(id);
 const CHANGES = ["add", "update", "rename", "enable", "remove"]; // what undo takes back
 const NAME_LENGTH = 60;
-export const words = new Words();
-export const view = {};
-// What all parts share: whether the server answers, what a touch of the map means (editor.js), and the link to the server.
-export const page = { online: false, mode: "look", link: null };
-export const hello = { role: "nobody", states: [], commands: [], zones: [] }; // with vb_core's tables: vocabulary.py, zones.py
 
 export function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
@@ -22,18 +17,10 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
-export const say = (code, values) => words.say(code, values);
 export const button = (code, onclick, kind = "", values = {}) =>
   element("button", { type: "button", class: kind, onclick }, say(code, values));
-export const operator = () => hello.role === "operator";
+
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
-// What is connected, and so what is offered; where it is not known (null: not any more), everything is.
-export const offers = (command) => !view.offer || view.offer.commands.includes(command);
-export const robotName = (name) => name || "$the_robot";
-export const row = (table, name) => hello[table].find((one) => one.name === name) || {};
-// What a person does in a state: the code of the answer that led there, so that it stands here and is not said twice.
-export const prompt = () => row("states", document.body.dataset.state).prompt || null;
-export const commandName = (command) => say(`page_command_${command}`);
 
 // Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
 // keeps it, by data-key.
@@ -56,11 +43,7 @@ export function fill(parent, children) {
 
 // An answer that stands on the page, for instance as a notice, is not said twice.
 export function dropStanding() {
-  const standing = [
-    ...(view.notices || []).map((notice) => notice.code),
-    prompt(),
-    !page.online && "page_offline",
-  ];
+  const standing = [...(view.notices || []).map((notice) => notice.code), prompt(), !page.online && "page_offline"];
   if ($("laser-refused").textContent) standing.push(view.state.last.code);
   const { code } = $("toast").dataset; // none where it is no answer
   if (code && standing.includes(code)) $("toast").textContent = "";
@@ -80,6 +63,7 @@ export function lock(part) {
 }
 
 let toastTimer = 0;
+
 export function toast(text, bad = false, code = "", more = null) {
   clearTimeout(toastTimer);
   lock($("line"));
@@ -112,7 +96,6 @@ export function issues(list) {
 
 export const figures = (area) =>
   element("p", { class: "figures" }, element("b", {}, `${words.number(area, 2)} m²`), ` ${say("page_area")}`);
-export const what = (kind) => ({ what: kind === "wall" ? "$page_what_wall" : "$page_what_border" });
 
 export function nameField(value, placeholder = "") {
   const made = element("input", {
@@ -136,16 +119,4 @@ export function select(code, value, options, onchange) {
   );
   made.addEventListener("change", () => onchange(made.value));
   return element("label", {}, element("span", {}, say(code)), made);
-}
-
-export const sourceName = (source) => {
-  const [kind] = String(source || "").split(" ");
-  return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) : source;
-};
-
-// The notices that no banner says.
-export function standing() {
-  const state = view.state || {},
-    inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends_in_s };
-  return (view.notices || []).filter((notice) => !inBanner[notice.code]);
 }

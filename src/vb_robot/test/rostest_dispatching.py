@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The dispatcher against the move_base action servers of two robots, which have faults."""
+"""The robot monitor that sends robots to the spot, against the move_base action servers of two robots, which have faults."""
 
 import math
 import os
@@ -22,7 +22,7 @@ from vb_core.poses import to_base
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray
-from vb_robot import robot_dispatcher_node
+from vb_robot import robot_monitor_node
 from vb_robot.floor_view import FloorView
 
 SPOT = (2.0, 2.5)
@@ -31,7 +31,7 @@ SPOT = (2.0, 2.5)
 class DispatcherTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        rospy.init_node("test_robot_dispatcher")
+        rospy.init_node("test_dispatching")
         cls.ada, cls.bob = Body((5.0, 2.5, 0.0), "ada"), Body((5.4, 0.6, 0.0), "bob")
         cls.stimulus = Stimulus(pose=(0.5, 0.5, 0.0), others=(cls.ada, cls.bob))
         cls.stimulus.set_state(DEFAULT)
@@ -127,12 +127,12 @@ class DispatcherTest(unittest.TestCase):
         self.bases["ada"].behavior = "hold"
         self.draw()
         self.stimulus.spot = None
-        os.kill(ServerProxy(rospy.get_master().lookupNode("/robot_dispatcher")[2]).getPid("/test")[2], signal.SIGKILL)
+        os.kill(ServerProxy(rospy.get_master().lookupNode("/robot_monitor")[2]).getPid("/test")[2], signal.SIGKILL)
         self.stimulus.set_state(DEFAULT)
         wait_until(lambda: self.bases["ada"].stopped, "a dispatcher that comes back and cancels its goal", 120.0)
 
     def test_bad_parameter_is_named(self):
-        assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "robots", ["ada", "ada"])
+        assert_bad_parameter_is_named(self, robot_monitor_node.build, "robots", ["ada", "ada"])
 
     def test_two_never_take_the_same_place(self):
         self.draw()
@@ -213,4 +213,4 @@ class DispatcherTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rostest.rosrun("vb_robot", "robot_dispatcher", DispatcherTest)
+    rostest.rosrun("vb_robot", "dispatching", DispatcherTest)

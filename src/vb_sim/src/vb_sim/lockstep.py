@@ -1,42 +1,9 @@
-"""Simulated time that keeps step with real time, or runs faster, and how well it does."""
+"""Simulated time that waits for the nodes that drive a robot."""
 
 from __future__ import annotations
 
 import threading
 from typing import Set, Tuple
-
-CATCH_UP = 0.3  # [s] the most that is caught up
-QUICKEST = 0.7  # the minimum wait, as a share of the period
-
-
-class Pacer:
-    """Computes how long to wait between equal steps of simulated time.
-
-    A late step makes the next ones come a little sooner, never in a burst: cameras and controllers
-    would see none of the time in between. What is too late to catch up with is dropped.
-
-    Args:
-        period: [s] simulated time per step.
-        now: [s] a monotonic clock's time.
-
-    Attributes:
-        pace: simulated seconds per real second, at most.
-    """
-
-    def __init__(self, period: float, now: float) -> None:
-        self._period = period
-        self.pace = 1.0
-        self._due = now + period
-        self._stepped = now
-
-    def wait(self, now: float) -> float:
-        """Returns how long [s] to wait, at `now`, before the next step; call it once per step."""
-        self._due = max(self._due, now - CATCH_UP)
-        period = self._period / self.pace
-        moment = max(self._due, self._stepped + QUICKEST * period, now)
-        self._due += period
-        self._stepped = moment
-        return moment - now
 
 
 class Lockstep:

@@ -150,18 +150,12 @@ class Collector:
         if reason:
             self.ignored[reason] += 1
             return reason
-        self.restore(self.state.collects, spot)
-        return ""
-
-    def restore(self, part: str, spot: FloorSpot) -> None:
-        """Adds a spot that was collected for the "border" or the "seed" before, whatever the state is now."""
-        if part not in self._stores:
-            return
         if spot.camera not in self._cameras:
             self._cameras.append(spot.camera)
         stamp = spot.stamp + self._find_set_back(spot)
         self._newest[spot.camera] = stamp
-        self._stores[part].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
+        self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
+        return ""
 
     def _find_set_back(self, spot: FloorSpot) -> float:
         """Returns by how much [s] the clock of a spot's camera has been set back since the state was entered."""

@@ -1,0 +1,37 @@
+#!/usr/bin/env python3
+"""How right the spot detector is in the rendered scenes, every hard case of scene_list.py; labelled clips: clips.py.
+
+    python3 bench/detection/rendered.py [WORD ...] [--share PART] [--other REVISION|SRC] [--csv FILE]
+
+Only scenes with a WORD in their name, and so much of each one's time; other versions see the same images.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import cv2
+
+from bench.detection.hard_scenes import Camera, play
+from bench.detection.rooms import Rooms, lab
+from bench.detection.scene_list import ceiling_scenes, mobile_scenes
+from bench.frame import Table, arguments, versions
+
+
+def main() -> int:
+    parser = arguments(__doc__, seed=1, other=True)
+    parser.add_argument("scenes", nargs="*", default=[""], metavar="WORD")
+    parser.add_argument("--share", type=float, default=1.0)
+    given = parser.parse_args()
+    cv2.setNumThreads(1)
+    table, room, rooms = Table(given.csv), lab(), Rooms(given.seed)
+    for scene in ceiling_scenes(room) + mobile_scenes(room):
+        if any(word in scene.title for word in given.scenes):
+            cameras = {name: Camera(scene, rooms, source) for name, source in versions(given).items()}
+            for version, outcome in zip(cameras, play(scene, list(cameras.values()), given.share)):
+                table.add(scene=scene.title, version=version, seed=given.seed, share=given.share, **outcome.summary())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,0 @@
-"""Which spots belong to an interaction, and the file that they are restored from."""

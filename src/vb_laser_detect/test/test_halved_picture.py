@@ -1,0 +1,80 @@
+"""Spots that are looked for at half an image's size are measured in the whole: they are where the whole shows them."""
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from scenes import GREEN, RED, Scene
+
+from vb_core.image_format import HalvedPicture
+from vb_laser_detect.camera.source import Shot
+from vb_laser_detect.detector import SpotDetector
+
+SIZE = 960, 540
+DRAWN = range(35, 60)
+
+
+def switched(number):
+    """The light is less from the middle of the stroke on."""
+    return 1.0 if number < 47 else 0.45
+
+
+def flickering(number):
+    """Lamps light the rows of a rolling shutter one after the other."""
+    return (1.0 + 0.3 * np.sin(np.arange(SIZE[1]) / 90.0 + 1.7 * number)).astype(np.float32)[:, None, None]
+
+
+@pytest.mark.parametrize(
+    "light, color, sigma",
+    [(None, RED, 2.5), (None, GREEN, 1.2), (switched, RED, 2.5), (flickering, GREEN, 3.0)],
+    ids=["red", "small and green", "light switched", "lamps flicker"],
+)
+def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma):
+    scene, both = Scene(*SIZE), [SpotDetector(), SpotDetector()]
+    found, whole = [[], []], []
+    for number in range(DRAWN.stop):
+        u, v = 250.3 + 6.0 * number, 150.6 + 3.0 * number
+        floor = scene.floor * light(number) if light is flickering else None
+        gain = switched(number) if light is switched else 1.0
+        image = scene.render([(u, v)] if number in DRAWN else [], sigma, color=color, floor=floor, gain=gain)
+
+        def decode(width, height, image=image, number=number):
+            whole.extend([number] if width == SIZE[0] else [])
+            return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+        for spots, detector, picture in zip(found, both, (image, HalvedPicture(SIZE, decode))):
+            for spot in detector.detect(picture, 0.04 * number):
+                truth = 250.3 + 6.0 * spot.stamp / 0.04, 150.6 + 3.0 * spot.stamp / 0.04
+                spots.append((round(spot.stamp / 0.04), spot.u - truth[0], spot.v - truth[1]))
+    searched, halved = (np.array(spots) for spots in found)
+    assert len(searched) >= 0.8 * len(DRAWN) and abs(len(searched) - len(halved)) <= 1
+    assert np.abs(halved[:, 1:]).max() <= np.abs(searched[:, 1:]).max() + 0.1
+    if light is None:
+        # the first image, and one a second that becomes the background
+        assert len([number for number in whole if number < DRAWN.start]) <= 2
+        assert set(whole) >= set(DRAWN)
+
+
+@pytest.mark.parametrize("size, scale", [((1920, 1080), 2), ((1441, 1080), 1), ((1280, 720), 1)])
+@pytest.mark.parametrize("jpeg", [True, False])
+def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg):
+    image = Scene(*size, noise=0.0).render([(201.0, 152.0)], sigma=4.0)
+    if jpeg:
+        shot = Shot(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
+    else:
+        shot = Shot(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
+    picture, again = shot.picture(), shot.picture()
+    assert picture.scale == scale and picture.size == size
+    assert picture.searched.shape == (size[1] // scale, size[0] // scale, 3) and picture.pixels.shape == image.shape
+    assert np.abs(scale * (middle_of_spot(picture.searched) + 0.5) - 0.5 - middle_of_spot(image)).max() < 0.2
+    if scale > 1:
+        again.decode_whole()
+        assert np.abs(again.searched.astype(int) - picture.searched).mean() < 1.0
+
+
+def middle_of_spot(image):
+    light = np.maximum(image[..., 2].astype(float) - 200.0, 0.0)
+    light[:, image.shape[1] // 2 :] = 0.0
+    rows, columns = np.indices(light.shape)
+    return np.array([(light * columns).sum(), (light * rows).sum()]) / light.sum()

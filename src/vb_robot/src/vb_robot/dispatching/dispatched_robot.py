@@ -1,0 +1,102 @@
+"""One robot that is sent to where its camera sees the spot: what it sees, and what became of its goal. Nothing here waits."""
+
+from __future__ import annotations
+
+from typing import Optional, Set, Tuple
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from sensor_msgs.msg import CameraInfo
+
+from vb_core.errors import CodedError
+from vb_core.robot_profile import RobotProfile
+from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.transforms import TransformLookup
+from vb_robot.dispatching.dispatch_policy import RobotStatus, SentGoalState
+from vb_robot.dispatching.viewpoint import Viewpoint
+from vb_robot.floor_view import FloorView
+from vb_robot.monitoring.watched_robot import WatchedRobot
+from vb_robot.monitoring.wiring import within
+
+MARK = "-looks-"  # in the ids of goals, so that those of a process that died are known
+UNDER_WAY = (SentGoalState.SENT, SentGoalState.ACTIVE)
+OUTCOMES = {
+    GoalStatus.PENDING: SentGoalState.SENT,
+    GoalStatus.SUCCEEDED: SentGoalState.REACHED,
+    GoalStatus.PREEMPTED: SentGoalState.PREEMPTED,
+    GoalStatus.RECALLED: SentGoalState.PREEMPTED,
+    GoalStatus.ABORTED: SentGoalState.FAILED,
+    GoalStatus.REJECTED: SentGoalState.FAILED,
+    GoalStatus.LOST: SentGoalState.FAILED,
+}
+
+
+def follow(state: SentGoalState, status: Optional[int]) -> SentGoalState:
+    """Returns a goal's new state, by what navigation says of it; None: it does not know the goal."""
+    if state not in UNDER_WAY:
+        return state
+    if status is None:  # the goal has not arrived yet, or navigation was started again
+        return SentGoalState.FAILED if state is SentGoalState.ACTIVE else state
+    return OUTCOMES.get(status, SentGoalState.ACTIVE)
+
+
+class DispatchedRobot:
+    """Sends a watched robot to one goal at a time; its navigation may be absent, die and come back.
+
+    Attributes:
+        view: what its camera sees of the floor, once that is known.
+    """
+
+    def __init__(self, robot: WatchedRobot, profile: RobotProfile, transforms: TransformLookup) -> None:
+        self._robot, self._transforms = robot, transforms
+        self._max_range = profile.camera.max_range
+        self.view: Optional[FloorView] = None
+        self._lens: Optional[Tuple[Tuple[float, ...], str]] = None  # of the view: K and frame
+        self._goal: Optional[Viewpoint] = None
+        self._state = SentGoalState.NONE
+        self._ids: Set[str] = set()  # of goals that were sent
+        self._id = ""  # of the last one
+        self._camera = rospy.Subscriber(
+            within(robot.name, profile.camera.info), CameraInfo, self._on_info, queue_size=1
+        )
+
+    def _on_info(self, message: CameraInfo) -> None:
+        lens = tuple(message.K), message.header.frame_id
+        if lens == self._lens:
+            return
+        try:
+            T = self._transforms.lookup(self._robot.frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
+            self.view, self._lens = FloorView(camera_from_info(message), T, self._max_range), lens
+        except CodedError as error:
+            who = f"the camera of {self._robot.frame}"
+            rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: what {who} sees is not known: {error}")
+
+    def set_goal(self, goal: Optional[Viewpoint]) -> None:
+        """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
+        if goal is self._goal:
+            return
+        self._goal = goal
+        if goal is not None:
+            self._id, self._state = self._robot.send(goal.pose, MARK), SentGoalState.SENT
+            self._ids.add(self._id)
+        elif self._state in UNDER_WAY:
+            self._robot.cancel_goals(self._id)
+            self._state = SentGoalState.NONE
+            rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._robot.frame)
+
+    def status(self, wanted: bool) -> RobotStatus:
+        """Returns how the robot is now; its pose only if a robot is wanted. To be called regularly."""
+        goals = self._robot.goals
+        self._state = follow(self._state, goals.get(self._id))
+        others = {
+            goal for goal, status in goals.items() if status in (GoalStatus.PENDING, GoalStatus.ACTIVE)
+        } - self._ids
+        for goal in others:
+            if goal.startswith(rospy.get_name() + MARK):
+                # again each time: while publishers are being connected a message may be lost
+                self._robot.cancel_goals(goal)
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: cancels a goal from before a restart: {goal}")
+        if wanted:
+            self._robot.locate()
+        pose = self._robot.pose if wanted else None
+        return RobotStatus(pose, self._robot.is_navigating(), self._state, bool(others))

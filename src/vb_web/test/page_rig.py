@@ -1,0 +1,131 @@
+"""The page in a real browser, with the real nodes behind it: what its tests share."""
+
+from __future__ import annotations
+
+import os
+import unittest
+from contextlib import closing, contextmanager
+from pathlib import Path
+from xmlrpc.client import ServerProxy
+import signal
+
+import rosgraph
+import rospy
+from geometry_msgs.msg import Point
+
+from phone import Browser
+from vb_testing import Process, is_listening, wait_until
+from vb_core import names
+from vb_core.ros.messages import OccupancyGridArray
+from vb_evaluation.processes import free_port
+from vb_msgs.msg import InteractionState, LaserSpot, Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.srv import AddBorder, RemoveBorder
+
+CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
+
+
+def round_the(corners, per_side=6):
+    """A finger's path round corners, back to near its start."""
+    path = []
+    for a, b in zip(corners, corners[1:] + corners[:1]):
+        path += [[a[0] + (b[0] - a[0]) * i / per_side, a[1] + (b[1] - a[1]) * i / per_side] for i in range(per_side)]
+    return path
+
+
+class PageTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("page_test")
+        cls.heard = {}
+        for topic, kind in (
+            (names.BORDERS, VirtualBorderArray),
+            (names.STATE, InteractionState),
+            (names.MAP_WITH_BORDERS, OccupancyGridArray),
+            (names.PHYSICAL_MAP, OccupancyGridArray),
+            (names.STOP, Stop),
+        ):
+            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
+        cls.port = free_port()
+        cls.codes = Path(rospy.get_param("~state")) / "page_codes.yaml"
+        cls.page = None
+        cls.start_page()
+        cls.browser = Browser(f"http://127.0.0.1:{cls.port}/")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.browser.close()
+        cls.page.stop()
+
+    @classmethod
+    def start_page(cls, *arguments):
+        given = (f"_port:={cls.port}", f"_codes_file:={cls.codes}", *arguments)
+        cls.page = Process("vb_web", "page", "__name:=page", *given)
+        wait_until(lambda: is_listening(cls.port), "the page to listen")
+
+    def setUp(self):
+        if self.browser.run("return document.body.dataset.mode != 'look' || document.getElementById('dialog').open"):
+            self.browser.driver.refresh()  # what failed before leaves nothing behind
+        self.browser.wait_ready()
+        for border in self.borders():
+            rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=border.id, source="test")
+        self.wait_borders(0)
+        self.browser.wait("!document.querySelector('#borders .name')", what="a page without borders")
+        self.browser.faults()  # of other tests
+        # a banner that goes moves the map
+        self.browser.wait("!document.getElementById('banners').textContent", what="a page with nothing to say")
+
+    def borders(self):
+        message = self.heard.get(names.BORDERS)
+        return list(message.borders) if message else []
+
+    def wait_borders(self, count):
+        wait_until(lambda: names.BORDERS in self.heard and len(self.borders()) == count, f"{count} borders")
+        return self.borders()
+
+    def draw_carpet(self, name=""):
+        before = len(self.borders())
+        self.browser.click("#draw")
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        if name:
+            self.browser.field("#review input[data-key=name]").send_keys(name)
+        self.browser.click("#review button", "Save")
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        return self.wait_borders(before + 1)[-1]
+
+    def store_carpet(self, name="Rug", shown="Rug"):
+        """A border that a test only needs to be there."""
+        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0)
+        border.points, border.seed = [Point(x, y, 0.0) for x, y in CARPET], Point(4.0, 1.5, 0.0)
+        answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
+        self.assertTrue(answer.success, answer.message)
+        self.browser.wait_text("#borders", shown)
+
+    def resume(self):
+        self.browser.click("#resume", "Resume")
+        wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
+
+    @contextmanager
+    def halted_manager(self, ends_with):
+        """A manager that hangs, which the page tells, and then gets a signal."""
+        uri = rosgraph.Master("/page_test").lookupNode("/interaction_manager")
+        process = ServerProxy(uri).getPid("/page_test")[2]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            self.browser.wait_text("#banners", "has not responded for more than 0:0")
+            yield
+        finally:
+            os.kill(process, ends_with)
+
+    @contextmanager
+    def small_phone(self, *options, **more):
+        with closing(Browser(self.browser.url, (360, 640), *options, **more)) as small:
+            small.wait_ready()
+            yield small
+
+    def restart_page(self, *arguments):
+        """Kills the page, which forgets what it has heard of, and starts it again."""
+        self.page.kill()
+        self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
+        self.start_page(*arguments)

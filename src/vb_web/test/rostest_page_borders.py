@@ -1,0 +1,260 @@
+#!/usr/bin/env python3
+"""Borders drawn, edited and shown on the page."""
+
+from __future__ import annotations
+
+
+import numpy as np
+import rostest
+
+from page_rig import CARPET, PageTest, round_the
+from phone import PHONE
+from vb_testing import wait_until
+from vb_core import names, sentences
+from vb_core.ros.messages import grid_from_message
+from vb_msgs.msg import VirtualBorder
+
+
+class BordersTest(PageTest):
+    def test_a_border_round_the_carpet_from_the_phone(self):
+        border = self.draw_carpet("Küche 厨房")
+        self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
+        prior, posterior = (
+            grid_from_message(self.heard[topic]) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
+        )
+        cells = np.argwhere(posterior.data > prior.data)
+        places = posterior.cell_to_world(cells)
+        self.assertLess(np.abs(places.min(axis=0) - CARPET[0]).max(), 0.1)
+        self.assertLess(np.abs(places.max(axis=0) - CARPET[2]).max(), 0.1)
+        self.browser.wait(
+            "document.getElementById('restricted').classList.contains('there')", what="the restricted floor"
+        )
+        self.browser.wait_text("#borders", "Küche 厨房")
+        # undo and redo
+        self.browser.click("#undo")
+        self.wait_borders(0)
+        self.browser.wait_text("#borders", "No borders yet")
+        self.browser.wait_text("#toast", "Removed from the map: Küche 厨房.")
+        self.browser.click("#redo")
+        self.wait_borders(1)
+        self.browser.wait("document.getElementById('redo').disabled", what="a button that has nothing to do")
+        self.browser.driver.refresh()  # nobody has to try it
+        self.browser.wait_ready()
+        self.browser.wait(
+            "document.getElementById('redo').disabled && !document.getElementById('undo').disabled",
+            what="what can be undone",
+        )
+        # rename, switch off
+        self.browser.click("#borders .name")
+        field = self.browser.field("#dialog input")
+        field.clear()
+        field.send_keys("Rug")
+        self.browser.click("#dialog button", "Rename")
+        wait_until(lambda: self.borders()[0].name == "Rug", "the new name")
+        self.browser.click("#borders .switch")
+        wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
+        wait_until(
+            lambda: (self.heard[names.MAP_WITH_BORDERS].data == self.heard[names.PHYSICAL_MAP].data).all(),
+            "the map without it",
+        )
+        self.browser.wait_text("#borders", "Switched off")
+        self.browser.click("#borders .switch")
+        wait_until(lambda: self.borders()[0].enabled, "the border to be on")
+        # what changes nothing is no step of undo
+        revision = self.browser.run("return window.virtualBorders.view.borders.revision")
+        self.browser.click("#borders .name")
+        self.browser.click("#dialog button", "Edit")
+        self.browser.wait_text("#review", "m²")
+        self.browser.click("#review button", "Save")
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the change")
+        self.assertEqual(self.browser.run("return window.virtualBorders.view.borders.revision"), revision)
+        # a wall by two taps
+        self.browser.click("#wall")
+        for point in ([3.3, 4.0], [3.3, 3.1]):
+            self.browser.tap(point)
+        self.browser.wait_text("#review", "Save this wall?")
+        self.browser.click("#review button", "Save")
+        wall = self.wait_borders(2)[-1]
+        self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
+        self.browser.wait_text("#borders", "Wall ")  # nobody named it
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_a_second_tap_a_second_finger_a_turned_phone_and_back(self):
+        corners = "return document.querySelectorAll('#placed .knob').length"
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
+        self.browser.fingers([[[3.5, 2.0]], [[3.5, 2.0], [4.0, 2.0]], [[3.4, 2.0], [4.1, 2.0]]])
+        self.assertEqual(self.browser.run(corners), 1)  # a closer look keeps what was begun
+        # a phone that is turned under the finger: the line until then is no border
+        self.browser.fingers([[[3.0, 1.0]], [[3.5, 1.0]], [[4.0, 1.0]]], lift=False)
+        self.browser.resize((740, 360))
+        self.browser.wait("document.querySelectorAll('#placed .knob').length == 1", what="the corner from before")
+        self.browser.lift()
+        self.browser.resize(PHONE)
+        self.assertEqual(self.browser.run("return document.body.dataset.mode"), "draw")
+        # a phone's Back closes what lies on top, and stays on the page; what nobody has saved is not lost without a question
+        self.browser.driver.back()
+        self.browser.wait_text("#dialog", "not saved yet")
+        self.browser.click("#dialog button", "Keep editing")
+        self.assertEqual(self.browser.run(corners), 1)
+        self.browser.driver.back()
+        self.browser.wait_text("#dialog", "not saved yet")
+        self.browser.click("#dialog button", "Discard")
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the drawing")
+        self.browser.click("#draw")
+        self.browser.driver.back()
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of a drawing that has no corner")
+        self.browser.click("#settings-button")
+        self.browser.driver.back()
+        self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
+        self.browser.click("#zoom-fit")
+        # two taps on Save are one border: taking one back leaves none
+        self.browser.click("#draw")
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        self.browser.run(
+            "const save = [...document.querySelectorAll('#review button')].pop(); save.click(); save.click()"
+        )
+        self.wait_borders(1)
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        self.browser.click("#undo")
+        self.wait_borders(0)
+        # a name that was typed comes back
+        self.store_carpet()
+        self.browser.click("#borders .name")
+        self.browser.field("#dialog input").send_keys(" 2")
+        self.browser.click("#dialog button", "Close")
+        self.browser.click("#dialog button", "Keep editing")
+        self.browser.wait_text("#dialog", "Switch off")
+        self.assertEqual(self.browser.run("return document.querySelector('#dialog input').value"), "Rug 2")
+        self.browser.click("#dialog button", "Rename")
+        wait_until(lambda: self.borders()[0].name == "Rug 2", "the new name")
+        # what a dialog covered cannot be pressed at once
+        self.browser.click("#borders .name")
+        under = self.browser.driver.execute_async_script(
+            """const done = arguments[0], one = document.querySelector('#map-tools button:last-child');
+            one.scrollIntoView({ block: 'center' });
+            const dialog = document.getElementById('dialog'), box = one.getBoundingClientRect();
+            dialog.addEventListener('close', () => done(
+                document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button')), { once: true });
+            dialog.close()"""
+        )
+        self.assertIsNone(under)
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_lengths_a_scale_and_the_last_corner(self):
+        scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
+            return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
+        for factor in (1, 3, 3):
+            self.browser.run("window.virtualBorders.map.zoom(arguments[0])", factor)
+            told, true = self.browser.run(scale)
+            self.assertAlmostEqual(told / true, 1.0, delta=0.02)
+        self.browser.click("#zoom-fit")
+        lengths = "return [...document.querySelectorAll('#placed .length')].map((one) => parseFloat(one.textContent))"
+        corners = "return document.querySelectorAll('#placed .knob').length"
+        self.browser.click("#draw")
+        for point in ([3.0, 1.0], [5.0, 1.0], [5.0, 2.5]):
+            self.browser.tap(point)
+        self.assertAlmostEqual(self.browser.run(lengths)[0], 1.5, delta=0.1)
+        self.browser.click("#review button", "Remove last corner")
+        self.assertEqual(self.browser.run(corners), 2)
+        self.assertAlmostEqual(self.browser.run(lengths)[0], 2.0, delta=0.1)
+        for _ in range(2):
+            self.browser.click("#review button", "Remove last corner")
+        self.assertEqual(self.browser.run(corners), 0)
+        self.assertTrue(
+            self.browser.run(
+                "return [...document.querySelectorAll('#review button')].find((e) => e.textContent === 'Remove last corner').disabled"
+            )
+        )
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        self.assertEqual(self.browser.run(lengths), [])
+        corner = self.browser.run("return window.virtualBorders.draft().points[0]")
+        self.browser.tap(corner)
+        sides = self.browser.run("""const points = window.virtualBorders.draft().points, last = points[points.length - 1];
+            return [points[1], last].map((one) => Math.hypot(one[0] - points[0][0], one[1] - points[0][1]))""")
+        np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
+        self.browser.click("#review button", "Cancel")
+
+    def test_a_wall_with_a_warning_hides_no_name(self):
+        with self.small_phone() as small:
+            small.click("#wall")
+            for point in ([3.2, 3.95], [3.2, 3.1]):  # a doorway
+                small.tap(point)
+            small.wait_text("#review", sentences.translate("splits_free_space", {}, "en"))
+            small.wait_arrived()
+            small.run("window.scrollTo(0, 0)")
+            for part in ("input", ".issue", ".primary"):
+                self.assertTrue(
+                    small.run(
+                        """const one = document.querySelector(`#review ${arguments[0]}`), box = one.getBoundingClientRect();
+                        return [box.top + 2, box.bottom - 2].every(
+                            (y) => document.elementFromPoint(box.left + box.width / 2, y) === one)""",
+                        part,
+                    ),
+                    part,
+                )
+
+    def test_each_border_in_view_has_its_name_or_its_mark_and_nothing_else_has(self):
+        self.browser.wait_arrived()
+        lines = {"a": CARPET, "b": [[x + 0.4, y + 2.2] for x, y in CARPET]}
+        lines.update((name, [[x, 2.3], [x, 3.0]]) for name, x in (("c", 3.9), ("d", 4.1), ("e", 4.3)))
+        self.browser.run(
+            """window.virtualBorders.map.setBorders(Object.entries(arguments[0]).map(([name, line]) => ({
+            id: name, mark: name, name: `A name of some length: ${name}`, note: "", area: 1, points: line.flat().map((v) => 100 * v),
+            kind: line.length > 2 ? "polygon" : "wall" })), "")""",
+            lines,
+        )
+        look = """const map = window.virtualBorders.map; map.view = { ...map.view, ...arguments[0] }; map.lay();
+            return [...document.querySelectorAll('#placed .name')].map((group) => {
+                const shown = [...group.querySelectorAll(':scope > text, .mark')].filter((one) => one.getClientRects().length
+                    && getComputedStyle(one).visibility !== 'hidden');
+                return [group.border.id, ...shown.map((one) => [one.textContent, one.getBoundingClientRect().toJSON()])]; })"""
+        frame = self.browser.run("return document.getElementById('map').getBoundingClientRect().toJSON()")
+        scale = self.browser.run("return window.virtualBorders.map.limits[0]")
+        for factor, x, y in ((1, 4, 2.5), (1.5, 4, 2.5), (4, 4.1, 2.6), (6, 4, 1.5), (5, 1.0, 1.0), (12, 4.1, 2.0)):
+            view = {"scale": scale * factor, "x": x, "y": y}
+            half = [frame["width"] / view["scale"] / 2, frame["height"] / view["scale"] / 2]
+            boxes = []
+            for name, *shown in self.browser.run(look, view):
+                low, high = np.min(lines[name], axis=0), np.max(lines[name], axis=0)
+                inside = bool(np.all(high > [x - half[0], y - half[1]]) and np.all(low < [x + half[0], y + half[1]]))
+                self.assertEqual(len(shown), int(inside), f"{name} at {view}: {shown}")
+                boxes += shown
+            for number, (text, box) in enumerate(boxes):
+                self.assertGreaterEqual(box["left"], frame["left"] - 1, text)
+                self.assertLessEqual(box["right"], frame["right"] + 1, text)
+                for other, there in boxes[:number]:
+                    apart = (
+                        box["left"] >= there["right"] - 1
+                        or there["left"] >= box["right"] - 1
+                        or box["top"] >= there["bottom"] - 1
+                        or there["top"] >= box["bottom"] - 1
+                    )
+                    self.assertTrue(apart, f"{text} and {other} at {view}")
+        self.browser.driver.refresh()
+        self.browser.wait_ready()
+
+    def test_borders_that_are_not_in_force_look_so(self):
+        for name in ("On", "Off"):
+            self.store_carpet(name, name)  # both in one place, where one name has room at most
+        self.browser.click("#borders li:last-child .switch")
+        self.browser.wait_text("#borders", "Switched off")
+        self.browser.wait("document.body.classList.contains('marks')", what="marks")
+        for selector, properties in (
+            ("#world .border", "strokeDasharray"),
+            ("#placed .mark", "textDecorationLine strokeDasharray"),
+            ("#borders .mark", "textDecorationLine borderTopStyle"),
+        ):
+            seen = self.browser.run(
+                """return [...document.querySelectorAll(arguments[0])].map((one) => [one, ...one.children].map(
+                (part) => arguments[1].map((name) => getComputedStyle(part)[name]).join()).join())""",
+                selector,
+                properties.split(),
+            )
+            self.assertEqual((len(seen), len(set(seen))), (2, 2), f"{selector}: {seen}")
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_web", "rostest_page_borders", BordersTest)

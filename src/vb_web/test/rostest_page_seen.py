@@ -1,0 +1,171 @@
+#!/usr/bin/env python3
+"""What people see on the page: languages, sizes, robots and cameras."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+import rospy
+import rostest
+from sensor_msgs.msg import Image
+
+from accessibility import faults_of
+from page_rig import CARPET, PageTest, round_the
+from phone import PHONE, WALL, Browser
+from vb_testing import wait_until
+from vb_core import names, sentences
+from vb_core.notices import Notice, Severity
+from vb_core.ros.notices import NoticePublisher
+from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot
+
+
+class SeenTest(PageTest):
+    def test_two_browsers_two_sizes_two_languages(self):
+        with closing(Browser(self.browser.url, WALL, "de", dark=True)) as other:
+            other.wait_ready()
+            self.assertEqual(other.run("return document.documentElement.lang"), "de")
+            self.store_carpet()
+            other.wait_text("#borders", "Rug")
+            other.click("#undo", "Rückgängig")
+            self.browser.wait_text("#borders", "No borders yet")
+            other.wait_text("#borders", "Noch keine Grenzen")
+            self.store_carpet("", "Border ")
+            other.wait_text("#borders", "Grenze ")
+            other.click("#undo", "Rückgängig")
+            other.wait_text("#borders", "Noch keine Grenzen")
+            notices = NoticePublisher()
+            notices.set(
+                [
+                    Notice("interaction_ends_soon", Severity.WARNING),
+                    Notice("robot_caught_in_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                ]
+            )
+            self.browser.wait_text("#notices", "discarded soon")
+            self.browser.wait_text("#notices", "The robot is inside Rug")
+            other.wait_text("#notices", "Der Roboter ist in Rug")
+            other.wait("document.querySelector('#notices li')", what="the notice")
+            self.assertNotIn("discarded soon", other.text("#notices"))
+            notices.close()
+            for browser, size in ((self.browser, PHONE), (other, WALL)):
+                self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
+                self.assertEqual(faults_of(browser), [])
+            self.assertEqual(other.faults(), [])
+
+    def test_what_a_tap_brings_up_fits_a_small_phone(self):
+        self.store_carpet("The longest name that anybody thought of for a piece of floor", "The longest name")
+        with self.small_phone("de") as small:
+            small.wait("document.querySelector('#borders .switch')", what="the border")
+            self.assertLessEqual(
+                small.run("return document.querySelector('#borders .switch').getBoundingClientRect().right"), 360
+            )
+            within = """const low = document.getElementById('line').getBoundingClientRect().bottom;
+                return [...document.querySelectorAll('#dialog > *')].every((one) => {
+                const box = one.getBoundingClientRect(); return box.top >= low && box.bottom <= innerHeight; })"""
+            small.tap([4.0, 1.4])
+            small.wait_text("#dialog", "Ausschalten")
+            self.assertTrue(small.run(within))
+            small.click("#dialog button", "Zeitplan")
+            small.wait_text("#dialog", "Werktage")
+            self.assertTrue(small.run(within))
+            # on its side too
+            small.resize((640, 360))
+            self.assertTrue(small.run(within))
+            small.click("#dialog button", "Schließen")
+            small.tap([4.0, 1.4])
+            small.wait_text("#dialog", "Ausschalten")
+            self.assertTrue(small.run(within))
+            small.click("#dialog button", "Ausschalten")
+            small.wait_text("#toast", "Rückgängig")
+            self.assertTrue(
+                small.run("""const line = document.getElementById('line').getBoundingClientRect();
+                const box = document.querySelector('#toast button').getBoundingClientRect();
+                return box.right <= line.right && document.querySelector('#toast button').scrollWidth <= box.width""")
+            )
+            # a button says what one does, and below it the command that one says
+            self.assertTrue(
+                small.run(
+                    """return [...document.querySelectorAll('#commands button')].every((e) =>
+                    e.querySelector('small') || e.textContent.toLowerCase() === e.dataset.command)"""  # Pause
+                )
+            )
+            small.click("#commands [data-command=define_border]")
+            small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
+            self.assertEqual(faults_of(small), [])
+            small.click("#commands [data-command=cancel]")
+            small.wait("document.body.dataset.state == 'default'", what="the state default")
+            # a keyboard that shrinks the page covers no field that one types in
+            small.click("#draw")
+            small.stroke(round_the(CARPET))
+            small.wait_text("#review", "m²")
+            small.field("#review input[data-key=name]").click()
+            small.resize((640, 180))
+            small.wait(
+                """(() => { const box = document.activeElement.getBoundingClientRect();
+                return document.elementFromPoint(box.left + 20, box.top + box.height / 2) === document.activeElement; })()""",
+                what="the field that one types in",
+            )
+            small.resize((640, 360))
+            small.click("#review button", "Abbrechen")
+            self.assertEqual(small.faults(), [])
+
+    def test_each_robot_has_a_line_and_each_camera_its_picture_below_its_line(self):
+        driver = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
+        detector = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
+        images = rospy.Publisher("/page_test/debug_image", Image, queue_size=1)
+        image = Image(height=4, width=4, encoding="mono8", step=4, data=bytes(16))
+
+        def publish(_event):
+            driver.publish(DriverState(robot="one", source="navigation", code="obstacle"))
+            for camera in ("north", "south"):
+                detector.publish(DetectorStatus(camera=camera))
+            images.publish(image)
+
+        beat = rospy.Timer(rospy.Duration(0.2), publish)
+        self.browser.run("document.getElementById('health').open = true")
+        try:
+            self.browser.wait_text("#drivers", "one has stopped: something is in its way.")
+            self.assertIn("Driven by navigation", self.browser.text("#drivers"))
+            for camera in ("south", "north"):
+                self.browser.click(f"#cameras [data-key='see {camera}']")
+            self.browser.wait(
+                "[...document.querySelectorAll('#cameras li')].every((line) => line.querySelector('img').naturalWidth)",
+                what="a picture below each line",
+            )
+            self.browser.click("#cameras [data-key='see north']", "Close")
+            self.browser.wait("document.querySelectorAll('#cameras img').length == 1", what="the other picture")
+            self.assertEqual(self.browser.run("return document.activeElement.dataset.key"), "see north")
+        finally:
+            beat.shutdown()
+            beat.join()
+        self.browser.wait_text("#drivers", "the program that drives it is not responding")
+        self.browser.run("document.getElementById('health').open = false")
+        self.browser.wait("!document.querySelector('#cameras img')", what="no picture in a closed list")
+
+    def test_a_picture_that_is_not_there_yet_is_asked_for_again(self):
+        """The floor comes from cameras, which may start after the page was opened."""
+        self.browser.run("window.virtualBorders.map.picture('floor', 'floor.webp?early')")
+        self.browser.wait(
+            "performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
+            what="the second request",
+        )
+        self.browser.run("window.virtualBorders.map.picture('floor', '')")
+
+    def test_a_spot_is_seen_and_text_stays_text(self):
+        spot = LaserSpot(camera="red")
+        spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
+        spot.position.x, spot.position.y = 4.0, 2.5
+        wait_until(lambda: self.spots.get_num_connections(), "the page to listen")
+        self.spots.publish(spot)
+        self.browser.wait("document.querySelector('.spot')", what="the spot")
+        evil = "<img src=x onerror=window.evil=1>"
+        self.store_carpet(evil, evil)
+        self.browser.wait(
+            "document.getElementById('events').textContent.includes(arguments[0])", evil, what="the name in the history"
+        )
+        self.assertFalse(
+            self.browser.run("return document.querySelectorAll('#borders img, #events img').length || window.evil || 0")
+        )
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_web", "rostest_page_seen", SeenTest)

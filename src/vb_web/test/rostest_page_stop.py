@@ -1,0 +1,177 @@
+#!/usr/bin/env python3
+"""Stop, Resume and the other commands on the page."""
+
+from __future__ import annotations
+
+import signal
+
+import numpy as np
+import rospy
+import rostest
+
+from page_rig import PageTest
+from phone import PHONE, WALL
+from vb_testing import wait_until
+from vb_core import names
+from vb_msgs.msg import DriverState
+
+
+class StopTest(PageTest):
+    def test_commands_stop_and_go_on(self):
+        self.browser.click("#commands button", "Define border")
+        self.browser.wait("document.body.dataset.state == 'border'", what="the state border")
+        self.browser.click("#settings-button")  # stop is in reach also while a dialog is open
+        self.browser.click("#stop")
+        wait_until(lambda: self.heard[names.STATE].stopped and names.STOP in self.heard, "stop")
+        self.browser.wait_text("#banners", "All robots are stopped")
+        self.assertGreaterEqual(
+            self.browser.run(
+                "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"
+            ),
+            0,
+        )  # wherever one is
+        self.browser.run("window.scrollTo(0, 0)")
+        # a stop of all robots stands there, so neither the answer nor a notice says it again
+        self.browser.wait(
+            "document.getElementById('toast').dataset.code == 'stopped'"
+            " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')",
+            what="the answer and the notice",
+        )
+        self.assertEqual(self.browser.text("#toast"), "")
+        self.assertNotIn("topped", self.browser.text("#notices"))
+        self.assertEqual(self.browser.text("#state"), "Stopped")
+        self.browser.click("#dialog button", "Close")
+        self.resume()
+        self.browser.wait_text("#toast", "Robots may drive again.")
+        self.browser.click("#commands button", "Cancel")
+        self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
+        told = self.browser.run("return window.virtualBorders.view.events.map((event) => event.values.command)")
+        self.assertEqual(told[-4:], ["define_border", "stop", "resume", "cancel"])  # each once
+
+    def test_resume_has_a_place_that_nothing_else_ever_has(self):
+        self.store_carpet()
+        self.browser.click("#stop")
+        self.browser.wait("document.body.classList.contains('stopped')", what="the stop")
+        box = "const box = document.getElementById('resume').getBoundingClientRect();"
+        place = self.browser.run(f"{box} return JSON.stringify(box)")
+
+        def check(what):
+            top = self.browser.run(
+                f"{box} return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).id"
+            )
+            self.assertEqual(top, "resume", what)
+            self.assertEqual(self.browser.run(f"{box} return JSON.stringify(box)"), place, what)
+            self.assertFalse(
+                self.browser.run(
+                    f"""{box} return [...document.querySelectorAll('#line button, #stop')].some((one) => {{
+                    const other = one.getBoundingClientRect(); return other.width && other.left < box.right
+                    && other.right > box.left && other.top < box.bottom && other.bottom > box.top; }})"""
+                ),
+                what,
+            )
+
+        check("nothing else")
+        self.browser.click("#borders .switch")
+        self.browser.wait_text("#toast", "Undo")
+        check("the answer with Undo")
+        self.browser.click("#borders .name")
+        check("a dialog")
+        self.browser.click("#dialog button", "Close")
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
+        check("a drawing")
+        self.resume()
+        self.browser.wait("!document.getElementById('resume').getClientRects().length", what="no Resume")
+        self.assertEqual(self.browser.run("return document.querySelectorAll('#placed .knob').length"), 1)
+        self.browser.click("#review button", "Cancel")
+
+    def test_two_fingers_enlarge_the_page_and_stop_keeps_its_place_on_the_screen(self):
+        with self.small_phone(mobile=True) as small:
+            # on the screen, and not in the page: what was seen of it times the scale
+            place = """const { scale, offsetLeft, offsetTop } = visualViewport,
+                box = document.getElementById('stop').getBoundingClientRect();
+                return [(box.left - offsetLeft) * scale, (box.top - offsetTop) * scale, box.width * scale, box.height * scale]"""
+            before = small.run(place)
+            apart = [[(180 - 10 * step, 500 + 5 * step), (200 + 10 * step, 500 - 5 * step)] for step in range(1, 13)]
+            small.fingers_on_screen([apart[0][:1], *apart])
+            small.wait("visualViewport.scale > 1.5 && visualViewport.offsetTop > 50", what="an enlarged page")
+            np.testing.assert_allclose(small.run(place), before, atol=1.0)
+            self.assertEqual(
+                small.run("""const box = document.getElementById('stop').getBoundingClientRect();
+                return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button').id"""),
+                "stop",
+            )
+            small.run("document.getElementById('stop').click()")
+            small.wait("document.body.classList.contains('stopped')", what="the stop")
+            self.browser.wait_text("#banners", "All robots are stopped")
+            # what misses Stop by a thumb's width presses no Resume, which is on the screen as well
+            gap = """const [stop, resume] = ['stop', 'resume'].map((id) => document.getElementById(id).getBoundingClientRect());
+                const { scale, offsetLeft, offsetTop, width, height } = visualViewport;
+                const seen = resume.left >= offsetLeft && resume.top >= offsetTop
+                    && resume.right <= offsetLeft + width && resume.bottom <= offsetTop + height;
+                return seen ? scale * Math.max(stop.left - resume.right, resume.left - stop.right,
+                    stop.top - resume.bottom, resume.top - stop.bottom) : 0"""
+            self.assertGreaterEqual(small.run(gap), 24)
+            small.driver.execute_cdp_cmd("Emulation.setPageScaleFactor", {"pageScaleFactor": 1})
+            small.wait("visualViewport.scale === 1 && !document.getElementById('standing').style.transform")
+            for size in ((360, 640), (640, 360), PHONE, WALL):
+                small.resize(size)
+                self.assertGreaterEqual(small.run(gap), 24, size)
+        self.resume()
+
+    def test_stop_reaches_robots_without_the_manager_and_one_of_them_tells_it(self):
+        self.heard.pop(names.STOP, None)
+        robot = rospy.Publisher(names.DRIVERS, DriverState, queue_size=1)
+        # halted first: killed at once it would be restarted before anybody has missed it
+        with self.halted_manager(signal.SIGKILL):
+            self.browser.click("#stop")
+            wait_until(lambda: names.STOP in self.heard, "stop on its topic")
+
+        def told():
+            robot.publish(robot="ada", stops=[self.heard[names.STOP].id])
+            return self.heard[names.STATE].stopped
+
+        # roslaunch restarts the manager, and the robot that heard the stop tells it
+        wait_until(told, "the manager to know of the stop")
+        self.browser.wait_text("#banners", "All robots are stopped")
+        self.resume()
+        robot.unregister()
+
+    def test_nothing_moves_under_a_finger_and_the_map_stays_in_its_frame(self):
+        place = "return JSON.stringify(['map', 'stop', 'settings-button'].map((id) => document.getElementById(id).getBoundingClientRect()))"
+        self.browser.run("window.scrollTo(0, 0)")
+        before = self.browser.run(place)
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
+        self.browser.run("window.scrollTo(0, 0)")
+        self.assertEqual(self.browser.run(place), before)
+        self.browser.click("#review button", "Cancel")
+        self.browser.click("#stop")
+        self.browser.wait_text("#banners", "All robots are stopped")
+        self.browser.run("window.scrollTo(0, 0)")
+        self.assertEqual(self.browser.run(place), before)
+        # a second tap on Stop is no Resume
+        self.browser.run("document.getElementById('toast').dataset.code = ''")
+        self.browser.click("#stop")
+        self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'", what="the second answer")
+        self.assertTrue(self.heard[names.STATE].stopped)
+        self.resume()
+        inside = """const m = window.virtualBorders.map, [w, h] = m.size(), [x0, x1, y0, y1] = m.box;
+            const [a, b] = [m.toScreen([x0, y1]), m.toScreen([x1, y0])];
+            return a[0] < w / 2 && b[0] > w / 2 && a[1] < h / 2 && b[1] > h / 2"""
+        for swipe in ("pan(-5000, 0)", "pan(0, 5000)", "zoom(3)", "pan(9000, -9000)", "zoom(1 / 9)"):
+            self.browser.run(f"window.virtualBorders.map.{swipe}")
+            self.assertTrue(self.browser.run(inside), swipe)
+        self.browser.click("#zoom-fit")
+        view = "return JSON.stringify(window.virtualBorders.map.view)"
+        before = self.browser.run(view)
+        self.browser.stroke([[4.0, 2.5], [3.0, 2.5], [1.0, 2.5]])  # one finger scrolls the page, if anything
+        self.assertEqual(self.browser.run(view), before)
+        # what is drawn beyond the map's edge ends at it; what is drawn beside the map is refused in words
+        edge = self.browser.run("return window.virtualBorders.map.onMap([-50, -50])")
+        self.assertEqual(self.browser.run("return window.virtualBorders.map.onMap(arguments[0])", edge), edge)
+        self.assertEqual(self.browser.faults(), [])
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_web", "rostest_page_stop", StopTest)
