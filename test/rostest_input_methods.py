@@ -10,6 +10,7 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
+from std_srvs.srv import Trigger
 
 from vb_testing import Newest, wait_until
 from speech import RATE, say
@@ -27,7 +28,7 @@ from vb_msgs.msg import (
     SpeechCommand,
     VirtualBorderArray,
 )
-from vb_msgs.srv import Command, UndoRedo
+from vb_msgs.srv import Command
 
 COMMANDS = ("define_border", "define_seed", "save")
 FRAME_S = 0.04  # 25 images a second
@@ -142,7 +143,7 @@ class InputMethods(unittest.TestCase):
         self.assertTrue(promised.success, promised.message)
         self.assertEqual(np.array(promised.region.data).sum() / 100, (cells != room().data.ravel()).sum())
         self.found[way] = (stored.kind, array_from_points([*stored.points, stored.seed]), cells)
-        rospy.ServiceProxy(names.UNDO, UndoRedo)()
+        rospy.ServiceProxy(names.UNDO, Trigger)()
         self.borders.wait(lambda message: not message.borders, f"{way}: the undone border")
         self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
         record = wait_until(lambda: self.record_of(identity), f"{way}: the record")

@@ -30,7 +30,7 @@ from bench.detection.finder import Finder
 from bench.detection.fitting import judges_of_clips
 from bench.frame import Table, arguments
 
-FRAMES = 90  # of each clip: a few shots, and the quiet before
+FRAMES = 40, 100  # of those that frames_near_shots yields of a clip: the quiet before, and the first two or three shots
 STAGES = ("detector.py", *(f"detection/{name}.py" for name in "background proposals features tracking".split()))
 STAGES += ("detection/image_registration.py",)
 
@@ -45,7 +45,7 @@ class Clips:
             if role == "stationary":
                 group, taken = takes(name, np.random.default_rng(zlib.crc32(name.encode())))[1]
             frames = frames_near_shots(folder, name, video, group, taken, role)
-            self._clips.append((judges.get(group), reach_in(video), list(itertools.islice(frames, FRAMES))))
+            self._clips.append((judges.get(group), reach_in(video), list(itertools.islice(frames, *FRAMES))))
 
     def count(self, source: Optional[Path]) -> Tuple[int, int]:
         """Returns how many labelled spots a version finds and confirms, and how many false ones."""

@@ -50,7 +50,7 @@ class StubNeighbors:
         """Starts undo over one border, "Nursery", which can be taken back once; gives the services."""
         self.undone = 0
         return [
-            rospy.Service("/virtual_borders/undo", UndoRedo, self._on_undo),
+            rospy.Service("/virtual_borders/undo_redo", UndoRedo, self._on_undo),
             rospy.Service("/virtual_borders/list_borders", ListBorders, self._on_list),
         ]
 

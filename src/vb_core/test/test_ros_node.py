@@ -1,3 +1,4 @@
+import gc
 import os
 import subprocess
 import sys
@@ -242,3 +243,13 @@ node.run("lamp", build)
     )
     assert done.returncode == 0
     assert "Switches a lamp." in done.stdout and "/lamp/wanted" in done.stdout
+
+
+def test_what_a_nodes_start_has_made_is_not_searched_for_garbage():
+    made = [[number] for number in range(1000)]
+    node._keep_for_good()
+    try:
+        searched = set(map(id, gc.get_objects()))
+        assert not searched & set(map(id, made))
+    finally:
+        gc.unfreeze()

@@ -124,7 +124,7 @@ class CalibrateCameraTest(unittest.TestCase):
         cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         cls.infos = rospy.Publisher("/nobody/camera_info", CameraInfo, queue_size=1)
         # takes its time without the person: it runs while the others are guided
-        cls.unattended = Command("spots", "nobody", "--folder", tempfile.gettempdir())
+        cls.unattended = Command("spots", "nobody")
 
     @classmethod
     def tearDownClass(cls):

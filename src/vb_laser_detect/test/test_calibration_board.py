@@ -107,7 +107,7 @@ def draw(offset=(0.0, 0.0), phase=0.0, seconds=10.0, gap=(), period=0.04):
 
 
 def distance_between(first, second):
-    return camera_watch.distance_between(*map(camera_watch.single_spots, (first, second)))
+    return camera_watch.distance_between(*(np.array(seen).reshape(-1, 3) for seen in (first, second)))
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02)])
@@ -119,20 +119,10 @@ def test_cameras_are_as_far_apart_as_their_offset_whatever_their_phases(offset, 
 
 
 @pytest.mark.parametrize(
-    "other",
-    [[], draw(phase=50.0), draw(seconds=0.5), draw(gap=(0.3, 9.7)), [(100.0, 0.0, 0.0)] * 50],
-    ids=["none", "later", "short", "a gap", "one moment"],
+    "other", [[], draw(phase=50.0), draw(seconds=0.5), draw(gap=(0.3, 9.7))], ids=["none", "later", "short", "a gap"]
 )
 def test_cameras_that_hardly_see_the_spot_together_are_not_compared(other):
     assert math.isnan(distance_between(draw(), other))
-
-
-def test_two_spots_at_once_of_one_camera_say_nothing():
-    """Also those of a name that two cameras have."""
-    seen = draw(phase=0.01)
-    double = [(stamp, x + 1.0, y) for stamp, x, y in seen[::2]]
-    assert distance_between(draw(), seen + double) < 0.01 and distance_between(seen + double, draw()) < 0.01
-    assert math.isnan(distance_between(draw(), seen + [(stamp, x + 1.0, y) for stamp, x, y in seen]))
 
 
 def test_a_gap_is_not_bridged():

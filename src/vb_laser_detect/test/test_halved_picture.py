@@ -26,15 +26,21 @@ def flickering(number):
 
 
 @pytest.mark.parametrize(
-    "light, color, sigma",
-    [(None, RED, 2.5), (None, GREEN, 1.2), (switched, RED, 2.5), (flickering, GREEN, 3.0)],
-    ids=["red", "small and green", "light switched", "lamps flicker"],
+    "light, color, sigma, rows",
+    [
+        (None, RED, 2.5, (150.6, 3.0)),
+        (None, GREEN, 1.2, (150.6, 3.0)),
+        (None, RED, 2.5, (534.6, 0.0)),  # the half's last rows are no block of their own
+        (switched, RED, 2.5, (150.6, 3.0)),
+        (flickering, GREEN, 3.0, (150.6, 3.0)),
+    ],
+    ids=["red", "small and green", "at the lower edge", "light switched", "lamps flicker"],
 )
-def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma):
+def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, rows):
     scene, both = Scene(*SIZE), [SpotDetector(), SpotDetector()]
     found, whole = [[], []], []
     for number in range(DRAWN.stop):
-        u, v = 250.3 + 6.0 * number, 150.6 + 3.0 * number
+        u, v = 250.3 + 6.0 * number, rows[0] + rows[1] * number
         floor = scene.floor * light(number) if light is flickering else None
         gain = switched(number) if light is switched else 1.0
         image = scene.render([(u, v)] if number in DRAWN else [], sigma, color=color, floor=floor, gain=gain)
@@ -45,7 +51,7 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma):
 
         for spots, detector, picture in zip(found, both, (image, HalvedPicture(SIZE, decode))):
             for spot in detector.detect(picture, 0.04 * number):
-                truth = 250.3 + 6.0 * spot.stamp / 0.04, 150.6 + 3.0 * spot.stamp / 0.04
+                truth = 250.3 + 6.0 * spot.stamp / 0.04, rows[0] + rows[1] * spot.stamp / 0.04
                 spots.append((round(spot.stamp / 0.04), spot.u - truth[0], spot.v - truth[1]))
     searched, halved = (np.array(spots) for spots in found)
     assert len(searched) >= 0.8 * len(DRAWN) and abs(len(searched) - len(halved)) <= 1

@@ -14,34 +14,11 @@ from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
 from vb_laser_detect.detection.projection import FloorProjection, pixels_of
 
 ROBOT = RobotCylinder(2.0, 1.0, 0.2, 0.4)
-ASLANT = np.array([0.0, 1.0, 2.8])  # of a camera that sees it from the left
-ABOVE = np.array([2.0, 1.0, 2.8])
-
-
-@pytest.mark.parametrize(
-    "origin, floor, hidden",
-    [
-        (ASLANT, (2.0, 1.0), True),  # through its middle
-        (ASLANT, (1.81, 1.0), True),  # below its near side
-        (ASLANT, (1.79, 1.0), False),  # before it
-        (ASLANT, (2.1, 1.22), False),  # beside it
-        (ASLANT, (2.5, 1.0), True),  # behind it: the ray comes down through its top
-        (ASLANT, (2.6, 1.0), False),  # farther behind it: over its top
-        (ASLANT, (3.5, 1.0), False),
-        (ABOVE, (2.0, 1.0), True),
-        (ABOVE, (2.0, 1.22), True),  # the rim of its top hides the floor outside
-        (ABOVE, (2.0, 1.24), False),
-        ((0.0, 1.0, 0.3), (3.5, 1.0), True),  # a camera below its top
-        ((0.0, 1.0, 0.3), (1.7, 1.0), False),
-    ],
-)
-def test_a_ray_that_passes_through_a_robot(origin, floor, hidden):
-    assert ROBOT.occludes(np.array(origin), np.array([*floor, 0.0])) is hidden
 
 
 @settings(max_examples=200, deadline=None)
-@given(x=st.floats(-3, 3), y=st.floats(-3, 3), u=st.floats(-4, 4), v=st.floats(-4, 4), height=st.floats(0.5, 4.0))
-def test_agrees_with_points_along_the_ray(x, y, u, v, height):
+@given(x=st.floats(-3, 3), y=st.floats(-3, 3), u=st.floats(1, 3), v=st.floats(0, 2), height=st.floats(0.2, 4.0))
+def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height):
     origin, floor = np.array([x, y, height]), np.array([u, v, 0.0])
     points = origin + np.linspace(0.0, 1.0, 4001)[:, None] * (floor - origin)
     low = points[points[:, 2] <= ROBOT.height]

@@ -13,7 +13,6 @@ import rosnode
 import rospy
 import rostest
 from geometry_msgs.msg import Point, TransformStamped
-from std_srvs.srv import Trigger
 from tf2_ros import StaticTransformBroadcaster
 
 from map_server import MapServer, lab, polygon
@@ -32,6 +31,7 @@ from vb_msgs.srv import (
     RenameBorder,
     SaveMap,
     SetBorderEnabled,
+    UndoRedo,
     UpdateBorder,
 )
 
@@ -45,8 +45,8 @@ SERVICES = {
     "set_border_enabled": SetBorderEnabled,
     "rename_border": RenameBorder,
     "confirm_map": ConfirmMap,
-    "undo": Trigger,
-    "redo": Trigger,
+    "undo": UndoRedo,
+    "redo": UndoRedo,
 }
 
 
@@ -150,7 +150,7 @@ class MapIntegratorTest(unittest.TestCase):
             self.assertIn((answer.success, answer.code), [(False, code), (False, "unknown_border")])
         for name in ("../x", "/tmp/x", "a/b"):
             self.assertEqual(self.call("save_map", name, False).code, "bad_file_name")
-        self.assertFalse(self.call("redo").success)
+        self.assertEqual(self.call("redo").code, "nothing_to_redo")
         self.assertEqual(self.maps.count, count)
         self.assertEqual(self.call("list_borders").borders.revision, revision)
 

@@ -6,7 +6,7 @@ import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from shapely import affinity
-from shapely.geometry import LineString, Point, Polygon, box
+from shapely.geometry import LineString, Point, box
 from shapely.ops import split
 
 from refusals import refused
@@ -20,20 +20,8 @@ from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_o
 SETTINGS = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
-def random_polygon(random, room, least=0.6):
-    """A star-shaped polygon within a room."""
-    while True:
-        center = random.uniform(*np.array(room.bounds).reshape(2, 2))
-        angles = np.sort(random.uniform(0.0, 2.0 * np.pi, random.integers(3, 30)))
-        radii = random.uniform(0.4, 1.6, len(angles))
-        polygon = Polygon(center + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
-        if polygon.is_valid and polygon.area > least and room.contains(polygon):
-            return polygon
-
-
-def coordinates(shape):
-    points = np.array(shape.exterior.coords if isinstance(shape, Polygon) else shape.coords)
-    return points[:-1] if isinstance(shape, Polygon) else points
+def coordinates(line):
+    return np.array(line.coords)
 
 
 def inside_point(random, shape, margin=0.06):
@@ -48,21 +36,6 @@ def inside_point(random, shape, margin=0.06):
 
 def codes(result):
     return [found.code for found in result.issues]
-
-
-@SETTINGS
-@given(st.integers(0, 10**6), st.sampled_from(sorted(ROOMS)), st.sampled_from(ORIGINS), st.booleans())
-def test_polygons_match_exact_ones(seed, room_name, origin, inner):
-    random = np.random.default_rng(seed)
-    prior, room = world(ROOMS[room_name], origin)
-    polygon = place(random_polygon(random, ROOMS[room_name]), origin)
-    area = polygon if inner else room.difference(polygon)
-    point = inside_point(random, area)
-    result = integrate(prior, VirtualBorder(coordinates(polygon), point, closed=True))
-    truth = rasterise(area, prior)
-    assert jaccard(result.region, truth) >= 0.995
-    assert result.area_m2 == pytest.approx(area.area, rel=0.03)
-    assert np.array_equal(result.posterior.data == 100, (prior.data == 100) | result.region)
 
 
 @SETTINGS
@@ -223,48 +196,22 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
     assert result.area_m2 == pytest.approx(result.region.sum() * 0.05**2)
 
 
-def test_unknown_inside_a_polygon_is_restricted_and_stops_the_fill_elsewhere():
-    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
-    data = prior.data.copy()
-    data[100:120, 150:170] = -1
-    prior = prior.with_data(data)
-    square = [(3.5, 2.2), (4.5, 2.2), (4.5, 3.2), (3.5, 3.2)]
-    inner = integrate(prior, VirtualBorder(square, (3.6, 2.3), closed=True))
-    assert (inner.posterior.data[100:120, 150:170] == 100).all()
-    outer = integrate(prior, VirtualBorder([(1, 1), (2, 1), (2, 2), (1, 2)], (6.0, 2.0), closed=True))
-    assert (outer.posterior.data[100:120, 150:170] == -1).all()
-    assert (outer.posterior.data[0] == -1).all()
-
-
-@pytest.mark.parametrize("occupancy, value", [(0.01, 1), (0.25, 25), (0.75, 75), (1.0, 100)])
-def test_delta_becomes_occupancy(occupancy, value):
-    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
-    data = prior.data.copy()
-    data[60:80, 60:80] = 50
-    prior = prior.with_data(data)
-    result = integrate(prior, VirtualBorder([(1, 1), (3, 1), (3, 3), (1, 3)], (1.2, 1.2), occupancy))
-    assert (result.posterior.data[60:80, 60:80] == max(50, value)).all()
-    assert result.posterior.data[50, 50] == value
-
-
-def room_border(points, seed, **options):
+def room_border(points, seed, closed):
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [box(2.0, 2.0, 3.0, 3.0)])
-    return prior, lambda **more: restricted_area(prior, VirtualBorder(points, seed, **options), **more)
+    return prior, lambda: restricted_area(prior, VirtualBorder(points, seed, closed=closed))
 
 
 @pytest.mark.parametrize(
     "code, points, seed, closed",
     [
         ("seed_on_obstacle", [(4, 1), (4, 4)], (2.5, 2.5), False),
-        ("seed_on_obstacle", [(1.5, 1.5), (3.5, 1.5), (3.5, 3.5), (1.5, 3.5)], (2.5, 2.5), True),
         ("seed_outside_map", [(4, 1), (4, 4)], (9.0, 1.0), False),
         ("outside_map", [(14, 1), (14, 4)], (1.0, 1.0), False),
-        ("empty_region", [(12, 1), (13, 1), (13, 2)], (1.0, 1.0), True),
         ("no_separation", [(2.2, 2.2), (2.8, 2.8)], (1.0, 1.0), False),
     ],
 )
 def test_refusals_are_coded(code, points, seed, closed):
-    prior, run = room_border(points, seed, closed=closed)
+    prior, run = room_border(points, seed, closed)
     before = prior.data.copy()
     with refused(code) as caught:
         run()
@@ -282,8 +229,6 @@ def test_a_curve_in_another_room_separates_nothing():
 @pytest.mark.parametrize(
     "code, points, seed, closed",
     [
-        ("border_self_intersects", [(1, 1), (3, 3), (3, 1), (1, 3)], (1.2, 2.0), True),
-        ("outside_map", [(7, 4), (9, 4), (9, 5.5), (7, 5.5)], (7.2, 4.2), True),
         ("covers_nearly_all", [(0.2, 0.2), (7.8, 0.2), (7.8, 4.8), (0.2, 4.8)], (1, 1), True),
         ("seed_moved", [(4, 1), (4, 4)], (2.1, 2.5), False),
         ("seed_moved", [(4, 1), (4, 4)], (4.0, 2.5), False),
@@ -291,15 +236,8 @@ def test_a_curve_in_another_room_separates_nothing():
     ],
 )
 def test_warnings_are_coded(code, points, seed, closed):
-    _, run = room_border(points, seed, closed=closed)
+    _, run = room_border(points, seed, closed)
     assert codes(run()) == [code] * bool(code)
-
-
-def test_a_robot_inside_is_a_warning():
-    _, run = room_border([(4, 1), (4, 4)], (6.0, 2.5), closed=False)
-    assert codes(run(robots=[(5.0, 2.0)])) == ["robot_inside"]
-    assert codes(run(robots=[(1.0, 1.0), (5.0, 2.0)])) == ["robot_inside"], "the second one of two"
-    assert codes(run(robots=[(1.0, 1.0), (-90.0, 2.0)])) == []
 
 
 @pytest.mark.parametrize("offset", [-0.012, -0.006, 0.006, 0.012])
@@ -369,13 +307,3 @@ def test_the_kind_is_decided_from_the_gap():
     assert VirtualBorder([(0, 0), (0, 1), (1, 1), (1, 0)], (0.5, 0.5)).closed is False
     repeated = VirtualBorder([(0, 0), (0, 1), (1, 1), (0, 0)], (0.2, 0.5))
     assert repeated.closed is True and len(repeated.points) == 3
-
-
-def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
-    data = np.zeros((60, 60), np.int8)
-    data[49:52, 49:52] = 100
-    data[50, 50] = 0
-    prior = GridMap(data, 0.05, (0.0, 0.0, 0.0))
-    square = np.array([(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)])
-    result = integrate(prior, VirtualBorder(square, (50.5 * 0.05, 50.5 * 0.05), closed=True))
-    assert np.argwhere(result.region).tolist() == [[50, 50]]

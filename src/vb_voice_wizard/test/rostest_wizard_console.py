@@ -8,14 +8,13 @@ import unittest
 
 import rospy
 import rostest
-from vb_core import sentences
 
 from neighbors import StubNeighbors
-from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
+from vb_testing import Newest, Process, assert_ends_with_one_line
 
 from terminal import Terminal
 
-from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionState
+from vb_msgs.msg import BorderProgress, InteractionState
 
 FOLDER = tempfile.mkdtemp(prefix="vb_console_")
 
@@ -78,26 +77,6 @@ class WizardConsoleTest(unittest.TestCase):
         terminal.press("p")
         self.state.wait(lambda message: not message.stopped, "the end of the stop")
         self.assertEqual(self.stub.undone, 1)
-
-    def test_the_preview_on_a_narrow_terminal_and_leaving(self):
-        preview = rospy.Publisher("/virtual_borders/preview", BorderPreview, queue_size=1, latch=True)
-        preview.publish(
-            available=True,
-            success=False,
-            message="It separates nothing.",
-            free_parts=1,
-            issues=[BorderIssue(severity=BorderIssue.WARNING, code="robot_inside", message="The robot stands inside.")],
-        )
-        terminal = self.terminal
-        # the manager that runs publishes a preview of its own, of nothing: ours is said again
-        wait_until(
-            lambda: preview.publish(preview.impl.latch) or "It separates nothing." in terminal.text, "the refusal"
-        )
-        terminal.shows("! " + sentences.translate("robot_inside")[:30])
-        seen = len(terminal.text)
-        terminal.resize(40, 12)
-        terminal.shows("It separates nothing.", seen)
-        preview.publish(BorderPreview())
         self.assertNotIn("Traceback", terminal.text)
         self.assertEqual(terminal.leave(), (0, True))
 

@@ -1,45 +1,17 @@
 """What the manager says of a border that other nodes do not give."""
 
-import pytest
-
 from refusals import refused
-from vb_core.errors import CodedError
-from vb_core.notices import Notice, Severity
 from vb_core.ros import services
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import GetDrawnBorderResponse, UndoRedoResponse
+from vb_msgs.srv import UndoRedoResponse
 from vb_voice_wizard.dialogue import border_services
 from vb_voice_wizard.interaction_manager_node import _what_changed
-
-
-@pytest.fixture
-def made(monkeypatch):
-    """Makes the services, with a border_fusion that has seen no spot, of what people are told."""
-    monkeypatch.setattr(services, "call", lambda *_arguments, **_more: GetDrawnBorderResponse(code="no_spots"))
-    return lambda *notices: border_services.BorderServices(1.0, 1.0, 1.0, lambda: list(notices))
-
-
-def refusal(made, *notices):
-    with pytest.raises(CodedError) as caught:
-        made(*notices).fetch_drawn_border("i1")
-    return caught.value
-
-
-def test_without_spots_the_laser_is_to_blame(made):
-    about_a_robot = Notice("robot_caught_in_border", Severity.ERROR, robot="r1")
-    slow = Notice("lab_camera_slow", Severity.WARNING, camera="north", values={"rate": "2"})
-    assert refusal(made, about_a_robot, slow).code == "no_spots"
-
-
-def test_without_spots_a_faulty_camera_is_to_blame_before_the_laser(made):
-    error = refusal(made, Notice("camera_no_pose", Severity.ERROR, camera="south", values={"camera": "south"}))
-    assert error.code == "camera_no_pose" and "south" in error.message
 
 
 def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch):
     monkeypatch.setattr(services, "call", lambda *_arguments, **_more: UndoRedoResponse(code="nothing_to_redo"))
     with refused("nothing_to_redo"):
-        border_services.BorderServices(1.0, 1.0, 1.0, list).change("redo", "r1")
+        border_services.BorderServices(1.0, 1.0, 1.0).change("redo", "r1")
 
 
 def test_what_was_undone_is_named():

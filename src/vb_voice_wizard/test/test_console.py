@@ -12,7 +12,7 @@ from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import COMMANDS
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
-from vb_voice_wizard.console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, printable
+from vb_voice_wizard.console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, keys_in, printable
 
 
 def drawing(language="en"):
@@ -107,8 +107,18 @@ def test_each_command_has_its_key_in_every_language(language):
     assert view.words("console_quit") in found and view.words("state_border").upper() in found
 
 
-def test_every_command_is_one_key():
+@pytest.mark.parametrize(
+    "typed, keys",
+    [("b \u00fc", "b \u00fc"), ("\x1b[A", ""), ("\x1bOS", ""), ("\x1b[As", "s"), ("\x1b[15~\x1b[1;5C ", " ")],
+)
+def test_keys_are_told_from_arrow_and_function_keys_also_if_read_at_once(typed, keys):
+    assert keys_in(typed) == keys
+
+
+def test_every_command_is_one_key_that_no_function_key_ends_with():
     assert sorted(COMMAND_KEYS.values()) == sorted(COMMANDS) and QUIT_KEY not in COMMAND_KEYS
     assert all(len(key) == 1 and key == key.lower() for key in COMMAND_KEYS)
+    # on a slow line the end of its sequence comes alone
+    assert not set("ABCDFHPQRS~0123456789;[") & set(COMMAND_KEYS)
     # on a slow line the end of what a function key sends comes alone
     assert not set("ABCDFHPQRS~0123456789;[") & set(COMMAND_KEYS)

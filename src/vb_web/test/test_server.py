@@ -169,6 +169,10 @@ async def answer_to(connection, **request):
     return await reply(connection, request.get("id", "1"))
 
 
+async def stop(connection, **more):
+    return await answer_to(connection, do="command", command="stop", seen_stop="", age=0.0, **more)
+
+
 async def reply(connection, request_id):
     while True:
         text = await asyncio.wait_for(connection.read_message(), 10.0)
@@ -206,7 +210,7 @@ def test_a_foreign_name_or_a_proxy_is_not_this_computer(local, headers):
 def test_in_a_network_nothing_is_shown_without_a_code(network):
     assert [network.ask(path).code for path in PRIVATE] == [401, 401, 401]
     with pytest.raises(Exception, match="401"):
-        network.link(lambda connection: answer_to(connection, do="command", command="stop", seen_stop="", age=0.0))
+        network.link(stop)
     # the page itself and its words are no secret: the code is asked for there
     assert network.ask("/").code == 200 and network.ask("/words/de.json").code == 200
 
@@ -214,9 +218,6 @@ def test_in_a_network_nothing_is_shown_without_a_code(network):
 def test_viewers_look_and_operators_command(network):
     assert [network.ask(path, Cookie=cookie(network, Role.VIEWER)).code for path in PRIVATE] == [200, 403, 403]
     assert [network.ask(path, Cookie=cookie(network, Role.OPERATOR)).code for path in PRIVATE] == [200, 200, 200]
-
-    async def stop(connection):
-        return await answer_to(connection, do="command", command="stop", seen_stop="", age=0.0)
 
     assert network.link(stop, Cookie=cookie(network, Role.VIEWER))["code"] == "page_viewer_only"
     assert network.backend.done == []
@@ -247,9 +248,7 @@ def test_codes_cannot_be_tried_fast(network):
 @pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": ""}])
 def test_a_page_from_elsewhere_gets_no_link(local, headers):
     with pytest.raises(Exception, match="403"):
-        local.link(
-            lambda connection: answer_to(connection, do="command", command="stop", seen_stop="", age=0.0), **headers
-        )
+        local.link(stop, **headers)
     assert local.backend.done == []
 
 
@@ -326,7 +325,7 @@ def test_stop_does_not_wait_for_what_takes_long(local):
             await connection.write_message(
                 json.dumps({"do": "preview", "id": f"p{number}", "draft": GOOD_DRAFT, "border": ""})
             )
-        answer = await answer_to(connection, do="command", id="stop", command="stop", seen_stop="", age=0.0)
+        answer = await stop(connection, id="stop")
         local.backend.gate.set()
         return answer
 
@@ -414,7 +413,7 @@ def test_viewers_take_no_operators_place(network):
         for link in links[:3]:  # its own older ones give way
             while await asyncio.wait_for(link.read_message(), 60.0) is not None:
                 pass
-        return await answer_to(operator, do="command", command="stop", seen_stop="", age=0.0)
+        return await stop(operator)
 
     assert network.link(work, Cookie=cookie(network, Role.OPERATOR))["ok"]
 

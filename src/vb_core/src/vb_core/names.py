@@ -31,6 +31,7 @@ PREVIEW_BORDER = "/virtual_borders/preview_border"
 LIST_BORDERS = "/virtual_borders/list_borders"
 UNDO = "/virtual_borders/undo"
 REDO = "/virtual_borders/redo"
+UNDO_REDO = "/virtual_borders/undo_redo"  # the same with an id and codes, for our own nodes
 SET_BORDER_ENABLED = "/virtual_borders/set_border_enabled"
 RENAME_BORDER = "/virtual_borders/rename_border"
 CONFIRM_MAP = "/virtual_borders/confirm_map"

@@ -13,7 +13,6 @@ key, a wrong type or a value out of range is a `ParameterError` that names the k
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, Mapping, Optional, Sequence, Type, TypeVar
 
 from vb_core.errors import ParameterError
@@ -106,34 +105,30 @@ def _default(field: dataclasses.Field) -> Any:
     return None
 
 
+_EXPECTED = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    tuple: "a list",
+    list: "a list",
+    dict: "keys and values",
+}
+
+
 def check(key: str, value: Any, default: Any, limits: Mapping[str, Any]) -> Any:
     """Checks a value; returns it in the default's type.
 
     Raises:
         ParameterError: names the key and says what was expected.
     """
-    unit = limits.get("unit") or ""
-    if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise ParameterError(key, f"expected true or false, got {value!r}")
-    elif isinstance(default, int):
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise ParameterError(key, f"expected a whole number, got {value!r}")
-    elif isinstance(default, float):
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
-            raise ParameterError(key, f"expected a number{' in ' + unit if unit else ''}, got {value!r}")
-        value = float(value)
-    elif isinstance(default, str):
-        if not isinstance(value, str):
-            raise ParameterError(key, f"expected text, got {value!r}")
-    elif isinstance(default, tuple):
-        if not isinstance(value, (list, tuple)):
-            raise ParameterError(key, f"expected a list, got {value!r}")
-        value = tuple(value)
-    elif isinstance(default, (list, dict)):
-        if not isinstance(value, type(default)):
-            kind = "a list" if isinstance(default, list) else "keys and values"
-            raise ParameterError(key, f"expected {kind}, got {value!r}")
+    unit, kind = limits.get("unit") or "", type(default)
+    accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
+    right = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
+    if kind in _EXPECTED and not (right and value == value):  # nan is no number
+        raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
+    if kind in (float, tuple):
+        value = kind(value)
     low, high, above, choices = (limits.get(name) for name in ("low", "high", "above", "choices"))
     # a list's limits apply to each of its numbers
     for number in value if isinstance(value, (list, tuple)) else [value]:

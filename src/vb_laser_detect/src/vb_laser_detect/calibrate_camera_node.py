@@ -15,7 +15,6 @@ import sys
 import threading
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any, Sequence, Tuple
 
 import cv2
@@ -166,16 +165,12 @@ class SpotCalibration:
         pose = calibration_file.CameraPose(
             a.camera, names.MAP_FRAME, frame, estimate.T_map_camera, float(self.camera.matrix[0, 0])
         )
-        path = calibration_file.calibration_path(a.folder, a.camera)
+        # where the running lab looks for it
+        folder = str(rospy.get_param("/camera_poses/calibration_dir", "")) or FOLDER
+        path = calibration_file.calibration_path(folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, pose, [f"{a.command}, {date}", *report, *describe_points(estimate, observed)])
-        looked_for = str(rospy.get_param("/camera_poses/calibration_dir", ""))
-        if looked_for and Path(looked_for).expanduser().resolve() != path.parent.resolve():
-            print_line(
-                f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}"
-            )
-        else:
-            print_line(f"wrote {path}; {'the running' if looked_for else 'a'} lab.launch takes it within seconds")
+        print_line(f"wrote {path}; a running lab.launch takes it within seconds")
         return 0
 
 
@@ -191,7 +186,6 @@ def _parser() -> argparse.ArgumentParser:
 
     spots = commands.add_parser("spots", help="its pose, from laser spots on known places")
     spots.add_argument("camera", help="its name; image topic and frame are those of its running detector")
-    spots.add_argument("--folder", default="", help=f"where NAME.yaml is written; default: the lab's, or {FOLDER}")
     spots.add_argument(
         "--point_sigma",
         type=float,
@@ -214,7 +208,6 @@ def main() -> int:
         rospy.init_node("calibrate_camera", anonymous=True)
         if arguments.command in camera_setup.COMMANDS:
             return camera_setup.COMMANDS[arguments.command](arguments)
-        arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/calibration_dir", FOLDER))
         return SpotCalibration(arguments).run()
     except CodedError as error:
         print(f"calibrate_camera: {error}", file=sys.stderr)

@@ -11,6 +11,7 @@ from typing import Any, Callable, List, Optional, Tuple
 
 import numpy as np
 import rospy
+from std_srvs.srv import Trigger, TriggerResponse
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import (
     AddBorder,
@@ -24,6 +25,8 @@ from vb_msgs.srv import (
     SaveMapResponse,
     SetBorderEnabled,
     UndoRedo,
+    UndoRedoRequest,
+    UndoRedoResponse,
     UpdateBorder,
 )
 
@@ -77,7 +80,8 @@ class MapIntegratorNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
         /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
         /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
-        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo)
+        /virtual_borders/undo_redo (vb_msgs/UndoRedo): carried out once, however often it is sent.
+        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger): the same for other programs.
         /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders next to them.
     Parameters:
         config/map_integrator.yaml
@@ -116,11 +120,12 @@ class MapIntegratorNode:
             (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
             (names.RENAME_BORDER, RenameBorder, self._rename),
             (names.CONFIRM_MAP, ConfirmMap, self._confirm),
-            (names.UNDO, UndoRedo, lambda asked, _: keeper.undo(asked.request_id)),
-            (names.REDO, UndoRedo, lambda asked, _: keeper.redo(asked.request_id)),
+            (names.UNDO_REDO, UndoRedo, self._undo_or_redo),
         )
         for name, service, change in changes:
             rospy.Service(name, service, partial(self._change, service._response_class, change))
+        rospy.Service(names.UNDO, Trigger, lambda _: self._trigger(redo=False))
+        rospy.Service(names.REDO, Trigger, lambda _: self._trigger(redo=True))
         rospy.Service(names.PREVIEW_BORDER, PreviewBorderArray, self._preview)
         rospy.Service(names.LIST_BORDERS, ListBorders, self._list)
         rospy.Service(names.SAVE_MAP, SaveMap, self._save)
@@ -249,6 +254,14 @@ class MapIntegratorNode:
         if hasattr(response, "revision"):
             response.revision = revision
         return response
+
+    def _undo_or_redo(self, request: Any, _now: float) -> ChangeResult:
+        step = self._integrator.redo if request.redo else self._integrator.undo
+        return step(request.request_id)
+
+    def _trigger(self, redo: bool) -> TriggerResponse:
+        answer = self._change(UndoRedoResponse, self._undo_or_redo, UndoRedoRequest(redo=redo))
+        return TriggerResponse(answer.success, answer.message or answer.code)
 
     def _add(self, request: Any, now: float) -> ChangeResult:
         border = self._requested(request).replace(enabled=not request.disabled)

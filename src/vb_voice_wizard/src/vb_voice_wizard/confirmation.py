@@ -7,6 +7,8 @@ lose a drawing is asked about unless it is beyond doubt; all others are done at 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from vb_core.vocabulary import ALWAYS, COMMANDS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
 
 # the answer to the question whether a command was meant, and that command
@@ -30,27 +32,9 @@ def would_matter(command: str, drawing: bool, stopped: bool, laser_on: bool) -> 
     return now[COMMANDS[command].matters]
 
 
-class Question:
-    """The question that is open: which command, who was asked, and when."""
+class Question(NamedTuple):
+    """The question that is open: whether a command is meant, the source that was asked, and when [s]; "": there is none."""
 
-    def __init__(self) -> None:
-        self.command = ""
-        self._source = ""
-        self._asked = 0.0
-
-    def ask(self, command: str, source: str, now: float) -> None:
-        """Opens the question whether a source meant a command, at a time [s]; it replaces any other."""
-        self.command, self._source, self._asked = command, source, now
-
-    def close(self) -> None:
-        """Closes it: it was answered, or something else was said."""
-        self.command = ""
-
-    def is_about(self, command: str, source: str) -> bool:
-        """Returns whether this source was asked about this command."""
-        return bool(self.command) and (self.command, self._source) == (command, source)
-
-    def advance(self, now: float) -> None:
-        """Closes it when it is too old, or time has jumped back."""
-        if not 0.0 <= now - self._asked <= CONFIRM_WITHIN:
-            self.close()
+    command: str = ""
+    source: str = ""
+    asked: float = 0.0

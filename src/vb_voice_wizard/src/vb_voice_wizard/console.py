@@ -6,6 +6,7 @@ are on the page and the display, where they can be seen.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -24,7 +25,14 @@ COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.
 SEVERITIES = {Severity.INFO: NOTE, Severity.WARNING: BAD, Severity.ERROR: WRONG}
 QUIT_KEY = "q"
 _IN_STATE_LINE = ("stopped", "interaction_ends_soon")  # notices that the line of the state has said
+# what a terminal sends for an arrow or function key
+_SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
 _CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
+
+
+def keys_in(typed: str) -> str:
+    """Returns the keys in what a terminal sent at once, without arrow and function keys, which may end with a letter."""
+    return _SEQUENCE.sub("", typed)
 
 
 def printable(text: str, style: str = "") -> Text:

@@ -33,7 +33,7 @@ from vb_core.vocabulary import (
 )
 from vb_core.vocabulary import PAUSED, REDO, RESUME, SAVE, STATES, STOP, UNDO, State, normalize, spoken_form
 
-from vb_voice_wizard.confirmation import ANSWERS, would_matter
+from vb_voice_wizard.confirmation import ANSWERS, Question, would_matter
 from vb_voice_wizard.session import CANCELLED, SAVED, UNANSWERED, Answer, Session
 
 
@@ -48,11 +48,6 @@ class Interaction(Session):
     def saving(self) -> bool:
         """Returns whether a border is on its way to the map."""
         return self.pending == SAVE
-
-    @property
-    def confirm_save(self) -> bool:
-        """Returns whether it is asked whether `save` was meant."""
-        return self.question.command == SAVE
 
     # ------------------------------------------------------------------ commands
     def command(
@@ -99,9 +94,9 @@ class Interaction(Session):
         refusal = self._check(name, seen_stop) or self._ask(said, name, source, now, uncertain, doubtful_border)
         if refusal is not None:
             if not refusal.code.startswith("confirm_"):
-                self.question.close()
+                self.question = Question()
             return self._answered(name, source, refusal)
-        self.question.close()
+        self.question = Question()
         if COMMANDS[name].carried_out_elsewhere:
             self.pending, self._pending_source, self._sent = name, source, False
             return self._answered(name, source, Answer(True, "saving" if name == SAVE else "changing"))
@@ -110,10 +105,6 @@ class Interaction(Session):
         if name == RESUME:
             return self._resume(source, seen_stop)
         return self._enter(name, source, now)
-
-    def expired(self, name: str) -> Answer:
-        """Refuses a command that arrived too late; only the person who gave it is told."""
-        return Answer(False, "expired", {"command": spoken_form(normalize(name))})
 
     def send_save(self) -> None:
         """Says that the border goes out to the map now; until `finish`, nobody knows whether it has arrived."""
@@ -139,16 +130,16 @@ class Interaction(Session):
         return self._answered(command, self._pending_source, answer)
 
     def _stop(self, identity: str, source: str, now: float) -> Answer:
-        self.question.close()
+        self.question = Question()
         self._active = now
-        before = self.stopped
+        before = self.latch.stopped
         new = self.latch.stop(identity, source)
         # one press may come twice, on the topic and as a command: it is one stop, and is told once
-        answer = Answer(True, "stopped" if self.stopped else "stop_released")
+        answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
         return self._answered(STOP, source, answer) if new and not before else answer
 
     def _resume(self, source: str, seen_stop: str) -> Answer:
-        code = "resumed" if self.stopped else "not_stopped"
+        code = "resumed" if self.latch.stopped else "not_stopped"
         # a stop may have come while this was decided
         answer = Answer(True, code) if self.latch.resume(seen_stop) else self._stopped_since(RESUME)
         return self._answered(RESUME, source, answer)
@@ -161,15 +152,17 @@ class Interaction(Session):
         self, said: str, name: str, source: str, now: float, uncertain: bool, doubtful_border: bool
     ) -> Optional[Answer]:
         """Returns the question whether this command is meant, or None if it was answered or need not be asked."""
-        if self.question.is_about(name, source) and (said in ANSWERS or not uncertain):
+        if self.question[:2] == (name, source) and (said in ANSWERS or not uncertain):
             return None
         if said in ANSWERS:
             return Answer(False, "nothing_asked", {"command": spoken_form(name)})
         drawing, entered = len(self.missing()) < 2, self._target(name)
-        ask = uncertain and would_matter(name, drawing, self.stopped, self.laser_is_on(now) and entered != self.state)
+        ask = uncertain and would_matter(
+            name, drawing, self.latch.stopped, self.laser_is_on(now) and entered != self.state
+        )
         if not ask and not (name == SAVE and doubtful_border):
             return None
-        self.question.ask(name, source, now)
+        self.question = Question(name, source, now)
         answer = spoken_form(name if not uncertain else "yes_" + name)
         code = "confirm_save" if name == SAVE else "confirm_command"
         return Answer(False, code, {"command": spoken_form(name), "answer": answer})
@@ -189,7 +182,7 @@ class Interaction(Session):
             self.entered = now
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
-        more = "_stopped" * self.stopped if target.guides else "_again" * again
+        more = "_stopped" * self.latch.stopped if target.guides else "_again" * again
         return self._answered(name, source, Answer(True, target.prompt + more))
 
     def _cancel(self, source: str, now: float) -> Answer:
@@ -205,7 +198,7 @@ class Interaction(Session):
         if name in (UNDO, REDO) and self.state != DEFAULT:
             # the newest change of the map is not what the person is drawing
             return Answer(False, "not_while_drawing", {"command": spoken_form(name)})
-        if name == RESUME and self.stopped and not seen_stop:
+        if name == RESUME and self.latch.stopped and not seen_stop:
             return Answer(False, "resume_which_stop", {"stop": self.latch.number})
         if name == PAUSE and self.state == DEFAULT:
             return Answer(False, "nothing_to_pause")
@@ -224,13 +217,13 @@ class Interaction(Session):
     # ------------------------------------------------------------------ queries
     def suggested_commands(self) -> List[str]:
         """Lists the commands that make sense now, most likely first; among them `stop` or, once stopped, `resume`."""
-        last = [RESUME] if self.stopped else [STOP]
+        last = [RESUME] if self.latch.stopped else [STOP]
         guide = [GUIDE_ROBOT] if self._params.robot else []
         if self.pending:
             return last
         if self.state == DEFAULT:
             steps = [DEFINE_BORDER, *guide, *self.history[:1]]
-            return [*(last + steps if self.stopped else steps + last), *self.history[1:]]
+            return [*(last + steps if self.latch.stopped else steps + last), *self.history[1:]]
         missing = self.missing()
         steps = [CONTINUE] * (self.state == PAUSED) + [SAVE] * (not missing)
         drawing = [DEFINE_BORDER, DEFINE_SEED]
@@ -240,4 +233,4 @@ class Interaction(Session):
         if self.state != GUIDE:
             steps += guide
         steps += [PAUSE] * (self.state != PAUSED)
-        return [*(last if self.stopped else []), *steps, CANCEL, *([] if self.stopped else last)]
+        return [*(last if self.latch.stopped else []), *steps, CANCEL, *([] if self.latch.stopped else last)]

@@ -19,7 +19,7 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
-from vb_core.vocabulary import BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
+from vb_core.vocabulary import BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize, spoken_form
 from vb_msgs.msg import (
     BorderProgress,
     DriverState,
@@ -89,7 +89,7 @@ class InteractionManagerNode:
         /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a save which is
             repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
             `stop` and `resume`.
-        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo): on `undo` and `redo`.
+        /virtual_borders/undo_redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
 
@@ -112,9 +112,8 @@ class InteractionManagerNode:
         self._cameras: List[str] = []
         self._cameras_of = ""
 
-        told = NoticeListener().current
-        self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout, told)
-        self._preview = Previewer(self._services, told)
+        self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout)
+        self._preview = Previewer(self._services, NoticeListener().current)
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=10)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
@@ -205,7 +204,8 @@ class InteractionManagerNode:
         with self._lock:
             interaction, now = self._interaction, rospy.get_time()
             if not order.expires.is_zero() and now > order.expires.to_sec():
-                answer = interaction.expired(order.command)
+                # only the person who gave it is told
+                answer = Answer(False, "expired", {"command": spoken_form(normalize(order.command))})
             else:
                 doubtful = self._preview.has_warning(interaction.interaction_id)
                 answer = interaction.command(
@@ -285,7 +285,7 @@ class InteractionManagerNode:
         message.seed_s = durations[SEED]
         message.stopped, message.stopped_by, message.stop_number, message.stops = self._latch.read()
         message.ends_at = rospy.Time.from_sec(interaction.ends_at)
-        message.confirm_save = interaction.confirm_save
+        message.confirm_save = interaction.question.command == SAVE
         message.available_commands = interaction.suggested_commands()
         message.last_command = interaction.last_command
         message.last_source = interaction.last_source

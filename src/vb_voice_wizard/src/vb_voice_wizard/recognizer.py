@@ -43,7 +43,8 @@ CERTAIN_ODDS = 10.0
 THRESHOLD = 0.5  # confidence from which a command is taken: even odds
 # [s] of speech at an utterance's end that may be a "stop", as short and as long as people say it
 _ENDINGS = (0.4, 0.6, 0.8)
-_ENDING_CERTAIN = -0.7  # evidence from which it is one: there are many ends in an hour of talk
+_STOP_AT_END = -0.7  # evidence from which it is one: there are many ends in an hour of talk
+_STOP_EVEN = -3.7  # the same for a whole utterance, by fewer looks: a stop too many harms less than one that is missed
 _MIN_LENGTH = 0.2  # [s] with its padding: less is no word
 # How each utterance is looked at: played at a speed, with silence [s] put before and after it, or sound taken off. What is
 # found is averaged: what noise, a breath before the word, or the network's whim hides in one look, another shows.
@@ -96,18 +97,18 @@ class CommandRecognizer:
         self._model = SpeechModel([text.lower() for _, text in said])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
-        """Classifies one utterance: as a whole, and if that is no command, by its end."""
+        """Classifies one utterance: as a whole, and if that is no command, whether it or its end may be a "stop"."""
         if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
         result = RecognitionResult(reason="too_long") if utterance.too_long else self._judge(utterance.pcm)
         if result.command is None:
-            endings = [utterance.pcm[-int((seconds + PADDING) * SAMPLE_RATE) :] for seconds in _ENDINGS]
             stops = np.flatnonzero(self._meanings == STOP)
-            for pcm in endings:
+            pieces = [] if utterance.too_long else [(utterance.pcm, _STOP_EVEN)]
+            pieces += [(utterance.pcm[-int((end + PADDING) * SAMPLE_RATE) :], _STOP_AT_END) for end in _ENDINGS]
+            for pcm, needed in pieces:
                 _, evidence = self._weigh(pcm, stops, _LOOKS[:3])
-                if evidence >= _ENDING_CERTAIN:
-                    odds = np.exp(evidence - _EVEN)
-                    return RecognitionResult(STOP, STOP, float(odds / (1.0 + odds)), True)
+                if evidence >= needed:
+                    return RecognitionResult(STOP, STOP, float(1.0 / (1.0 + np.exp(needed - evidence))), True)
         return result
 
     def _judge(self, pcm: np.ndarray) -> RecognitionResult:

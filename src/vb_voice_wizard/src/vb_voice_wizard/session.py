@@ -17,7 +17,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.stop_latch import StopLatch
 from vb_core.vocabulary import BORDER, CANCEL, DEFAULT, GUIDE, SEED, STATES, State
 
-from vb_voice_wizard.confirmation import Question
+from vb_voice_wizard.confirmation import CONFIRM_WITHIN, Question
 
 # [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
 UNSEEN_AFTER = 10.0
@@ -132,11 +132,6 @@ class Session:
         self.history: List[str] = []  # "undo" and "redo", each if the borders have something to undo or redo
         self._record: Optional[Record] = None
 
-    @property
-    def stopped(self) -> bool:
-        """Returns whether robots are stopped."""
-        return self.latch.stopped
-
     # ------------------------------------------------------------------ the clock and what was seen
     def durations(self, now: float) -> Dict[State, float]:
         """Returns the time [s] per active state up to now; in Default, of the interaction that ended last."""
@@ -151,7 +146,8 @@ class Session:
         self._counted_until = now
         self.started, self.entered = min(self.started, now), min(self.entered, now)
         self.last_answered, self._active = min(self.last_answered, now), min(self._active, now)
-        self.question.advance(now)
+        if not 0.0 <= now - self.question.asked <= CONFIRM_WITHIN:
+            self.question = Question()
 
     def see_laser(self, now: float) -> None:
         """Stores that a camera saw a spot at a time [s], whatever the state."""
@@ -232,7 +228,7 @@ class Session:
         self.state = DEFAULT
         self.interaction_id = ""
         self.pending = ""
-        self.question.close()
+        self.question = Question()
         self.unanswered_save = False
         self.started, self.entered = 0.0, now
         self._visited = []

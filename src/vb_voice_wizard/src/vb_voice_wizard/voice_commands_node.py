@@ -13,12 +13,11 @@ from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
-from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, level_db
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord
 from vb_voice_wizard.voice.listener import CommandListener, Heard
 from vb_voice_wizard.recognizer import CommandRecognizer
 
@@ -28,7 +27,6 @@ _WATCH_PERIOD = 0.25  # [s] wall time between two looks whether there is sound
 _NEAR = 0.2  # confidence from which a rejected utterance gets the refusal sound: say it again
 _DEAF_TIMEOUT = 5.0  # [s] without any sound after which people are told
 _LATE = 2.0  # [s] from the end of a command to its understanding: the person may have gone on to something else
-_DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this is its least significant bit
 
 
 @dataclass(frozen=True)
@@ -99,18 +97,15 @@ class VoiceCommandsNode:
 
     # ------------------------------------------------------------------ sound in
     def _put(self, pcm: np.ndarray) -> None:
-        if level_db(pcm) > _DIGITAL_SILENCE_DB:
+        if np.ptp(pcm) > 2:  # the quietest microphone has its own noise
             self._heard_at, self._trouble = time.monotonic(), ""
         if not self._sound.put((pcm, time.monotonic())):
             rospy.logwarn_throttle(5.0, "voice_commands: too slow for the sound that comes in, some is lost")
 
     def _on_audio(self, message: Audio) -> None:
         if message.sample_rate != SAMPLE_RATE or len(message.data) % 2:
-            rospy.logwarn_throttle(
-                5.0,
-                f"voice_commands: sound dropped: {message.sample_rate} samples/s in {len(message.data)} bytes, "
-                f"and not {SAMPLE_RATE} of 2 bytes",
-            )
+            what = f"{message.sample_rate} samples/s in {len(message.data)} bytes, not {SAMPLE_RATE} of 2 bytes"
+            rospy.logwarn_throttle(5.0, f"voice_commands: sound dropped: {what}")
             return
         self._put(np.frombuffer(message.data, dtype="<i2"))
 
@@ -161,9 +156,7 @@ class VoiceCommandsNode:
     ) -> None:
         if answer is None:
             rospy.logwarn("voice_commands: %s is lost: %s", request.command, error)
-            answer = CommandResponse(
-                success=False, code=error.code, message=error.message, values=values_from_mapping(error.values)
-            )
+            answer = CommandResponse(code=error.code, message=error.message)
             self._beep("error")
         self._publish(context, answer)
 
@@ -174,21 +167,16 @@ class VoiceCommandsNode:
             accepted=bool(result.command),
             confidence=result.confidence,
             reason=result.reason,
-            duration_s=heard.end - heard.start,
-            answer_s=time.monotonic() - heard.end,
             success=answer.success,
             code=answer.code,
-            message=answer.message,
-            values=answer.values,
         )
         message.header.stamp = rospy.Time.now()
         rospy.loginfo(
-            "heard %s (%s, confidence %.2f, %.1f s, answered after %.2f s) %s",
+            "heard %s (%s, confidence %.2f, answered after %.2f s) %s",
             result.best or "something",
             result.reason,
             result.confidence,
-            message.duration_s,
-            message.answer_s,
+            time.monotonic() - heard.end,
             answer.message,
         )
         self._heard.publish(message)

@@ -9,7 +9,7 @@ import sys
 import termios
 import time
 import tty
-from typing import Any, List, Optional
+from typing import Any, Optional
 
 import rosgraph
 import rospy
@@ -24,10 +24,9 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, printable
+from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
 
 _PERIOD = 0.2  # [s] between two looks at what changed: an operator cannot follow more
-_ESCAPE = "\x1b"
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
 
 
@@ -130,18 +129,16 @@ class WizardConsoleNode:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
                 if not typed:
                     return  # the terminal is gone
-            # what a terminal sends for an arrow or function key begins with ESC, and may end with a letter
-            if _ESCAPE not in typed and any([self.press(key) for key in typed]):
+            if any([self.press(key) for key in keys_in(typed)]):
                 return
 
 
-def run(arguments: Optional[List[str]] = None) -> int:
+def run() -> int:
     """Runs the console; returns the exit status."""
-    given = sys.argv[1:] if arguments is None else arguments
     parser = argparse.ArgumentParser(prog="wizard_console", description="The hidden operator's console.")
     parser.add_argument("--source", default="wizard", help="who gives the commands, for the record (default: wizard)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="(default: en)")
-    chosen = parser.parse_args(rospy.myargv(["wizard_console", *given])[1:])
+    chosen = parser.parse_args(rospy.myargv()[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         print(
             "wizard_console needs a terminal; for scripts there is the service /virtual_borders/command",

@@ -92,8 +92,11 @@ class ActionHandler:
 
     @staticmethod
     def _undo_or_redo(request: Request) -> Dict[str, Any]:
-        name = names.UNDO if request.values["command"] == "undo" else names.REDO
-        return _answer(_call(name, UndoRedo, request_id=request.id))
+        redo = request.values["command"] == "redo"
+        try:
+            return _answer(_call(names.UNDO_REDO, UndoRedo, redo=redo, request_id=request.id))
+        except CodedError as error:
+            return refusal(error)
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:

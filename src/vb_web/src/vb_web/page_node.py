@@ -79,7 +79,7 @@ class PageNode:
         /virtual_borders/rename_border (vb_msgs/RenameBorder)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
         /virtual_borders/send_robot (vb_msgs/SendRobot)
-        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo)
+        /virtual_borders/undo_redo (vb_msgs/UndoRedo)
     Parameters:
         config/page.yaml
     """

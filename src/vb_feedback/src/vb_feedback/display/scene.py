@@ -22,9 +22,10 @@ PLATE = "plate"
 TEXT = "text"
 
 
-# heights in the scene [m]: seen from above, the higher one hides the lower one. What is being drawn hides names.
+# heights in the scene [m]: seen from above, the higher one hides the lower one. A label hides no outline, and what is
+# being drawn hides names.
 _LEVELS = tuple(0.06 * step for step in range(1, 11))
-Z_BORDER, Z_LABEL, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
+Z_LABEL, Z_BORDER, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,6 @@ def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
     sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
     starts = _divide(stroke, sums)
-    if joined and len(starts) > 3:
-        # the side in which the drawing began and ended is one side
-        last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
-        if _misfit(last + first) < _misfit(last) + _misfit(first) + CORNER_MISFIT * stroke.tremor**3:
-            starts = starts[1:]
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 
 

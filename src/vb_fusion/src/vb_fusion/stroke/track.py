@@ -22,7 +22,15 @@ from typing import List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, find_dropout, time_bins
+from vb_fusion.stroke.observations import (
+    LOCALIZATION_ERROR,
+    MAX_DROPOUTS,
+    TIME_BIN,
+    TREMOR,
+    Observations,
+    find_dropout,
+    time_bins,
+)
 
 PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers; a stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
@@ -30,9 +38,9 @@ MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thin
 MAX_CROWD = 3.0  # places of one moment that count in full: the pointer, a bright thing and a stray
 # places between unseen steps that are more than a stray or a glint, which is seen for a third of a second
 LEAST_SEEN = 5
-LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
-# places of one moment, the strongest ones: looking back reaches further than a dropout, whatever glitters
-MAX_SIMULTANEOUS_PLACES = 10
+MAX_SIMULTANEOUS_PLACES = 10  # places of one moment, the strongest ones
+# places among which a predecessor is looked for: further than a dropout, whatever glitters
+LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_PLACES
 
 
 def find_places(seen: Observations) -> Observations:

@@ -149,7 +149,7 @@ class CameraWatch:
     def disagreements(self, now: float) -> List[Notice]:
         """Returns a notice for each two cameras that saw the laser at different places: one was moved, or has another's pose."""
         fresh = {
-            camera: single_spots([one for one in seen if 0.0 <= now - one[0] <= _SIGHTING_LIFETIME])
+            camera: np.array(sorted(one for one in seen if 0.0 <= now - one[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
             for camera, seen in self._sightings.items()
         }
         found = []
@@ -168,7 +168,7 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     first one's time, between two of its sightings that follow each other at its usual pace.
 
     Args:
-        a, b: (N, 3) as `single_spots` returns them.
+        a, b: (N, 3) sightings, in the order of time.
     """
     if min(len(a), len(b)) < _MIN_COMMON:
         return math.nan
@@ -183,13 +183,6 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     share = ((a[:, 0] - b[before, 0]) / steps[before])[:, None]
     off = b[before, 1:] + share * (b[before + 1, 1:] - b[before, 1:]) - a[:, 1:]
     return float(np.median(np.linalg.norm(off, axis=1)))
-
-
-def single_spots(sightings: Sequence[Sighting]) -> np.ndarray:
-    """Returns sightings (N, 3) in the order of time, without those of images in which a camera saw two spots."""
-    seen = np.array(sorted(sightings)).reshape(-1, 3)
-    _, moment, counts = np.unique(seen[:, 0], return_inverse=True, return_counts=True)
-    return seen[counts[moment] == 1]
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
@@ -215,5 +208,4 @@ def _unread(camera: str, error: CodedError, is_kept: bool) -> CodedError:
         return CodedError("camera_not_calibrated", error=error.message)
     if error.code == "shared_frame":
         return error
-    pose = "$camera_pose_kept" if is_kept else "$camera_pose_missing"
-    return CodedError("camera_file_broken", error=error.message, file=f"{camera}.yaml", pose=pose)
+    return CodedError("camera_file_broken", error=error.message, file=f"{camera}.yaml")

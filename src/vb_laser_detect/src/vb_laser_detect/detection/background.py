@@ -232,12 +232,14 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
         (H // BLOCK, W // BLOCK) uint8.
     """
     high = BLOCK * max(1, _BAND // image[0].nbytes)
-    return cv2.vconcat(
-        [
-            _band_maxima(image[top : top + high], background[top : top + high])
-            for top in range(0, image.shape[0] - BLOCK + 1, high)
-        ]
-    )
+    bands = [
+        _band_maxima(image[top : top + high], background[top : top + high])
+        for top in range(0, image.shape[0] - BLOCK + 1, high)
+    ]
+    if image.shape[0] % BLOCK:  # as of half of 1080 rows: those that are left belong to the last blocks
+        last = bands[-1][-1:]
+        cv2.max(last, _band_maxima(image[-BLOCK:], background[-BLOCK:]), last)
+    return cv2.vconcat(bands)
 
 
 def _band_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
@@ -289,7 +291,8 @@ def mask_of_blocks(blocks: np.ndarray, height: int, width: int) -> np.ndarray:
     rows, columns = blocks.shape
     mask = cv2.resize(blocks.view(np.uint8), (columns * BLOCK, rows * BLOCK), interpolation=cv2.INTER_NEAREST)
     rest = height - rows * BLOCK, width - columns * BLOCK
-    return cv2.copyMakeBorder(mask, 0, rest[0], 0, rest[1], cv2.BORDER_CONSTANT) if any(rest) else mask
+    # what is left at the edges belongs to the last blocks
+    return cv2.copyMakeBorder(mask, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE) if any(rest) else mask
 
 
 def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Region]:

@@ -110,7 +110,7 @@ class Proposer:
         # a spot shows the camera's white wherever it falls; by how much it rises depends on the floor, and on a bright one a
         # person beside it rises more
         regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
-        regions = [tuple(picture.scale * side for side in region) for region in regions]
+        regions = [_in_picture(region, picture) for region in regions]
         return SearchedImage(picture, self._background, regions, rise, hot | darker, self._bright)
 
     def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -159,6 +159,14 @@ class Proposer:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.edge, view.edge)] = True
         if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
             self._begin()
+
+
+def _in_picture(region: Region, picture: AnyPicture) -> Region:
+    """Returns a region of what is searched in the picture's own pixels; what is left at the edges belongs to the last blocks."""
+    left, top, right, bottom = (picture.scale * side for side in region)
+    width, height = picture.size
+    edge = BLOCK * picture.scale
+    return left, top, width if width - right < edge else right, height if height - bottom < edge else bottom
 
 
 def _much(hot: np.ndarray, darker: np.ndarray) -> bool:

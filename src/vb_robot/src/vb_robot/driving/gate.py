@@ -106,7 +106,7 @@ class Gate:
         """Stores a scan taken at a time [s]."""
         with self._lock:
             self._scan = scan
-            self.record_input("scan", stamp)
+            self._record("scan", stamp)
 
     def set_pose(
         self, pose: Optional[Pose], stamp: float, correction: float = 0.0, odometry: Optional[Pose] = None
@@ -128,7 +128,7 @@ class Gate:
                 return
             fixes, fix = self._fixes, Fix(stamp, pose, odometry)
             if not known or not fixes or stamp != fixes[-1].stamp:
-                self.record_input("pose", stamp)  # the same one again is as old as before
+                self._record("pose", stamp)  # the same one again is as old as before
             # the last one stays, however old: also after a pause it must be where the odometry says
             while len(fixes) > 1 and not stamp - JUMP_WINDOW <= fixes[0].stamp <= stamp:
                 fixes.popleft()
@@ -140,6 +140,10 @@ class Gate:
 
     def record_input(self, what: str, stamp: float) -> None:
         """Records the stamp [s] of an input's newest message; a stamp slightly in the future counts as now."""
+        with self._lock:
+            self._record(what, stamp)
+
+    def _record(self, what: str, stamp: float) -> None:
         ahead = self._limited_at is not None and self._limited_at < stamp < self._limited_at + MAX_FUTURE_STAMP
         stamp = self._limited_at if ahead and self._limited_at is not None else stamp
         if 0.0 < stamp - self.stamps.get(what, stamp) < 1.0:

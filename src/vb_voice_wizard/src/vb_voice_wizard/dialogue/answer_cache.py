@@ -30,12 +30,10 @@ class AnswerCache:
         if not identity:
             return do()
         with self._lock:
-            slot = self._answers.get(identity)
-            first = slot is None
-            if slot is None:
-                slot = self._answers[identity] = Future()
-                while len(self._answers) > _KEPT:
-                    self._answers.popitem(last=False)
+            first = identity not in self._answers
+            slot = self._answers.setdefault(identity, Future())
+            while len(self._answers) > _KEPT:
+                self._answers.popitem(last=False)
         if not first:
             try:
                 return slot.result(timeout=self._timeout)

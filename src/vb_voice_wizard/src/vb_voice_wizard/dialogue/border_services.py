@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, Type
+from typing import Any, Dict, Type
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.notices import Notice, Severity
 from vb_core.ros import messages, services
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
-from vb_core.vocabulary import UNDO
+from vb_core.vocabulary import REDO
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
@@ -35,35 +34,20 @@ class BorderServices:
     Args:
         occupancy: of every border.
         service_timeout, response_timeout: [s] wall time, how long to wait for an absent service, and for its answer.
-        list_notices: returns all present notices.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
     did not answer (the request may have been done or not), or the service's own error.
     """
 
-    def __init__(
-        self,
-        occupancy: float,
-        service_timeout: float,
-        response_timeout: float,
-        list_notices: Callable[[], List[Notice]],
-    ) -> None:
+    def __init__(self, occupancy: float, service_timeout: float, response_timeout: float) -> None:
         self._occupancy = occupancy
         self._service_timeout = service_timeout
         self._response_timeout = response_timeout
-        self._list_notices = list_notices
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
-        """Fetches the border as drawn, ready to be added.
-
-        Without any spot, a camera that is known to be faulty is the reason to name, not the laser.
-        """
+        """Fetches the border as drawn, ready to be added."""
         request = GetDrawnBorderRequest(interaction_id=interaction_id)
         response = self._ask(names.GET_DRAWN_BORDER, GetDrawnBorder, request, "$border_fusion")
-        if response.code == "no_spots":
-            for notice in self._list_notices():
-                if notice.camera and notice.severity is Severity.ERROR:
-                    raise CodedError(notice.code, **notice.values)
         _check(response)
         border = response.border
         border.id = ""
@@ -80,8 +64,8 @@ class BorderServices:
 
     def change(self, command: str, request_id: str) -> None:
         """Undoes the newest change of the borders ("undo"), or makes it again ("redo"); once however often it is sent."""
-        name = names.UNDO if command == UNDO else names.REDO
-        _check(self._ask(name, UndoRedo, UndoRedoRequest(request_id), _INTEGRATOR))
+        request = UndoRedoRequest(redo=command == REDO, request_id=request_id)
+        _check(self._ask(names.UNDO_REDO, UndoRedo, request, _INTEGRATOR))
 
     def fetch_borders(self) -> Dict[str, VirtualBorder]:
         """Fetches all borders, by their ids."""

@@ -12,12 +12,6 @@ import numpy as np
 SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
 
 
-def level_db(pcm: np.ndarray) -> float:
-    """Computes the effective value of (N,) int16 [dB], full scale is 0; digital silence is -100."""
-    power = float(np.mean(np.square(pcm, dtype=np.float64))) / 32768.0**2 if len(pcm) else 0.0
-    return max(-100.0, 10.0 * float(np.log10(max(power, 1e-12))))
-
-
 class Microphone:
     """Reads raw samples from a program that writes them to its standard output; starts it again when it ends.
 

@@ -108,7 +108,6 @@ class Endpointer:
         found = [self._step(chunk) for chunk in samples[:whole].reshape(-1, CHUNK)]
         return [utterance for utterance in found if utterance is not None]
 
-    # ------------------------------------------------------------------ one chunk
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
         needed = _THRESHOLD - (_HYSTERESIS if self.speaking else 0.0)
         chunk, self._chunk = self._chunk, self._chunk + 1

@@ -64,32 +64,27 @@ class SpeechModel:
         which = np.arange(len(self._given)) if which is None else which
         return self._written(pcm, which) - self._rarity[which]
 
-    def _continued(self, pcm: np.ndarray, tokens: np.ndarray) -> np.ndarray:
-        """Returns the log probabilities of what follows each of (M, L) tokens, as (M, L, number of tokens)."""
+    def _written(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Returns (M,) log probabilities that the network, left to itself, writes exactly each text."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
-        heard = self._encoder.run(None, {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)})[
-            0
-        ]
-        rows = len(tokens)
-        given = {name: np.zeros((rows, heads, 0, size), np.float32) for name, (heads, size) in self._past.items()}
+        heard = {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)}
+        states = np.repeat(self._encoder.run(None, heard)[0], len(which), axis=0)
+        tokens, length = self._given[which], self._length[which]
+        given = {name: np.zeros((len(which), heads, 0, size), np.float32) for name, (heads, size) in self._past.items()}
         given.update(
             input_ids=tokens,
-            encoder_hidden_states=np.repeat(heard, rows, axis=0),
-            encoder_attention_mask=np.ones((rows, heard.shape[1]), np.int64),
+            encoder_hidden_states=states,
+            encoder_attention_mask=np.ones(states.shape[:2], np.int64),
             use_cache_branch=np.array([False]),
         )
         found = self._decoder.run(["logits"], given)[0].astype(np.float64)
+        # the log probabilities of what follows each token: (M, L, number of tokens)
         found -= found.max(axis=2, keepdims=True)
-        return found - np.log(np.exp(found).sum(axis=2, keepdims=True))
-
-    def _written(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Returns (M,) log probabilities that the network, left to itself, writes exactly each text."""
-        given, length = self._given[which], self._length[which]
-        found = self._continued(pcm, given)
-        steps = np.take_along_axis(found[:, :-1], given[:, 1:, None], axis=2)[..., 0]
+        found -= np.log(np.exp(found).sum(axis=2, keepdims=True))
+        steps = np.take_along_axis(found[:, :-1], tokens[:, 1:, None], axis=2)[..., 0]
         steps[np.arange(steps.shape[1]) >= length[:, None]] = 0.0
-        ends = found[np.arange(len(given))[:, None], length[:, None], _ENDS]
+        ends = found[np.arange(len(which))[:, None], length[:, None], _ENDS]
         return steps.sum(axis=1) + np.log(np.exp(ends).sum(axis=1))
 
 
