@@ -362,8 +362,9 @@ def missing_commands(text):
         elif program == "roslaunch" and words[0].endswith(".launch"):
             found = (TOP / words[0]).is_file() or (words[0].startswith("~") and Path(words[0]).name in MADE_BY_NEW_LAB)
         elif words[0] in PACKAGES:
-            folder = TOP / "src" / words[0] / ("launch" if program == "roslaunch" else "scripts")
-            found = len(words) > 1 and any(path.name == words[1] for path in folder.rglob("*"))  # as roslaunch looks
+            folder = "launch" if program == "roslaunch" else "scripts"
+            place = (TOP / "src" / words[0] / folder).resolve()  # roslaunch looks into folders, too
+            found = len(words) > 1 and any(place.rglob(words[1]))
         else:
             found = not words[0].startswith("vb_")  # other people's packages
         missing += [] if found else [f"{program} {' '.join(words[:2])}"]
