@@ -25,7 +25,6 @@ COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.
 SEVERITIES = {Severity.INFO: NOTE, Severity.WARNING: BAD, Severity.ERROR: WRONG}
 QUIT_KEY = "q"
 _IN_STATE_LINE = ("stopped", "interaction_ends_soon")  # notices that the line of the state has said
-# what a terminal sends for an arrow or function key
 _SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
 _CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
 
