@@ -10,9 +10,10 @@ statement out. What nobody can see is no mutant: words for people (a raised erro
 numbers below a millionth, which guard against rounding, and `<` for `<=` where neither side is a whole number or zero: a
 measured length never meets another bound exactly. A mutant that no test fails on is printed with its line; whether it means
 the same as the original must be looked at. The tests are all unit tests that import the module, and those of its package
-that import what imports it; those first that import most of it, and the first failure ends them. Ones that take five times
-as much of the processor as on the original have noticed. Each mutant runs in a fork that finds its source instead of the
-file's; the files stay as they are, and the examples that one mutant failed on are not tried on another.
+that import what imports it, a module or a helper; those first that import most of it, and the first failure ends them.
+Ones that take five times as much of the processor as on the original have noticed. Each mutant runs in a fork that finds
+its source instead of the file's; the files stay as they are, and the examples that one mutant failed on are not tried on
+another.
 """
 
 import ast
@@ -76,15 +77,15 @@ def imports(path: Path) -> FrozenSet[str]:
 
 
 def tests_of(name: str) -> List[str]:
-    """Lists the unit tests that import a module, then those of its package that import what imports it.
+    """Lists the unit tests that import a module, then those of its package that import a helper or a module that does.
 
     Those come first that import most of it, and of these the shortest.
     """
     package = TOP / "src" / name.partition(".")[0]
-    modules = package.glob("src/**/*.py")
-    users = {
-        ".".join(path.relative_to(package / "src").with_suffix("").parts) for path in modules if name in imports(path)
-    }
+    users = {path.stem for path in package.glob("test/*.py") if name in imports(path)}
+    for path in package.glob("src/**/*.py"):
+        if name in imports(path):
+            users.add(".".join(path.relative_to(package / "src").with_suffix("").parts))
 
     def order(path: Path) -> Tuple[int, int]:
         return -sum(used.startswith(f"{name}.") for used in imports(path)), path.stat().st_size

@@ -363,7 +363,8 @@ def missing_commands(text):
             found = (TOP / words[0]).is_file() or (words[0].startswith("~") and Path(words[0]).name in MADE_BY_NEW_LAB)
         elif words[0] in PACKAGES:
             folder = "launch" if program == "roslaunch" else "scripts"
-            found = len(words) > 1 and (TOP / "src" / words[0] / folder / words[1]).is_file()
+            place = (TOP / "src" / words[0] / folder).resolve()  # roslaunch looks into folders, too
+            found = len(words) > 1 and any(place.rglob(words[1]))
         else:
             found = not words[0].startswith("vb_")  # other people's packages
         missing += [] if found else [f"{program} {' '.join(words[:2])}"]

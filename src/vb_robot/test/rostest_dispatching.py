@@ -147,7 +147,7 @@ class DispatcherTest(unittest.TestCase):
         self.bases["bob"].behavior = "hold"
         self.addCleanup(self.bases["bob"].rest)  # nobody else ends this goal
         somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
-        wait_until(lambda: somebody.get_num_connections() > 0, "bob to hear of goals")
+        wait_until(lambda: somebody.get_num_connections() > 1, "bob to hear of goals, and the monitor")
         somebody.publish(goal)
         wait_until(lambda: self.bases["bob"].active, "bob to set out")
         self.draw_once()

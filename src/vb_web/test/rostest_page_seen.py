@@ -64,9 +64,6 @@ class SeenTest(PageTest):
             small.tap([4.0, 1.4])
             small.wait_text("#dialog", "Ausschalten")
             self.assertTrue(small.run(within))
-            small.click("#dialog button", "Zeitplan")
-            small.wait_text("#dialog", "Werktage")
-            self.assertTrue(small.run(within))
             # on its side too
             small.resize((640, 360))
             self.assertTrue(small.run(within))
