@@ -45,7 +45,11 @@ class StopTest(PageTest):
         self.browser.wait_text("#toast", "Robots may drive again.")
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
-        told = self.browser.run("return window.virtualBorders.view.events.map((event) => event.values.command)")
+        events = (
+            "window.virtualBorders.view.events.map((event) => event.values.command)"  # they come apart from the state
+        )
+        self.browser.wait(f"{events}.slice(-1)[0] == 'cancel'", what="the last event")
+        told = self.browser.run(f"return {events}")
         self.assertEqual(told[-4:], ["define_border", "stop", "resume", "cancel"])  # each once
 
     def test_resume_has_a_place_that_nothing_else_ever_has(self):
