@@ -14,6 +14,7 @@ TOP = Path(__file__).resolve().parents[1]
 SAMPLES = {
     "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/clips.py": "{clips} --roles window",
+    "detection/constants.py": "--clips {clips} --only _MIN_LEVEL",
     "detection/rendered.py": "'held still' --share 0.02",
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",
@@ -21,6 +22,7 @@ SAMPLES = {
     "lab/cameras.py": "--cameras 1 --seconds 1",
     "lab/image_cost.py": "",
     "lab/page.py": "--browsers 1 --seconds 1",
+    "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
     "mutants.py": "--modules vb_core.geometry --each 1",
