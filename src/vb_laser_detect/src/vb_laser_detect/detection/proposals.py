@@ -38,7 +38,7 @@ class SearchedImage(NamedTuple):
         background: what the picture is compared with.
         regions: to examine, the brightest first.
         rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker; restless: bool, those
-            that something other than a spot changed for so short a time ago that it may have left a ghost.
+            that something other than a spot changed so short a time ago that it may have left a ghost there.
         bright: [grey levels] what is bright in this room, see `ImageTraits`.
     """
 
@@ -62,15 +62,17 @@ class SearchedImage(NamedTuple):
 
     def change_elsewhere(self, u: float, v: float, diameter: float) -> float:
         """Measures how much else changed in the image, apart from a blob and its own light."""
-        return self._share_elsewhere(self.changed, u, v, diameter)
+        own = blocks_around(self.changed.shape, u, v, 1.25 * diameter + self.edge, self.edge)
+        return math.sqrt((np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])) / self.changed.size)
 
-    def moved_elsewhere(self, u: float, v: float, diameter: float) -> float:
-        """Measures the same of all that may have left a ghost: what moved away from there may be out of view."""
-        return self._share_elsewhere(self.changed | self.restless, u, v, diameter)
-
-    def _share_elsewhere(self, blocks: np.ndarray, u: float, v: float, diameter: float) -> float:
-        own = blocks_around(blocks.shape, u, v, 1.25 * diameter + self.edge, self.edge)
-        return math.sqrt((np.count_nonzero(blocks) - np.count_nonzero(blocks[own])) / blocks.size)
+    def was_passed(self, u: float, v: float, diameter: float) -> bool:
+        """Returns whether something else moved beside a blob so short a time ago that the blob may be its ghost."""
+        reach = 1.25 * diameter + self.edge
+        own, around = (
+            np.count_nonzero(self.restless[blocks_around(self.restless.shape, u, v, size, self.edge)])
+            for size in (reach, 2.0 * reach)
+        )
+        return around > own
 
 
 class Proposer:
@@ -121,7 +123,9 @@ class Proposer:
         # person beside it rises more
         regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
         regions = [_in_picture(region, picture) for region in regions]
-        return SearchedImage(picture, self._background, regions, rise, hot | darker, self._restless_s > 0.0, self._bright)
+        return SearchedImage(
+            picture, self._background, regions, rise, hot | darker, self._restless_s > 0.0, self._bright
+        )
 
     def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the blocks' rise, and which of them became brighter than noise does, and darker, bool."""
