@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from tf2_ros import StaticTransformBroadcaster
 
 from map_server import MapServer, lab, polygon
-from vb_testing import Newest, assert_ends_with_one_line, wait_until
+from vb_testing import Newest, wait_until
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.map_files import read_map
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray
@@ -158,24 +158,6 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual(self.maps.count, count)
         self.assertEqual(self.call("list_borders").borders.revision, revision)
 
-    def test_a_preview_changes_nothing(self):
-        band = VirtualBorder(
-            points=[Point(x, y, 0.0) for x, y in ((-0.5, -3.0), (0.5, -3.0), (0.5, 4.0), (-0.5, 4.0))],
-            kind=VirtualBorder.POLYGON,
-            seed=Point(0.0, 0.0, 0.0),
-            occupancy=1.0,
-        )
-        count = self.maps.count
-        answer = self.call("preview_border", band, "")
-        self.assertTrue(answer.success, answer.message)
-        self.assertEqual(answer.free_parts, 2)
-        self.assertAlmostEqual(answer.area_m2, 98 * 20 * 0.05**2, places=4)
-        self.assertEqual(sum(np.frombuffer(np.array(answer.region.data, np.int8), np.int8) == 100), 98 * 20)
-        self.assertEqual({f.code for f in answer.issues}, {"outside_map", "splits_free_space"})
-        self.assertEqual(self.maps.count, count)
-        refused = self.call("preview_border", polygon(x=50.0), "")
-        self.assertEqual((refused.success, refused.code), (False, "seed_outside_map"))
-
     def test_warnings_for_the_robot_and_for_soft_borders(self):
         # the transform may still be under way
         def codes():
@@ -270,10 +252,6 @@ class MapIntegratorTest(unittest.TestCase):
                 return None
 
         wait_until(lambda: listed() == ["carpet", "rug", "mat"], "the services again")
-
-    def test_bad_parameters_end_the_node_with_one_line(self):
-        cases = [(["_occupied_from:=0"], "occupied_from"), (["_no_such_thing:=1"], "no_such_thing")]
-        assert_ends_with_one_line("vb_map_integration", "map_integrator", cases)
 
 
 if __name__ == "__main__":
