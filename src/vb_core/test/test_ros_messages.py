@@ -54,17 +54,6 @@ def test_a_map_whose_size_is_a_lie_is_refused():
         messages.grid_from_message(OccupancyGrid())
 
 
-@pytest.mark.parametrize(
-    "encoding, shape, kind",
-    [("bgr8", (6, 8, 3), "u1"), ("mono8", (6, 8), "u1"), ("bayer_rggb8", (6, 8), "u1"), ("16UC1", (6, 8), "u2")],
-)
-def test_images_round_trip(encoding, shape, kind):
-    pixels = np.random.default_rng(2).integers(0, 256, shape).astype(kind)
-    message = images.message_from_image(pixels, encoding, rospy.Time(3), "red_optical_frame")
-    assert (images.array_from_image(message) == pixels).all()
-    assert message.step == pixels[0].nbytes
-
-
 ENCODINGS = [
     "rgb8",
     "rgba8",
