@@ -4,7 +4,7 @@
     python3 bench/lab/page.py                     1 and 20 browsers' links: share of a core, stamp of a spot to the message
 
 Roscore and nodes are on free ports of loopback. The browsers' links are a process of their own: what they cost is not the
-page's.
+page's. Hostile messages: page_hostile.py.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""The nodes that the page needs, over a ROS master of their own, and a pointer that draws; for page.py and cameras.py."""
+"""The nodes that the page needs, over a ROS master of their own, and a pointer that draws; for page.py and page_hostile.py."""
 
 from __future__ import annotations
 
 import os
 import socket
+import subprocess
 import tempfile
 import time
 import xmlrpc.client
@@ -31,8 +32,14 @@ LAUNCH = """<launch>
   <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
     <param name="log_file" value="{state}/i.jsonl"/><param name="stop_file" value="{state}/robots.stop"/></node>
   <node pkg="vb_web" type="page" name="page" output="log">
-    <param name="port" value="{port}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
+    <param name="port" value="{port}"/>
+    <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
 </launch>"""
+# as docs/how-to/use-the-page.md has it
+CERTIFICATE = (
+    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
+    " -keyout page.key -out page.crt"
+)
 
 
 def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
@@ -41,13 +48,16 @@ def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seco
         raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
 
 
-def start(stack: ExitStack) -> Tuple[int, Path]:
-    """Starts roscore and nodes; returns (page's port, state folder)."""
+def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
+    """Starts roscore and nodes; returns (page's port, state folder). `network`: with codes and https, as towards phones."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
     master, port = free_port(), free_port()
     os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{master}", "ROS_LOG_DIR": str(folder / "log")})
     launch = folder / "bench.launch"
-    launch.write_text(LAUNCH.format(top=TOP, state=folder, port=port))
+    address = "0.0.0.0" if network else "127.0.0.1"
+    launch.write_text(LAUNCH.format(top=TOP, state=folder, port=port, address=address))
+    if network:
+        subprocess.run(CERTIFICATE.split(), cwd=str(folder), check=True, stderr=subprocess.DEVNULL)
     stack.callback(Child(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
     wait(rosgraph.is_master_online, "the master")
     rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)

@@ -13,6 +13,7 @@ import rosnode
 import rospy
 import rostest
 from geometry_msgs.msg import Point, TransformStamped
+from std_srvs.srv import Trigger
 from tf2_ros import StaticTransformBroadcaster
 
 from map_server import MapServer, lab, polygon
@@ -45,8 +46,9 @@ SERVICES = {
     "set_border_enabled": SetBorderEnabled,
     "rename_border": RenameBorder,
     "confirm_map": ConfirmMap,
-    "undo": UndoRedo,
-    "redo": UndoRedo,
+    "undo": Trigger,
+    "redo": Trigger,
+    "undo_redo": UndoRedo,
 }
 
 
@@ -120,10 +122,12 @@ class MapIntegratorTest(unittest.TestCase):
         wait_until(lambda: self.restricted() == 1600, "the larger border")
         self.assertTrue(self.call("undo").success)
         wait_until(lambda: self.restricted() == 400, "the smaller border again")
-        self.assertTrue(self.call("redo").success)
+        for _ in range(2):  # sent again, it is carried out once
+            self.assertTrue(self.call("undo_redo", True, "again").success)
         wait_until(lambda: self.restricted() == 1600, "the larger border again")
         self.assertTrue(self.call("remove_border", added.id).success)
         wait_until(lambda: self.restricted() == 0, "no border")
+        self.assertFalse(self.call("redo").success)
         self.assertEqual(self.call("remove_border", added.id).code, "unknown_border")
         self.assertEqual(self.call("list_borders").borders.borders, [])
 
@@ -150,7 +154,7 @@ class MapIntegratorTest(unittest.TestCase):
             self.assertIn((answer.success, answer.code), [(False, code), (False, "unknown_border")])
         for name in ("../x", "/tmp/x", "a/b"):
             self.assertEqual(self.call("save_map", name, False).code, "bad_file_name")
-        self.assertEqual(self.call("redo").code, "nothing_to_redo")
+        self.assertEqual(self.call("undo_redo", True).code, "nothing_to_redo")
         self.assertEqual(self.maps.count, count)
         self.assertEqual(self.call("list_borders").borders.revision, revision)
 

@@ -174,9 +174,6 @@ class Robots:
         self._transforms, self._report = transforms, report
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in namespaces]
 
-    def __len__(self) -> int:
-        return len(self._profiles)
-
     def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
         """Returns where the robots were at a time.
 
@@ -264,7 +261,7 @@ class CameraGeometry:
         """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
         lookup = partial(self._transforms.lookup, names.MAP_FRAME, frame_id)
         try:
-            pose = lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
+            return lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
         except CodedError:
             if self._mobile:  # just started, or gone
                 return lookup(stamp, _TF_TIMEOUT)
@@ -272,6 +269,3 @@ class CameraGeometry:
             if self._pose is None or frame_id != self._frame:
                 raise
             return self._pose
-        if not self._mobile and not self._robots:
-            self._transforms.unsubscribe_if_static(names.MAP_FRAME, frame_id)
-        return pose

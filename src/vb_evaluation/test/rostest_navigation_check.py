@@ -1,0 +1,53 @@
+#!/usr/bin/env python3
+"""The check of a robot's navigation, on one that respects borders and on one that was left on the physical map."""
+
+import shutil
+import unittest
+
+import rospy
+import rostest
+from nav_msgs.msg import OccupancyGrid
+
+from vb_core import names
+from vb_core.ros import node
+from vb_evaluation.navigation_check import NavigationCheck
+from vb_msgs.srv import ListBorders
+
+GOAL = (1.6, 1.6)
+
+
+class NavigationCheckTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_navigation_check")
+        node.wait_for_clock()
+        # the command takes them for granted: it is given beside a system that runs
+        for service in ("/move_base/make_plan", "/miswired/move_base/make_plan", names.ADD_BORDER, names.LIST_BORDERS):
+            rospy.wait_for_service(service, 120.0)
+        rospy.wait_for_message(names.MAP_WITH_BORDERS, OccupancyGrid, 120.0)
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(rospy.get_param("~folder"), ignore_errors=True)
+
+    def borders(self):
+        rospy.wait_for_service(names.LIST_BORDERS, 60.0)
+        return rospy.ServiceProxy(names.LIST_BORDERS, ListBorders)().borders.borders
+
+    def test_a_good_navigation_passes_and_nothing_stays_behind(self):
+        # how fast is told by the command; here only that it happens, on however busy a machine
+        checks = NavigationCheck(GOAL, at_once=60.0, timeout=60.0).run()
+        self.assertEqual([check for check in checks if check.good is False], [])
+        self.assertGreaterEqual(sum(check.good is True for check in checks), 5)
+        self.assertEqual(self.borders(), [])
+
+    def test_a_navigation_on_the_physical_map_is_found_out(self):
+        checks = NavigationCheck(GOAL, move_base="miswired/move_base", timeout=2.0).run()
+        bad = {check.what for check in checks if check.good is False}
+        self.assertIn("plans respect a new border at once", bad)
+        self.assertIn("a soft border is gone round where that is possible", bad)
+        self.assertEqual(self.borders(), [])
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_evaluation", "navigation_check", NavigationCheckTest)
