@@ -1,5 +1,4 @@
 import os
-import re
 import socket
 import signal
 import subprocess
@@ -7,7 +6,7 @@ import sys
 import uuid
 from pathlib import Path
 
-from vb_evaluation.processes import Child, free_port, start_screen
+from vb_evaluation.processes import Child, free_port
 from vb_testing import wait_until
 
 
@@ -22,12 +21,6 @@ def test_a_child_and_all_it_started_end(tmp_path):
     assert not child.running
 
 
-def test_what_a_child_wrote_can_be_reported(tmp_path):
-    child = Child([sys.executable, "-c", "print('one'); print('two')"], tmp_path / "child.txt")
-    child._process.wait(30)
-    assert child.tail(1) == "two" and not child.running
-
-
 def test_a_free_port_can_be_listened_on_and_is_the_wanted_one_only_while_that_is_free():
     with socket.socket() as first:
         first.bind(("127.0.0.1", free_port()))
@@ -38,16 +31,6 @@ def test_a_free_port_can_be_listened_on_and_is_the_wanted_one_only_while_that_is
         with socket.socket() as second:
             second.bind(("127.0.0.1", other))
         assert free_port(other) == other
-
-
-def test_two_screens_are_two_displays(tmp_path):
-    screens = [start_screen(tmp_path / f"{name}.txt", 64, 48) for name in "ab"]
-    try:
-        assert all(screen.running and re.fullmatch(r":\d+", display) for screen, display in screens)
-        assert screens[0][1] != screens[1][1]
-    finally:
-        for screen, _ in screens:
-            screen.stop()
 
 
 LAB = """

@@ -1,6 +1,5 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
 
-import dataclasses
 import json
 import shutil
 import tempfile
@@ -335,23 +334,6 @@ def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
     assert silent["recorded"] is False and "nothing was recorded" in said[-1]
 
 
-def test_the_launch_is_a_process_that_ends(planned):
-    """With a stand-in for roslaunch: it is started with the planned arguments and interrupted at the end."""
-    run = conduct.next_run(planned, "p01")
-    script = planned.parent / "launch.sh"
-    script.write_text('#!/bin/sh\necho "$@"\nexec sleep 60\n')
-    replaced = dataclasses.replace(run, command=("sh", str(script), *run.command[1:]))
-    stops = []
-
-    def start(plan):
-        stop = conduct.roslaunch(plan)
-        stops.append(stop.__self__)
-        return stop
-
-    conduct.conduct_run(replaced, start, iter("c"), lambda words: None)
-    assert not stops[0].running
-
-
 def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
     first = conduct.next_run(planned, "p02")
     do(first, ["b", "p"])  # the terminal was closed
@@ -362,6 +344,20 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
     do(again, ["b", "f"])
     assert events_of(first.folder) and measure.last_attempt(first.folder) == again.folder
     assert conduct.next_run(planned, "p02").entry.order == 2
+
+
+def test_a_torn_bag_stops_neither_the_next_run_nor_the_measures_of_others(planned, study):
+    first = conduct.next_run(planned, "p02")
+    do(first, ["b", "c"])
+    (first.folder / "bags").mkdir()
+    for name in ("a", "b"):
+        Lab(study / name, room()).interaction("i", (0.751, 0.251), (2.249, 1.249))
+    for folder in (first.folder, study / "a"):
+        (folder / "bags" / "session.bag").write_bytes(b"#ROSBAG V2.0\n")
+    assert conduct.next_run(planned, "p02").entry.order == 2
+    planned.write_text("participant,order,method,scenario,recording\np1,1,nrs,carpet,a\np2,1,nrs,carpet,b\n")
+    rows, notes = rows_of(study)
+    assert [row["outcome"] for row in rows] == ["unreadable", "completed"] and "session.bag" in notes[0]
 
 
 def test_forms_are_written_once(tmp_path):

@@ -93,11 +93,19 @@ def person(scene, i):
     return with_box(scene, 6 * i + 15, 150, 30, 40, (90, 120, 170), floor=trousers)
 
 
+def taken_away(scene, i):
+    """A small dark thing, and an arm that comes for it from the right and is gone in the half second after."""
+    floor = with_box(scene, 300, 150, 12, 12, 15) if i < 26 else scene.floor
+    reach = max(0, 330 - 44 * abs(i - 26))
+    return with_box(scene, 640 - reach, 140, reach, 30, (90, 120, 170), floor=floor) if reach else floor
+
+
 DISTURBANCES = {
     "still": lambda scene, i: {},
     "switched light": lambda scene, i: {"gain": 1.0 if i < 20 else 1.5},
     "drifting exposure": lambda scene, i: {"gain": 1.0 + 0.01 * i},
     "moved dark box": lambda scene, i: {"floor": with_box(scene, 100 if i < 25 else 330, 100, 24, 24, 15)},
+    "taken away": lambda scene, i: {"floor": taken_away(scene, i)},
     "moved bright sheet": lambda scene, i: {"floor": with_box(scene, 100 if i < 25 else 330, 100, 64, 90, 235)},
     "printed dot from the start": lambda scene, i: {"floor": with_box(scene, 400, 200, 8, 8, 250)},
     "sun patch": lambda scene, i: {"floor": with_box(scene, 200, 60, 220, 4 * i, gain=2.6)},

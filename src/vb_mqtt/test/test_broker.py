@@ -187,3 +187,9 @@ def test_the_file_with_the_password_is_its_owners_only(tmp_path):
 )
 def test_addresses(given, address):
     assert Broker(given, Connection(), "lab", WILL, {}, print).address == address
+
+
+@pytest.mark.parametrize("given", ["mqtt://hub:1883", "hub:port", "hub:99999", "fd00::5", "[fd00::5", ""])
+def test_other_addresses_are_refused(given):
+    with refused("bad_parameter"):
+        Broker(given, Connection(), "lab", WILL, {}, print)

@@ -44,8 +44,9 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
-# a ghost, whose outline is in the background alone, is left by something that moved: where the camera did not, and less
-# else changed, there is none, and a spot on the edge of a white sheet has such an outline too
+# a ghost, whose outline is in the background alone, is left by something that moved: where the camera did not, less else
+# changes, and nothing passed beside it while a ghost lasts, there is none, and a spot on the edge of a white sheet has such an
+# outline too
 _STILL = 0.02
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
@@ -178,7 +179,8 @@ class SpotDetector:
         if not rejection:
             busy = searched.change_elsewhere(blob.u, blob.v, blob.diameter)
             measured = {**blob.features, "busy": busy}
-            if busy < _STILL and searched.background.motion is None:
+            passed = searched.was_passed(blob.u, blob.v, blob.diameter)
+            if busy < _STILL and not passed and searched.background.motion is None:
                 measured["edge"] = math.nan
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
             probability, reason = self._classifier.classify(blob, measured, is_expected)

@@ -11,14 +11,14 @@ import ssl
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Tuple
+from typing import Any, Callable, Dict, Optional, Tuple
 from urllib.parse import urlsplit
 
 import paho.mqtt.client as paho
 import yaml
 
 from vb_core import files
-from vb_core.errors import CodedError
+from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 
 KEEPALIVE = 10  # [s] a broker or a network that is gone without a word is noticed after one and a half of them
@@ -52,6 +52,16 @@ def read_connection(path: Path) -> Connection:
         raise CodedError("mqtt_file_bad", file=path, reason=reason) from None
 
 
+def _split(address: str) -> Tuple[str, Optional[int]]:
+    try:
+        given = urlsplit(f"//{address}")
+        if given.hostname and given.netloc == address:  # no path, which a scheme leaves
+            return given.hostname, given.port
+    except ValueError:
+        pass
+    raise ParameterError("broker", f"expected HOST or HOST:PORT, an IPv6 address in brackets, got '{address}'")
+
+
 class Broker:
     """A client of a broker. Its callbacks come from one thread of its own.
 
@@ -63,7 +73,7 @@ class Broker:
         on_fault: called if a callback raised, which is a fault of the program.
 
     Raises:
-        CodedError: "mqtt_file_bad" if the authority's certificate cannot be used.
+        CodedError: "bad_parameter" for another address; "mqtt_file_bad" if the authority's certificate cannot be used.
     """
 
     def __init__(
@@ -75,8 +85,8 @@ class Broker:
         subscriptions: Dict[str, Callable[[str, bytes, bool], None]],
         on_fault: Callable[[Exception], None],
     ) -> None:
-        given = urlsplit(f"//{address}")
-        host, port = given.hostname or "", given.port or connection.port or (8883 if connection.tls else 1883)
+        host, port = _split(address)
+        port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
         self.trouble = ""  # why the last connection failed, as the broker says; "": it cannot be reached
         self._states: Dict[str, bytes] = {}

@@ -87,11 +87,11 @@ class WizardConsoleNode:
     def _on_answer(
         self, _request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
-        # the answer arrives with the state; "busy" is not remembered there
+        # the answer arrives with the state; these two are not remembered there
         if error is not None:
             what = sentences.translate(error.code, error.values, self._view.language, error.message)
             self._say(self._view.words("console_try_again", what=what), BAD)
-        elif answer is not None and answer.code == "busy":
+        elif answer is not None and answer.code in ("busy", "expired"):
             self._say(self._view.sentence(answer), BAD)
 
     # ------------------------------------------------------------------ screen

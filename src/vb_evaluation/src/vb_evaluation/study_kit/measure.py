@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
@@ -56,10 +57,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     if (out / RUNS).exists() and not read_meta(out / META).get("people"):
         raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
     folders = [last_attempt(protocol_file.parent / Path(entry.recording).expanduser()) for entry in entries]
-    if physical is None:
-        physical = next(filter(None, (Recording(folder).physical() for folder in folders if folder.is_dir())), None)
-    if physical is None:
-        raise CodedError("bad_recording", "no recording has a map without borders: name the physical map with --map")
+    physical = physical or _physical(folders)
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
     maps = out / "maps"
@@ -88,6 +86,15 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8"
     )
     return notes
+
+
+def _physical(folders: List[Path]) -> GridMap:
+    for folder in folders:
+        with contextlib.suppress(CodedError):  # what cannot be read is told with its run
+            physical = Recording(folder).physical()
+            if physical is not None:
+                return physical
+    raise CodedError("bad_recording", "no recording has a map without borders: name the physical map with --map")
 
 
 def attempts(folder: Path) -> List[Path]:

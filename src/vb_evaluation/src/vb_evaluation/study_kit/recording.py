@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple, TypeVar
 
@@ -44,9 +45,6 @@ class LoggedInteraction:
 class Recording:
     """A recording, read and checked.
 
-    Attributes:
-        cameras: the ceiling cameras whose detectors ran; None if there is no bag.
-
     Raises:
         CodedError: "bad_recording" naming the file, and the line if there is one.
     """
@@ -56,30 +54,21 @@ class Recording:
         if not self.folder.is_dir():
             raise CodedError("bad_recording", f"there is no folder {self.folder}")
         self.interactions = _rows(self.folder / LOG, _interaction)
-        self._states: Dict[float, Dict[str, Any]] = defaultdict(dict)
-        self.cameras: Optional[Set[str]] = None
-        for path in sorted((self.folder / BAGS).glob("*.bag")):
-            self._read_bag(path)
 
-    def _read_bag(self, path: Path) -> None:
-        # only here: a study is planned and reported without ROS
-        import rosbag
-        from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+    @cached_property
+    def _bags(self) -> Tuple[Dict[float, Dict[str, Any]], Optional[Set[str]]]:
+        """Reads messages by topic of each state, by its stamp [s], and the cameras, once somebody asks for them."""
+        states: Dict[float, Dict[str, Any]] = defaultdict(dict)
+        cameras: Set[str] = set()
+        paths = sorted((self.folder / BAGS).glob("*.bag"))
+        for path in paths:
+            _read_bag(path, states, cameras)
+        return states, cameras if paths else None
 
-        self.cameras = self.cameras or set()
-        try:
-            with rosbag.Bag(str(path)) as bag:
-                for topic, (_, content, *_, kind), _ in bag.read_messages(TOPICS, raw=True):
-                    is_map = topic == names.MAP_WITH_BORDERS
-                    message = (OccupancyGridArray if is_map else kind)().deserialize(content)
-                    if topic != names.DETECTORS:
-                        # the integrator gives map and borders of one state the same stamp
-                        state = self._states[message.header.stamp.to_sec()]
-                        state[topic] = grid_from_message(message) if is_map else message
-                    elif not message.mobile:
-                        self.cameras.add(message.camera)
-        except Exception as error:  # a torn file fails in many ways
-            raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
+    @property
+    def cameras(self) -> Optional[Set[str]]:
+        """The ceiling cameras whose detectors ran; None if there is no bag."""
+        return self._bags[1]
 
     @property
     def run(self) -> Mapping[str, Any]:
@@ -116,8 +105,27 @@ class Recording:
 
     def _maps(self) -> List[Tuple[float, GridMap, Any]]:
         """Returns (stamp [s], map, messages of the borders in it) of each state."""
-        whole = sorted((stamp_s, state) for stamp_s, state in self._states.items() if len(state) == 2)
+        whole = sorted((stamp_s, state) for stamp_s, state in self._bags[0].items() if len(state) == 2)
         return [(stamp_s, state[names.MAP_WITH_BORDERS], state[names.BORDERS].borders) for stamp_s, state in whole]
+
+
+def _read_bag(path: Path, states: Dict[float, Dict[str, Any]], cameras: Set[str]) -> None:
+    # only here: a study is planned and reported without ROS
+    import rosbag
+    from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+
+    try:
+        with rosbag.Bag(str(path)) as bag:
+            for topic, (_, content, *_, kind), _ in bag.read_messages(TOPICS, raw=True):
+                is_map = topic == names.MAP_WITH_BORDERS
+                message = (OccupancyGridArray if is_map else kind)().deserialize(content)
+                if topic != names.DETECTORS:
+                    # the integrator gives map and borders of one state the same stamp
+                    states[message.header.stamp.to_sec()][topic] = grid_from_message(message) if is_map else message
+                elif not message.mobile:
+                    cameras.add(message.camera)
+    except Exception as error:  # a torn file fails in many ways
+        raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
 
 
 def _interaction(row: Dict[str, Any]) -> LoggedInteraction:

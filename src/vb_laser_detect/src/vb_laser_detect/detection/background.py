@@ -25,6 +25,7 @@ _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noise is averaged over it
 _WEIGHT = 0.25  # of the image in a stationary camera's keyframe: the mean of some images has less noise
 _ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
+GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] at the latest then what somebody took away is out of it
 _BRIGHT = 99.0  # [%] of the background are darker than what counts as bright in it
 _KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.background import BLOCK, Background, Region, blocks_around, find_regions
+from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, Region, blocks_around, find_regions
 from vb_laser_detect.detection.features import brightest, relight
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.image_registration import ImageRegistration
@@ -26,6 +26,7 @@ _DARKEST, _BRIGHTEST = (
     191.0,
 )  # [grey levels] the reference brightness stays within them in very dark and very bright rooms
 _HALF_LEVEL = 0.8  # of its level, at least, a spot of few pixels has left in the half of an image
+_UNSEEN = 1.0  # [s] between two images, in which a hand takes something away
 _MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts again
 
@@ -36,7 +37,8 @@ class SearchedImage(NamedTuple):
     Attributes:
         background: what the picture is compared with.
         regions: to examine, the brightest first.
-        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker.
+        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker; restless: bool, those
+            that something other than a spot changed so short a time ago that it may have left a ghost there.
         bright: [grey levels] what is bright in this room, see `ImageTraits`.
     """
 
@@ -45,6 +47,7 @@ class SearchedImage(NamedTuple):
     regions: Sequence[Region]
     rise: np.ndarray
     changed: np.ndarray
+    restless: np.ndarray
     bright: float
 
     @property
@@ -61,6 +64,15 @@ class SearchedImage(NamedTuple):
         """Measures how much else changed in the image, apart from a blob and its own light."""
         own = blocks_around(self.changed.shape, u, v, 1.25 * diameter + self.edge, self.edge)
         return math.sqrt((np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])) / self.changed.size)
+
+    def was_passed(self, u: float, v: float, diameter: float) -> bool:
+        """Returns whether something else moved beside a blob so short a time ago that the blob may be its ghost."""
+        reach = 1.25 * diameter + self.edge
+        own, around = (
+            np.count_nonzero(self.restless[blocks_around(self.restless.shape, u, v, size, self.edge)])
+            for size in (reach, 2.0 * reach)
+        )
+        return around > own
 
 
 class Proposer:
@@ -111,7 +123,9 @@ class Proposer:
         # person beside it rises more
         regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
         regions = [_in_picture(region, picture) for region in regions]
-        return SearchedImage(picture, self._background, regions, rise, hot | darker, self._bright)
+        return SearchedImage(
+            picture, self._background, regions, rise, hot | darker, self._restless_s > 0.0, self._bright
+        )
 
     def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the blocks' rise, and which of them became brighter than noise does, and darker, bool."""
@@ -130,6 +144,7 @@ class Proposer:
                     old = before.moved_part(part, floor) if floor is floors[0] else before.whole[part]
                     floor[part] = relight(old, floor[part], one.widest / size)
         self._background = Background(*floors)
+        self._restless_s = np.zeros(self._background.blocks, np.float32)  # for how long each block will count as that
         self._begin()
 
     def _begin(self) -> None:
@@ -157,6 +172,9 @@ class Proposer:
         held = np.zeros_like(view.changed)
         for spot in spots:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.edge, view.edge)] = True
+        # of what happened between images far apart nothing is known
+        moved = (view.changed & ~held) | (elapsed >= _UNSEEN)
+        self._restless_s = np.where(moved, GHOST_TIME, self._restless_s - elapsed)
         if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
             self._begin()
 
