@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.notices import Severity
 from vb_core.ros import cameras
-from vb_core.ros.images import compressed_encoding, array_from_compressed_image
+from vb_core.ros.images import decode
 from vb_laser_detect import calibrate_camera_node
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect import camera_geometry, detector_diagnostics
@@ -226,4 +226,4 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 )
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
-    assert compressed_encoding(message, array_from_compressed_image(message)) == encoding
+    assert decode(message)[1] == encoding
