@@ -453,7 +453,7 @@ class InteractionManagerTest(unittest.TestCase):
 
     def test_a_bad_parameter_is_one_line(self):
         # limits and unknown keys are tested where parameters are checked; each node here costs a second
-        assert_ends_with_one_line("vb_voice_wizard", "interaction_manager", [(["_occupancy:=2"], "occupancy")])
+        assert_ends_with_one_line("vb_voice_wizard", "interaction_manager", [(["_occupancy:=0.0"], "occupancy")])
 
 
 if __name__ == "__main__":
