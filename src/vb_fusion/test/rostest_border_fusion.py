@@ -40,6 +40,7 @@ class BorderFusionTest(unittest.TestCase):
             names.NOTICES, NoticeArray, lambda message: self.told.append({notice.code for notice in message.notices})
         )
         self.connected()
+        self.enter(DEFAULT, "")  # as every manager begins
         self.candidate = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
 
     def tearDown(self) -> None:
@@ -172,11 +173,14 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(BORDER, "ended", age=40.0)
         draw_two()  # half a minute ago
         self.wait(lambda: "strokes_left_out" in self.told[-1], "the doubt in Border")
+        self.assertNotIn("drawing_lost", self.told[-1], "by the manager's clock it began before the node was there")
         self.enter(DEFAULT, "", "cancelled")
         self.wait(lambda: not self.told[-1], "the end of the doubt")
 
     def test_of_a_drawing_that_was_begun_before_the_node_was_started_again_nothing_is_saved(self) -> None:
-        self.enter(BORDER, "three")
+        self.enter(
+            BORDER, "three", age=-30.0
+        )  # the manager's clock is ahead, as it is of a simulation's that has not come yet
         self.show(square(150), since=0.01)
         self.wait(lambda: self.last(interaction_id="three", border_spots=150), "half the drawing")
         uri = rosgraph.Master("/test").lookupNode(NODE)

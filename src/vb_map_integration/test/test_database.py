@@ -284,6 +284,17 @@ def test_the_copies_are_those_of_the_last_days(tmp_path, monkeypatch):
     values.close()
 
 
+def test_a_copy_that_was_put_in_the_files_place_counts_more_than_later_ones(tmp_path):
+    """A day later the file was damaged, and what had been given up came back instead."""
+    days(tmp_path, "2026-01-01", "2026-01-02", "2026-01-02")
+    shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-01.jsonl"), str(tmp_path / FILE))
+    days(tmp_path)
+    (tmp_path / FILE).write_bytes(b"?")
+    values = DurableValues(tmp_path)
+    assert values.get("x/y") == 0 and values.revision > 3
+    values.close()
+
+
 def test_a_start_puts_its_days_copy_right(tmp_path):
     before = closed(tmp_path)
     (copy,) = (tmp_path / "copies").iterdir()

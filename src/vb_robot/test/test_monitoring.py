@@ -1,5 +1,6 @@
 """What robot_monitor reads from a robot's navigation, which goals it calls out of reach, and what it asks of a planner."""
 
+import itertools
 import math
 import threading
 
@@ -16,6 +17,8 @@ from vb_core.node_graph import NodeGraph
 from vb_robot.monitoring import navigation_limits, wiring
 from vb_robot.monitoring.goals import GoalReview, KnownBorder, is_inside, name_of
 from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
+from vb_robot.monitoring.watched_robot import WatchedRobot
+from vb_robot.monitoring.wiring import Wiring
 
 
 def graph(maps, robot="", publishes=None, planner="DWAPlannerROS", unheard=False):
@@ -161,6 +164,20 @@ def test_a_robot_is_inside_where_only_a_border_forbids_to_be():
     ]:
         assert is_inside(plain.with_data(data), physical, place) == inside, place
     assert not is_inside(plain.with_data(data), physical, (0.03, 2.0)), "a wall is no border"
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))
+def test_maps_may_come_in_any_order_before_it_is_told_that_a_robot_is_in_a_border(order):
+    robot = WatchedRobot("", "base_link", None, None)
+    robot.wiring = Wiring(move_base="/move_base", maps=("/robot_driver/keep_out",), radius=0.2)
+    robot.pose = (2.5, 1.5, 0.0)
+    review = reviewed(RUG)
+    maps = {"physical": review.physical, "borders": review.borders, "keep_out": review.borders}
+    for which in order:
+        robot.set_map(which, maps[which])
+        told = [notice.code for notice in robot.notices(0.0)]
+        complete = robot._maps.keys() >= {"physical", "borders"}
+        assert told == ["robot_caught_in_border"] * complete
 
 
 def test_a_goal_that_borders_cut_off_names_the_first_one_on_the_way():

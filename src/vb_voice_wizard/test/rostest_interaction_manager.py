@@ -19,7 +19,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
 
 from neighbors import StubNeighbors, point
-from vb_testing import Newest, Process, wait_until
+from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
 
 from vb_msgs.msg import (
     BorderPreview,
@@ -446,6 +446,10 @@ class InteractionManagerTest(unittest.TestCase):
             # what a node was given stays on the parameter server, for the next one of this name too
             rospy.delete_param("/interaction_manager/idle_timeout")
             self.node.start()
+
+    def test_a_bad_parameter_is_one_line(self):
+        # limits and unknown keys are tested where parameters are checked; each node here costs a second
+        assert_ends_with_one_line("vb_voice_wizard", "interaction_manager", [(["_occupancy:=0.0"], "occupancy")])
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vb_core.ros.node import start_thread
-from vb_voice_wizard.voice.audio_sources import Microphone
+from vb_voice_wizard.voice.audio_sources import Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
 
 from speech import RATE, room_noise, say, utterances
@@ -90,6 +90,12 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
 
 
 # ------------------------------------------------------------------ sound
+def test_a_microphone_that_is_on_is_known_by_its_noise_however_loud():
+    loudest = np.array([-32768, 32767] * 400, np.int16)  # their difference is more than int16 holds
+    assert has_sound(loudest) and has_sound(np.array([5, 8, 6], np.int16))
+    assert not has_sound(np.full(800, 300, np.int16)) and not has_sound(np.zeros(0, np.int16))
+
+
 def test_a_recording_program_is_read_and_started_again():
     chunks, troubles, enough = [], [], threading.Event()
 

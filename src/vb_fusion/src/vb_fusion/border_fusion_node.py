@@ -65,7 +65,7 @@ class BorderFusionNode:
         self._closing = False
         self._dirty = False
         self._forget = False  # the interaction was cancelled; its spots go once they were shown
-        self._started = rospy.get_time()
+        self._hears_state = False  # whether it has heard of any state yet
         self._lost = False  # this node or the interaction manager was started again in the middle of an interaction
         self._wrong_frame = 0
         self._wrong_camera = ""
@@ -105,8 +105,9 @@ class BorderFusionNode:
                 self._wrong_frame, self._wrong_camera = 0, ""
                 self._failure = self._bad_message = None
                 self._doubts = []
-                # a border of the rest alone would be another one than was drawn
-                self._lost = message.entered.to_sec() < self._started
+                # begun before this node was there: a border of the rest alone would be another one than was drawn
+                self._lost = not self._hears_state
+            self._hears_state = True
             if before == (self._collector.state, self._collector.interaction_id):
                 return
             if state == DEFAULT:

@@ -52,7 +52,7 @@ class ManagerParams(InteractionParams):
     log_file: str = param("~/.ros/virtual_borders/interactions.jsonl")
     stop_file: str = param("~/.ros/virtual_borders/robots.stop")
     method: str = param("nrs")
-    occupancy: float = param(1.0, "", low=0.0, high=1.0)
+    occupancy: float = param(1.0, "", low=0.01, high=1.0)
     service_timeout: float = param(2.0, "s", above=0.0, high=10.0)
     response_timeout: float = param(5.0, "s", above=0.0, high=60.0)
 

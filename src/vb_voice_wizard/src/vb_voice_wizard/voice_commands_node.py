@@ -17,7 +17,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, has_sound
 from vb_voice_wizard.voice.listener import CommandListener, Heard
 from vb_voice_wizard.recognizer import CommandRecognizer
 
@@ -97,7 +97,7 @@ class VoiceCommandsNode:
 
     # ------------------------------------------------------------------ sound in
     def _put(self, pcm: np.ndarray) -> None:
-        if np.ptp(pcm) > 2:  # the quietest microphone has its own noise
+        if has_sound(pcm):
             self._heard_at, self._trouble = time.monotonic(), ""
         if not self._sound.put((pcm, time.monotonic())):
             rospy.logwarn_throttle(5.0, "voice_commands: too slow for the sound that comes in, some is lost")

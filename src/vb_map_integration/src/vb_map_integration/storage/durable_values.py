@@ -128,8 +128,12 @@ class DurableValues:
         else:
             refused = None
         damaged = content is None and refused is None and path.exists()
+        copies = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
+        newest = max((copy.revision for copy in copies.values() if copy is not None), default=0)
         if content is None:
-            content = self._read_copies(folder)
+            content = self._choose_copy(folder, copies)
+        elif content.revision < newest:  # a copy was put in its place: it is what counts from now on
+            content = content._replace(revision=newest + 1)
         if content is None and refused is not None:
             raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None
         if content is None and damaged:
@@ -146,9 +150,8 @@ class DurableValues:
         except (OSError, CodedError) as error:
             self._report_read_only(str(error))
 
-    def _read_copies(self, folder: Path) -> Optional[_Content]:
+    def _choose_copy(self, folder: Path, read: Mapping[Path, Optional[_Content]]) -> Optional[_Content]:
         """Returns the content of the newest copy; dates are only for people: clocks go wrong."""
-        read = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
         sound = {path: content for path, content in read.items() if content is not None}
         if not sound:
             return None

@@ -148,7 +148,7 @@ class WatchedRobot:
     def is_navigating(self) -> bool:
         """Returns whether its navigation is there: connected, and heard of lately."""
         heard = 0.0 <= rospy.get_time() - self._status_at < NAVIGATION_SILENCE
-        return heard and self._goals.get_num_connections() > 0
+        return heard and self._goals.get_num_connections() > 1  # the monitor itself is one
 
     def _take_path(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
@@ -183,7 +183,7 @@ class WatchedRobot:
     def review(self) -> Optional[GoalReview]:
         """Returns the maps as this robot's goals are reviewed on them; None before there are any that belong together."""
         grid, physical = self._with_borders(), self._maps.get("physical")
-        if any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
+        if grid is not None and any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
             grid = self._maps.get("keep_out", grid)  # its plans keep the margin that its driver keeps
         if self._review is None and grid is not None and physical is not None and physical.same_geometry(grid):
             radius = self.wiring.radius or robot_profile.read_radius(self.name, DEFAULT_RADIUS)

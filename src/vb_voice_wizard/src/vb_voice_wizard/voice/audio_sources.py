@@ -12,6 +12,11 @@ import numpy as np
 SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
 
 
+def has_sound(pcm: np.ndarray) -> bool:
+    """Returns whether samples (N,) int16 come from a microphone that is on: the quietest one has its own noise."""
+    return len(pcm) > 0 and int(pcm.max()) - int(pcm.min()) > 2  # loud ones differ by more than int16 holds
+
+
 class Microphone:
     """Reads raw samples from a program that writes them to its standard output; starts it again when it ends.
 
