@@ -13,7 +13,7 @@ from vb_core.errors import CodedError
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration import pose as pose_module
-from vb_laser_detect.calibration.pose import Correspondences, PoseEstimationParams, estimate_pose
+from vb_laser_detect.calibration.pose import POINT_SIGMA, Correspondences, estimate_pose
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
 from vb_laser_detect.detection.projection import floor_points
 
@@ -37,9 +37,9 @@ def on_floor_apart(estimate, pose=POSE):
     return np.linalg.norm(floor_points(CAMERA, estimate.T_map_camera, GRID) - floor_points(CAMERA, pose, GRID), axis=1)
 
 
-def rejection(observed, params=None, camera=CAMERA):
+def rejection(observed, point_sigma=POINT_SIGMA, camera=CAMERA):
     with pytest.raises(CodedError) as raised:
-        estimate_pose(camera, observed, params)
+        estimate_pose(camera, observed, point_sigma)
     assert len(str(raised.value)) > 30
     return raised.value.code
 
@@ -66,11 +66,7 @@ def test_exact_points_give_the_exact_pose(count, pose):
 def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_reported(count, point_noise, median, most):
     worst, sigma = [], []
     for seed in range(12):
-        estimate = estimate_pose(
-            CAMERA,
-            observe(np.random.default_rng(seed), count, 0.3, point_noise),
-            PoseEstimationParams(point_sigma=point_noise),
-        )
+        estimate = estimate_pose(CAMERA, observe(np.random.default_rng(seed), count, 0.3, point_noise), point_noise)
         worst.append(on_floor_apart(estimate).max())
         sigma.append(estimate.floor_sigma[1])
     assert np.median(worst) < median and max(worst) < most
@@ -145,7 +141,7 @@ def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code, mo
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
     pixels = (SPREAD[:4] - (960, 540)) * part + (960, 540)
     observed = Correspondences(pixels, floor_points(camera, pose, pixels)[:, :2])
-    assert rejection(observed, PoseEstimationParams(point_sigma=0.02), camera) == code
+    assert rejection(observed, 0.02, camera) == code
 
 
 # ------------------------------------------------------------------ what a person collects
@@ -173,7 +169,7 @@ def test_a_spot_is_taken_only_while_it_is_still():
 
 def test_session_guides_to_a_result_and_back():
     observed = observe(np.random.default_rng(8), 8)
-    session = CalibrationSession(CAMERA, PoseEstimationParams())
+    session = CalibrationSession(CAMERA)
     assert not session.undo() and "at least 4" in session.describe_progress()
     for pixel, point in zip(observed.pixels, observed.points):
         session.add(tuple(pixel), tuple(point))

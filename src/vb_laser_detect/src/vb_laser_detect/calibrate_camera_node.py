@@ -26,7 +26,7 @@ from vb_core.errors import CodedError
 from vb_laser_detect import camera_setup
 from vb_laser_detect.camera_setup import CameraImages
 from vb_laser_detect.calibration import calibration_file
-from vb_laser_detect.calibration.pose import PoseEstimationParams
+from vb_laser_detect.calibration.pose import POINT_SIGMA
 from vb_laser_detect.calibration.board import write_board
 from vb_laser_detect.calibration.calibration_session import (
     CalibrationSession,
@@ -98,7 +98,7 @@ class SpotCalibration:
         self._detector = SpotDetector(detector_params_of(camera).replace(max_dwell_time=3600.0))
         self._images = CameraImages(camera)
         self.camera = self._images.model()
-        self.session = CalibrationSession(self.camera, PoseEstimationParams(point_sigma=arguments.point_sigma))
+        self.session = CalibrationSession(self.camera, arguments.point_sigma)
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _watch(self) -> None:
@@ -189,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
     spots.add_argument(
         "--point_sigma",
         type=float,
-        default=PoseEstimationParams.point_sigma,
+        default=POINT_SIGMA,
         help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz",
     )
     camera_setup.add_commands(commands)

@@ -10,13 +10,7 @@ import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration.pose import (
-    MIN_POINTS,
-    Correspondences,
-    PoseEstimate,
-    PoseEstimationParams,
-    estimate_pose,
-)
+from vb_laser_detect.calibration.pose import MIN_POINTS, POINT_SIGMA, Correspondences, PoseEstimate, estimate_pose
 
 _HOLD_TIME = 2.0  # [s] a spot is held this long before a point is taken
 _MIN_SIGHTINGS = 5
@@ -57,8 +51,8 @@ class HeldSpot:
 class CalibrationSession:
     """Places on the floor on which a camera was shown a spot."""
 
-    def __init__(self, camera: CameraModel, params: PoseEstimationParams) -> None:
-        self._camera, self._params = camera, params
+    def __init__(self, camera: CameraModel, point_sigma: float = POINT_SIGMA) -> None:
+        self._camera, self._point_sigma = camera, point_sigma
         self._placed: List[Tuple[Sequence[float], Sequence[float]]] = []
 
     def __len__(self) -> int:
@@ -86,7 +80,7 @@ class CalibrationSession:
 
     def solve(self) -> PoseEstimate:
         """Estimates the camera's pose; raises what `estimate_pose` raises."""
-        return estimate_pose(self._camera, self.observed, self._params)
+        return estimate_pose(self._camera, self.observed, self._point_sigma)
 
     def describe_progress(self) -> str:
         """Describes the result of the places so far, or what is missing, in one line."""

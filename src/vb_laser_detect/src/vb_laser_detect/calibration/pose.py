@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import List, Optional, Tuple
+from typing import List, Tuple
 
 import cv2
 import numpy as np
@@ -18,7 +18,6 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection.projection import floor_points
 
 MIN_POINTS = 4
@@ -28,17 +27,11 @@ _SAME_PLACE_DISTANCE = 0.01  # [m]
 _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
 _LIKELY = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 _PIXEL_SIGMA = 0.3  # [px] of a point in the image
+POINT_SIGMA = 0.015  # [m] of a point in the map, as clicked in RViz
 _OUTLIER = 0.06  # [m] a point farther off on the floor does not count
 _MIN_AGREEING = 0.6  # part of the points that has to agree on one pose
 _MIN_AREA = 0.025  # of the image, that the points have to span
 _MAX_FLOOR_SIGMA = 0.1  # [m] uncertainty on the floor, anywhere in the image
-
-
-@dataclass(frozen=True)
-class PoseEstimationParams(Parameters):
-    """Accuracy of the person's measurements."""
-
-    point_sigma: float = param(0.015, "m", above=0.0, high=0.5, doc="of a point in the map")
 
 
 @dataclass(frozen=True)
@@ -100,10 +93,8 @@ class PoseEstimate:
         return float(np.sqrt(np.mean(self.errors_m[self.used] ** 2)))
 
 
-def estimate_pose(
-    camera: CameraModel, observed: Correspondences, params: Optional[PoseEstimationParams] = None
-) -> PoseEstimate:
-    """Finds the pose from where the camera sees the points.
+def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: float = POINT_SIGMA) -> PoseEstimate:
+    """Finds the pose from where the camera sees the points, known in the map to `point_sigma` [m].
 
     Raises:
         CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered" for
@@ -111,7 +102,6 @@ def estimate_pose(
             "below_floor" if the camera would be under it; "ambiguous" if two poses explain them; "uncertain"
             if the pose is known too poorly.
     """
-    params = params or PoseEstimationParams()
     check_points(camera, observed)
     start = _consensus(camera, observed)
     used = errors_on_floor(camera, start, observed) < _OUTLIER
@@ -122,7 +112,7 @@ def estimate_pose(
     check_points(camera, observed.select(used))
     # what agrees may change once all that agrees has been used
     for _ in range(5):
-        fit = _Fit(camera, observed.select(used), params, start)
+        fit = _Fit(camera, observed.select(used), point_sigma, start)
         errors = errors_on_floor(camera, fit.T_map_camera, observed)
         agreeing = errors < _OUTLIER
         if (agreeing == used).all() or agreeing.sum() < MIN_POINTS:
@@ -130,7 +120,7 @@ def estimate_pose(
         used, start = agreeing, fit.T_map_camera
     if fit.T_map_camera[2, 3] <= 0.0:
         raise CodedError("below_floor", z=f"{fit.T_map_camera[2, 3]:.2f}")
-    _refuse_if_ambiguous(camera, observed.select(used), params, fit)
+    _refuse_if_ambiguous(camera, observed.select(used), point_sigma, fit)
     middle, worst = floor_uncertainty(camera, fit.T_map_camera, fit.covariance)
     if worst > _MAX_FLOOR_SIGMA:
         raise CodedError("uncertain", cm=f"{100 * worst:.1f}", most=f"{100 * _MAX_FLOOR_SIGMA:.0f}")
@@ -276,12 +266,10 @@ class _Fit:
         chi_square: of the measurements, robust.
     """
 
-    def __init__(
-        self, camera: CameraModel, observed: Correspondences, params: PoseEstimationParams, start: np.ndarray
-    ) -> None:
+    def __init__(self, camera: CameraModel, observed: Correspondences, point_sigma: float, start: np.ndarray) -> None:
         from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
-        self._camera, self._observed, self._params, self._start = camera, observed, params, start
+        self._camera, self._observed, self._point_sigma, self._start = camera, observed, point_sigma, start
         self._whitening = self._whiten()
         # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
         solution = least_squares(self._residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
@@ -300,19 +288,17 @@ class _Fit:
     def _whiten(self) -> np.ndarray:
         """Returns the matrices (N, 2, 2) that make each point's errors in the image [px] independent, with deviation 1."""
         camera, pose, points = self._camera, self._start, self._observed.points
-        here, step = project(camera, pose, points), self._params.point_sigma * np.eye(2)
+        here, step = project(camera, pose, points), self._point_sigma * np.eye(2)
         moved = np.nan_to_num(np.stack([project(camera, pose, points + move) - here for move in step], axis=2))
         return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2) + moved @ moved.transpose(0, 2, 1)))
 
 
-def _refuse_if_ambiguous(
-    camera: CameraModel, observed: Correspondences, params: PoseEstimationParams, fit: _Fit
-) -> None:
+def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:
     """Refuses a pose if another one is almost as likely: a small or distant plane looks alike from two sides."""
     for pose in planar_poses(camera.rays(observed.pixels), observed.points):
         if _turn(pose, fit.T_map_camera) < _SAME_TURN:
             continue
-        other = _Fit(camera, observed, params, pose)
+        other = _Fit(camera, observed, point_sigma, pose)
         if _turn(other.T_map_camera, fit.T_map_camera) > _SAME_TURN and other.chi_square < fit.chi_square + _LIKELY:
             raise CodedError("ambiguous")
 
