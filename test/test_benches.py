@@ -18,7 +18,6 @@ SAMPLES = {
     "detection/rendered.py": "'held still' --share 0.02",
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",
-    "extraction/stages.py": "{folder}",
     "lab/cameras.py": "--cameras 1 --seconds 1",
     "lab/image_cost.py": "",
     "lab/page.py": "--browsers 1 --seconds 1",

@@ -9,7 +9,6 @@ changed; a new field or argument is in the examples by itself. FUZZ_EXAMPLES say
 import dataclasses
 import importlib
 import os
-import shutil
 from pathlib import Path
 
 import cv2
@@ -33,11 +32,10 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.ros import cameras, images, messages
 from vb_laser_detect.calibration import calibration_file
 from vb_map_integration.borders import border_messages, geojson
-from vb_map_integration.storage.durable_values import FILE
 from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
 
-from integrators import integrator, square
+from integrators import square
 
 TOP = Path(__file__).resolve().parents[1]
 
@@ -242,32 +240,5 @@ def test_map_files(tmp_path):
             assert read_map(files[1]).data.size
         except CodedError as error:
             assert error.code == "bad_map_file"
-
-    check()
-
-
-def test_a_damaged_database_loses_nothing_that_its_copy_has(tmp_path):
-    keeper = integrator(tmp_path / "good")
-    for border in (square(20, 20), square(60, 60)):
-        keeper.add(border, 1.0)
-    wanted = [(border.id, border.points.tolist()) for border in keeper.borders]
-    keeper.close()
-    good = (tmp_path / "good" / FILE).read_bytes()
-
-    @bounded(0.4)
-    @given(damaged(good), st.booleans())
-    def check(data, with_copy):
-        shutil.rmtree(str(tmp_path / "bad"), ignore_errors=True)
-        shutil.copytree(str(tmp_path / "good"), str(tmp_path / "bad"))
-        (tmp_path / "bad" / FILE).write_bytes(data)
-        if not with_copy:
-            shutil.rmtree(str(tmp_path / "bad" / "copies"))
-        again = integrator(tmp_path / "bad")
-        found = [(border.id, border.points.tolist()) for border in again.borders]
-        again.close()
-        if with_copy or data == good:
-            assert found == wanted
-        else:
-            assert all(border in wanted for border in found)
 
     check()

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from refusals import refused
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 
@@ -10,34 +11,10 @@ WIDE = CameraModel(
 )
 
 
-@pytest.mark.parametrize(
-    "distortion", [np.zeros(5), WIDE.distortion, [0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], np.full(12, 1e-3)]
-)
-@pytest.mark.parametrize("count", [1, 500])
-def test_projection_is_opencvs(distortion, count):
-    camera = CameraModel(1920, 1080, WIDE.matrix, np.array(distortion))
-    points = np.random.default_rng(count).uniform([-2, -1, 0.5], [2, 1, 4], (count, 3))
-    pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
-    # farther from the axis the polynomial folds back: what OpenCV says there is another point's pixel
-    within = np.hypot(*points[:, :2].T) < camera.limit * points[:, 2]
-    assert np.abs(camera.project(points) - pixels[:, 0])[within].max() < 1e-6
-    assert np.isnan(camera.project(points)[~within]).all()
-    rays = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
-    if not camera.distorted:
-        assert np.abs(camera.rays(pixels)[:, :2] - rays).max() < 1e-9
-
-
 def test_points_behind_the_camera_have_no_pixel():
     pixels = WIDE.project(np.array([[0.1, 0.1, 2.0], [0.1, 0.1, -2.0], [0.0, 0.0, 0.0]]))
     assert np.isfinite(pixels[0]).all() and np.isnan(pixels[1:]).all()
     assert list(WIDE.contains(pixels)) == [True, False, False]
-
-
-def test_a_coarser_image_of_the_same_camera_sees_along_the_same_rays():
-    fine = CameraModel.ideal(640, 480, 577.0)
-    coarse = fine.scaled_to(160, 120)
-    # the middle of a coarse pixel is the middle of its 4 x 4 fine pixels
-    assert np.allclose(coarse.rays([[10, 20]]), fine.rays([[41.5, 81.5]]))
 
 
 @pytest.mark.parametrize(
@@ -51,9 +28,8 @@ def test_a_coarser_image_of_the_same_camera_sees_along_the_same_rays():
     ],
 )
 def test_what_cannot_be_a_camera_is_refused(width, height, matrix, distortion):
-    with pytest.raises(CodedError) as caught:
+    with refused("bad_camera_info"):
         CameraModel(width, height, matrix, distortion)
-    assert caught.value.code == "bad_camera_info"
 
 
 LENSES = {
@@ -123,7 +99,16 @@ def test_a_fisheye_has_four_coefficients_and_zeros_behind_them_are_none(more, ke
     assert CameraModel(8, 6, np.eye(3), [0.1], True).distortion.tolist() == [0.1, 0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("distortion, fisheye", [([], False), (WIDE.distortion, False), ([0.02, 0, 0, 0], True)])
+@pytest.mark.parametrize(
+    "distortion, fisheye",
+    [
+        ([], False),
+        (WIDE.distortion, False),
+        ([0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], False),
+        (np.full(12, 1e-3), False),
+        ([0.02, 0, 0, 0], True),
+    ],
+)
 def test_a_camera_with_two_focal_lengths_and_its_middle_elsewhere_is_exact_both_ways(distortion, fisheye):
     matrix = np.array([[900.0, 0.0, 500.0], [0.0, 1300.0, 700.0], [0.0, 0.0, 1.0]])
     camera = CameraModel(1400, 1200, matrix, np.array(distortion), fisheye)

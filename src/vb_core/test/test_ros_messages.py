@@ -9,6 +9,7 @@ import pytest
 import rospy
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from refusals import refused
 from vb_msgs.msg import BorderPreview
 
 from vb_core.camera_model import CameraModel
@@ -47,22 +48,10 @@ def test_previews_round_trip_byte_for_byte():
 def test_a_map_whose_size_is_a_lie_is_refused():
     message = messages.message_from_grid(GridMap(np.zeros((3, 4), np.int8), 0.1), rospy.Time(0))
     message.info.width = 5
-    with pytest.raises(CodedError) as caught:
+    with refused("bad_map"):
         messages.grid_from_message(message)
-    assert caught.value.code == "bad_map"
     with pytest.raises(CodedError):
         messages.grid_from_message(OccupancyGrid())
-
-
-@pytest.mark.parametrize(
-    "encoding, shape, kind",
-    [("bgr8", (6, 8, 3), "u1"), ("mono8", (6, 8), "u1"), ("bayer_rggb8", (6, 8), "u1"), ("16UC1", (6, 8), "u2")],
-)
-def test_images_round_trip(encoding, shape, kind):
-    pixels = np.random.default_rng(2).integers(0, 256, shape).astype(kind)
-    message = images.message_from_image(pixels, encoding, rospy.Time(3), "red_optical_frame")
-    assert (images.array_from_image(message) == pixels).all()
-    assert message.step == pixels[0].nbytes
 
 
 ENCODINGS = [
@@ -131,9 +120,8 @@ def test_images_that_cannot_be_read_are_refused():
         good_fields = {name: getattr(good, name) for name in good.__slots__}
         for name, value in {**good_fields, **change}.items():
             setattr(bad, name, value)
-        with pytest.raises(CodedError) as caught:
+        with refused("bad_image"):
             images.array_from_image(bad)
-        assert caught.value.code == "bad_image"
     with pytest.raises(CodedError):
         images.array_from_compressed_image(CompressedImage(data=b"not a picture"))
 
@@ -146,9 +134,8 @@ def test_cameras_round_trip_and_bad_ones_are_refused():
     info.distortion_model = "equidistant"
     with pytest.raises(CodedError):
         cameras.camera_from_info(info)
-    with pytest.raises(CodedError) as caught:
+    with refused("bad_camera_info"):
         cameras.camera_from_info(CameraInfo())
-    assert caught.value.code == "bad_camera_info"
 
 
 def test_transforms_points_and_poses_round_trip():

@@ -198,23 +198,6 @@ def test_a_node_that_logs_while_it_ends_does_not_end_its_successor():
     assert (done.returncode, done.stdout) == (0, "1 1\n"), done.stderr
 
 
-def test_kept_memory_is_used_again():
-    program = """
-import resource
-from vb_core.ros import node
-node.disable_heap_trimming()
-image = b"x" * (6 << 20)
-before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-for _ in range(20):
-    del image
-    image = b"x" * (6 << 20)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
-"""
-    faults = int(subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout)
-    # each image has 1536 pages; the first may still have been got from the system
-    assert faults < 4 * 1536
-
-
 def test_help_tells_a_nodes_interface_without_a_ros_master():
     program = """
 from __future__ import annotations

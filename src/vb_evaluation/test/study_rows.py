@@ -25,8 +25,6 @@ MEASURES = [
     "error_p95_cm",
     "error_max_cm",
     "order",
-    "spots",
-    "false_spots",
 ]
 RUN_COLUMNS = ["participant", "scenario", "method", "seed", *MEASURES, "map"]
 _BORDER_M = {"room": 0.7, "carpet": 6.5, "corner": 3.6}
@@ -49,8 +47,6 @@ def run(random, participant, scenario, method, order=1, speed=1.0):
         "seed": 1,
         "completed": int(completed),
         "order": order,
-        "spots": int(random.integers(50, 900)),
-        "false_spots": int(random.integers(0, 3)),
         "jaccard": f"{random.normal(0.93, 0.02):.4f}" if completed else "",
     }
     row.update({f"time_{state}_s": f"{value:.2f}" for state, value in states.items()})

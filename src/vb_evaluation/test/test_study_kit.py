@@ -1,6 +1,5 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
 
-import dataclasses
 import json
 import shutil
 import tempfile
@@ -333,23 +332,6 @@ def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
     )
     silent = conduct.conduct_run(conduct.next_run(planned, "p02"), lambda plan: lambda: None, iter("c"), said.append)
     assert silent["recorded"] is False and "nothing was recorded" in said[-1]
-
-
-def test_the_launch_is_a_process_that_ends(planned):
-    """With a stand-in for roslaunch: it is started with the planned arguments and interrupted at the end."""
-    run = conduct.next_run(planned, "p01")
-    script = planned.parent / "launch.sh"
-    script.write_text('#!/bin/sh\necho "$@"\nexec sleep 60\n')
-    replaced = dataclasses.replace(run, command=("sh", str(script), *run.command[1:]))
-    stops = []
-
-    def start(plan):
-        stop = conduct.roslaunch(plan)
-        stops.append(stop.__self__)
-        return stop
-
-    conduct.conduct_run(replaced, start, iter("c"), lambda words: None)
-    assert not stops[0].running
 
 
 def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):

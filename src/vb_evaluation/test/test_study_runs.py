@@ -152,22 +152,3 @@ def test_rows_of_unknown_origin_are_refused(tmp_path, meta, words):
         (tmp_path / "study.json").write_text(meta)
     with pytest.raises(CodedError, match=words):
         campaign.open_folder(tmp_path, "abc", {})
-
-
-def test_a_study_needs_no_ros():
-    blocked = (
-        "rospy",
-        "tf2_ros",
-        "cv_bridge",
-        "roslib",
-        "actionlib",
-        "vb_msgs",
-        "std_msgs",
-        "sensor_msgs",
-        "nav_msgs",
-        "geometry_msgs",
-    )
-    code = (
-        f"import sys; sys.modules.update({{name: None for name in {blocked!r}}}); import vb_evaluation.study.__main__"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Log
 
 from vb_testing import Process, assert_ends_with_one_line, wait_until
 from vb_feedback.sound.tone_synthesis import synthesize
-from vb_msgs.msg import InteractionState, Sound
+from vb_msgs.msg import Sound
 
 
 class SoundPlayerTest(unittest.TestCase):
@@ -86,52 +86,6 @@ class SoundPlayerTest(unittest.TestCase):
         if importlib.util.find_spec("kobuki_msgs") is not None:
             self.skipTest("kobuki_msgs is installed here")
         assert_ends_with_one_line("vb_feedback", "kobuki_feedback", [([], "kobuki_msgs is not installed")])
-
-    def test_4_kobuki_with_its_messages(self):
-        # the package's own definitions, for machines that do not have it
-        folder = os.path.join(self.folder.name, "python", "kobuki_msgs")
-        os.makedirs(folder)
-        open(os.path.join(folder, "__init__.py"), "w").close()
-        with open(os.path.join(folder, "msg.py"), "w") as file:
-            file.write(KOBUKI_MESSAGES)
-        paths = os.pathsep.join([os.path.dirname(folder), os.environ.get("PYTHONPATH", "")])
-        spec = importlib.util.spec_from_file_location("kobuki_definitions", os.path.join(folder, "msg.py"))
-        messages = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(messages)
-        lights, stops, beeps = [], [], []
-        subscribers = [
-            rospy.Subscriber("mobile_base/commands/led1", messages.Led, lights.append),
-            rospy.Subscriber("mobile_base/commands/led2", messages.Led, lambda light: stops.append(light.value)),
-            rospy.Subscriber("mobile_base/commands/sound", messages.Sound, beeps.append),
-        ]
-        state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=5, latch=True)
-        node = Process("vb_feedback", "kobuki_feedback", env={**os.environ, "PYTHONPATH": paths})
-        try:
-            state.publish(InteractionState(name="guide"))
-            wait_until(lambda: [light.value for light in lights] == [3], "the red light of Guide")
-            state.publish(InteractionState(name="default"))
-            wait_until(lambda: [light.value for light in lights] == [3, 0], "no light in Default")
-            state.publish(InteractionState(name="guide", stopped=True))
-            wait_until(lambda: stops[-1:] == [3] and lights[-1].value == 3, "a second red light while stopped")
-            wait_until(
-                lambda: subscribers[-1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper"
-            )
-            self.sounds.publish(name="tick")
-            self.sounds.publish(name="error")
-            wait_until(lambda: [beep.value for beep in beeps] == [4], "the error's beep")
-        finally:
-            node.stop()
-
-
-KOBUKI_MESSAGES = """
-from genpy.dynamic import generate_dynamic
-
-Led = generate_dynamic("kobuki_msgs/Led", "uint8 value\\nuint8 BLACK=0\\nuint8 GREEN=1\\nuint8 ORANGE=2\\nuint8 RED=3\\n")[
-    "kobuki_msgs/Led"]
-Sound = generate_dynamic(
-    "kobuki_msgs/Sound", "uint8 ON=0\\nuint8 OFF=1\\nuint8 RECHARGE=2\\nuint8 BUTTON=3\\nuint8 ERROR=4\\n"
-    "uint8 CLEANINGSTART=5\\nuint8 CLEANINGEND=6\\nuint8 value\\n")["kobuki_msgs/Sound"]
-"""
 
 
 if __name__ == "__main__":

@@ -77,10 +77,6 @@ def test_texts_never_leave_the_box_that_they_share(sentences, width, height):
         assert whole or text.endswith("...")
 
 
-def test_short_text_gets_the_largest_letters():
-    assert fit_texts(["Saved."], (2.0, 1.0), 50.0, 3.0) == (["Saved."], 2.0)
-
-
 def test_words_stand_beside_each_other_centred():
     placed = place_words("define border\nsave", 10.0, 5.0, 1.0)
     assert [word for word, _, _ in placed] == ["define", "border", "save"]

@@ -103,10 +103,3 @@ def test_a_refusal_stands_out_for_every_eye():
     assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
     box = text_boxes([plate])[0]
     assert all(contains(box, text) for text in text_boxes(answer))
-
-
-def test_a_usual_sentence_is_not_cut():
-    layout = fit_view(LAB, 16 / 9)
-    sentence = " ".join(["word"] * 34)
-    found = texts_of(words(layout, PanelContent("seed", 1.0, (), True, sentence, (), NOTICES[:1])))
-    assert found["words/answer"] == sentence

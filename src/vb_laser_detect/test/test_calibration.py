@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from board_scene import CAMERA, POSE
+from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
@@ -89,19 +90,6 @@ def test_wrong_points_are_found_and_left_out(wrong):
         estimate = estimate_pose(CAMERA, Correspondences(observed.pixels, points))
         assert not estimate.used[bad].any() and estimate.used.sum() >= 7 - wrong
         assert on_floor_apart(estimate).max() < 0.08
-
-
-@pytest.mark.parametrize(
-    "count, wrong, place",
-    [(5, 1, lambda points: points[1] + (0.4, 0.3)), (8, 3, lambda points: points[2])],
-    ids=["another tile", "a click that stayed behind"],
-)
-def test_one_wrong_point_is_the_one_that_is_left_out(count, wrong, place):
-    observed = observe(np.random.default_rng(count), count)
-    points = observed.points.copy()
-    points[wrong] = place(points)
-    estimate = estimate_pose(CAMERA, Correspondences(observed.pixels, points))
-    assert list(np.flatnonzero(~estimate.used)) == [wrong]
 
 
 # ------------------------------------------------------------------ what determines no pose
@@ -233,13 +221,5 @@ def test_bad_files_are_refused(tmp_path, content, code):
     path = tmp_path / "red.yaml"
     if content is not None:
         path.write_text(content)
-    with pytest.raises(CodedError) as raised:
+    with refused(code):
         calibration_file.load(path)
-    assert raised.value.code == code
-
-
-def test_an_unwritable_folder_is_reported(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(CodedError) as raised:
-        calibration_file.save(tmp_path / "file" / "red.yaml", CameraPose("red", "map", "f", np.eye(4)), [])
-    assert raised.value.code == "cannot_write"

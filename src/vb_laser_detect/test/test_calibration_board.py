@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from board_scene import CAMERA, POSE, corners_on_map, p2_of, render_board
+from refusals import refused
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.board import PAPERS_MM, BoardParams, draw_board, find_board, write_board
 from vb_laser_detect.calibration import camera_watch
@@ -42,9 +43,8 @@ def test_boards_that_cannot_be_used_are_refused():
         (np.full((1080, 1920), 110, np.uint8), "no_board"),
         (render_board(small, (4.0, 2.5), p2_of(small, (4.0, 2.5), 0.2), rng), "board_too_small"),
     ):
-        with pytest.raises(CodedError) as raised:
+        with refused(code):
             find_board(BOARD, image)
-        assert raised.value.code == code
     p2 = p2_of(BOARD, (4.0, 2.5), 0.0)
     hidden = render_board(BOARD, (4.0, 2.5), p2, rng)
     middle = pixels_of(CAMERA, POSE, np.array([[4.2, 2.4, 0.0]]))[0].astype(int)
@@ -90,9 +90,8 @@ def test_print_is_true_to_size(tmp_path):
         ("A3", "board.txt", "bad_file"),
         ("A3", tmp_path / "no" / "x.png", "bad_file"),
     ):
-        with pytest.raises(CodedError) as raised:
+        with refused(code):
             write_board(paper, str(file))
-        assert raised.value.code == code
 
 
 # ------------------------------------------------------------------ cameras that overlap

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
@@ -57,18 +58,16 @@ def test_the_lens_is_found(seed):
 
 
 def test_a_board_that_is_never_tilted_does_not_determine_the_lens():
-    with pytest.raises(CodedError) as caught:
+    with refused("board_not_tilted"):
         calibrate(WIDE, 1, tilt=0.0)
-    assert caught.value.code == "board_not_tilted"
 
 
 def test_the_same_view_does_not_count_twice():
     lens = LensCalibration((1280, 720))
     view = next(view for view in (held(WIDE, np.random.default_rng(seed)) for seed in range(20)) if len(view.ids) >= 8)
     assert lens.add(view) and not lens.add(view)
-    with pytest.raises(CodedError) as caught:
+    with refused("too_few_views"):
         lens.solve()
-    assert caught.value.code == "too_few_views"
 
 
 @pytest.mark.parametrize("camera", [WIDE, CameraModel(1280, 720, WIDE.matrix, np.array([0.02, -0.01, 0, 0]), True)])
@@ -85,9 +84,8 @@ def test_a_lens_file_comes_back_as_it_was(tmp_path, camera):
 def test_a_lens_file_that_says_nothing_is_refused(tmp_path, text, code):
     if text is not None:
         (tmp_path / "hall.yaml").write_text(text)
-    with pytest.raises(CodedError) as caught:
+    with refused(code):
         lens_file.load(tmp_path / "hall.yaml")
-    assert caught.value.code == code
 
 
 # ------------------------------------------------------------- delay
@@ -115,9 +113,8 @@ def test_the_delay_is_measured(delay, rate):
 
 def test_images_that_do_not_follow_the_light_say_nothing():
     switched, seen = blinking(0.1, 25.0, np.random.default_rng(5), contrast=0.0)
-    with pytest.raises(CodedError) as caught:
+    with refused("no_blinking"):
         measure_delay(switched, seen)
-    assert caught.value.code == "no_blinking"
 
 
 # ------------------------------------------------------------- exposure
@@ -139,9 +136,8 @@ def test_an_exposure_is_found_at_which_the_floor_is_grey(light):
     ],
 )
 def test_what_no_exposure_can_mend_is_told(level, code):
-    with pytest.raises(CodedError) as caught:
+    with refused(code):
         find_exposure(lambda exposure: Look(level(exposure), float(level(exposure) > 250)))
-    assert caught.value.code == code
 
 
 def test_a_window_in_the_image_keeps_the_exposure_short():
@@ -191,9 +187,8 @@ def test_automatic_settings_are_switched_off_before_values_are_set():
 def test_what_is_not_wanted_stays_automatic_even_where_a_camera_has_no_such_setting():
     assert controls.plan(NEW, CaptureParams()) == ["auto_exposure=3", "white_balance_automatic=1"]
     assert controls.plan("", CaptureParams()) == []
-    with pytest.raises(CodedError) as caught:
+    with refused("no_control"):
         controls.plan("", CaptureParams(exposure=100))
-    assert caught.value.code == "no_control"
 
 
 def test_a_device_gets_each_setting(tmp_path, monkeypatch):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_core.errors import CodedError
 from vb_laser_detect.calibration.rectangle import uncertainty, view_rectangle
 from vb_laser_detect.detection.projection import floor_points
 
@@ -67,9 +67,8 @@ def test_a_slanted_view_tells_the_focal_length_and_the_height():
     ],
 )
 def test_what_is_no_rectangle_is_refused(pixels, size):
-    with pytest.raises(CodedError) as caught:
+    with refused("bad_rectangle"):
         view_rectangle(np.array(pixels, float), size, IMAGE)
-    assert caught.value.code == "bad_rectangle"
 
 
 def test_the_uncertainty_is_that_of_clicks():

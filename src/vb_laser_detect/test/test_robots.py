@@ -15,13 +15,6 @@ from vb_laser_detect.camera_geometry import Robots
 PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
 
 
-class Silent:
-    """In the place of tf2's listener."""
-
-    def __init__(self, _buffer):
-        pass
-
-
 class Report:
     """Keeps what is counted."""
 
@@ -35,7 +28,7 @@ class Report:
 @pytest.fixture
 def lab(monkeypatch):
     """(the robots, tf's buffer, the report); tf is told where a robot is by `drive`."""
-    monkeypatch.setattr(tf2_ros, "TransformListener", Silent)
+    monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
     monkeypatch.setattr(tf2_ros.Buffer, "__init__", lambda self, cache_time: tf2_ros.BufferCore.__init__(self))
     # a buffer that waits asks for the time, which no node gives here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))

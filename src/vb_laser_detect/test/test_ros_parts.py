@@ -1,7 +1,6 @@
 """What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras."""
 
 import threading
-import time
 from types import SimpleNamespace
 
 import cv2
@@ -15,12 +14,10 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.notices import Severity
 from vb_core.ros import cameras
-from vb_core.ros.images import compressed_encoding, array_from_compressed_image
-from vb_core.ros.node import Mailbox
+from vb_core.ros.images import decode
 from vb_laser_detect import calibrate_camera_node
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect import camera_feed, camera_geometry, detector_diagnostics
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
+from vb_laser_detect import camera_geometry, detector_diagnostics
 from vb_laser_detect.camera_geometry import is_rectified
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus
@@ -195,20 +192,6 @@ def test_a_rate_that_varies_about_the_limit_is_told_throughout(report):
     assert told[-1] == []
 
 
-def test_a_camera_that_answers_at_once_is_read(monkeypatch):
-    class AtOnce(CameraSource):
-        def start(self):
-            self._report(None)
-            self._handle(Shot(time.time()))
-
-    monkeypatch.setattr(camera_feed, "CameraSource", AtOnce)
-    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
-    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(100)))
-    mailbox, report = Mailbox(), SimpleNamespace(set_source_fault=lambda error, is_silent: None)
-    camera_feed.CameraFeed("hall", "hall", "http://hall/video", CaptureParams(), "/hall/image_raw", "", mailbox, report)
-    assert mailbox.received == 1
-
-
 def test_a_robots_camera_is_not_to_be_calibrated_because_the_robot_is_lost(report):
     for mobile, code in ((False, "camera_no_pose"), (True, "camera_robot_lost")):
         red = report(mobile=mobile)
@@ -243,4 +226,4 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 )
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
-    assert compressed_encoding(message, array_from_compressed_image(message)) == encoding
+    assert decode(message)[1] == encoding

@@ -14,13 +14,11 @@ SPEED = 1.5  # [m/s] faster than in life: tests wait for robots that arrive
 
 
 class _Server(actionlib.ActionServer):
-    deaf = False
-    asked = None  # a list: when [s] a goal came, read or not
+    asked = None  # a list: when [s] a goal came
 
     def internal_goal_callback(self, goal):
         self.asked.append(rospy.Time.now().to_sec())
-        if not self.deaf:
-            super().internal_goal_callback(goal)
+        super().internal_goal_callback(goal)
 
 
 class FaultyMoveBase:
@@ -28,8 +26,8 @@ class FaultyMoveBase:
 
     Attributes:
         behavior: "drive"; "hold": accepts the goal and stands; "abort".
-        asked: when [s] each goal came, also those that were not read.
-        goals: (time [s], pose) of every goal that was read.
+        asked: when [s] each goal came, before it was answered.
+        goals: (time [s], pose) of every goal.
         stopped: when [s] the robot was stopped by a cancel or a new goal.
     """
 
@@ -58,10 +56,6 @@ class FaultyMoveBase:
             self.body.velocity = (0.0, 0.0)
         server.stop()
 
-    def be_deaf(self, deaf):
-        """Reads no goals, or does again; it says all the same that it is there."""
-        self._server.deaf = deaf
-
     def rest(self):
         """Ends what runs and forgets every goal."""
         with self._lock:
@@ -76,7 +70,6 @@ class FaultyMoveBase:
         """Has no fault any more, for the next test."""
         if self._server is None:
             self.revive()
-        self.be_deaf(False)
         self.behavior = "drive"
 
     @property

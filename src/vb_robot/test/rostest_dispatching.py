@@ -14,7 +14,7 @@ import rostest
 from faulty_move_base import FaultyMoveBase
 from move_base_msgs.msg import MoveBaseActionGoal
 from plain_rooms import room
-from stimulus import Body, Stimulus, assert_bad_parameter_is_named
+from stimulus import Body, Stimulus
 from vb_testing import wait_until
 
 from vb_core import names
@@ -22,7 +22,6 @@ from vb_core.poses import to_base
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray
-from vb_robot import robot_monitor_node
 from vb_robot.floor_view import FloorView
 
 SPOT = (2.0, 2.5)
@@ -131,9 +130,6 @@ class DispatcherTest(unittest.TestCase):
         self.stimulus.set_state(DEFAULT)
         wait_until(lambda: self.bases["ada"].stopped, "a dispatcher that comes back and cancels its goal", 120.0)
 
-    def test_bad_parameter_is_named(self):
-        assert_bad_parameter_is_named(self, robot_monitor_node.build, "robots", ["ada", "ada"])
-
     def test_two_never_take_the_same_place(self):
         self.draw()
         best = self.is_sent("ada")
@@ -178,12 +174,6 @@ class DispatcherTest(unittest.TestCase):
         wait_until(lambda: self.ada.velocity[0] > 0.0, "ada to drive")
         self.bases["ada"].die()
         self.is_sent("bob")
-
-    def test_navigation_that_is_slow_to_answer(self):
-        self.bases["ada"].be_deaf(True)
-        self.draw()
-        self.is_sent("bob")
-        self.assertEqual(self.goals("ada"), [])
 
     def test_navigation_that_never_comes_and_then_does(self):
         for base in self.bases.values():

@@ -12,7 +12,6 @@ from sensor_msgs.msg import CameraInfo, LaserScan
 from plain_rooms import room
 
 from vb_core import geometry, names
-from vb_core.errors import ParameterError
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_core.stop_latch import StopLatch
@@ -136,14 +135,3 @@ class Stimulus(Body):
             message.header.stamp, message.header.frame_id = now, frame
             message.position = Point(spot[0], spot[1], 0.0)
             self.spots.publish(message)
-
-
-def assert_bad_parameter_is_named(test, build, key, value):
-    """A node's `build` refuses a value of ~key: node.run makes one line and exit status 1 of it.
-
-    The parameters are those of this very process.
-    """
-    rospy.set_param(f"~{key}", value)
-    with test.assertRaises(ParameterError) as caught:
-        build()
-    test.assertEqual(caught.exception.key, f"{rospy.get_name()}/{key}")

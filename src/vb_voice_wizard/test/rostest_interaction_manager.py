@@ -19,7 +19,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
 
 from neighbors import StubNeighbors, point
-from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
+from vb_testing import Newest, Process, wait_until
 
 from vb_msgs.msg import (
     BorderPreview,
@@ -245,10 +245,6 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertTrue(self.state.message.stopped)
         self.assertNotEqual(self.stub.added[count - 1].request_id if count else "", second.request_id)
 
-    def test_the_state_is_repeated_in_default_too(self):
-        self.in_state("default")
-        self.state.next(4)  # without any change
-
     def test_a_command_that_is_sent_again_is_carried_out_once(self):
         with_undo = self.stub.offer_undo()
         try:
@@ -450,10 +446,6 @@ class InteractionManagerTest(unittest.TestCase):
             # what a node was given stays on the parameter server, for the next one of this name too
             rospy.delete_param("/interaction_manager/idle_timeout")
             self.node.start()
-
-    def test_a_bad_parameter_is_one_line(self):
-        # limits and unknown keys are tested where parameters are checked; each node here costs a second
-        assert_ends_with_one_line("vb_voice_wizard", "interaction_manager", [(["_occupancy:=2"], "occupancy")])
 
 
 if __name__ == "__main__":

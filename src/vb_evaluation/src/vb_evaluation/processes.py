@@ -1,7 +1,7 @@
-"""Child processes of a script: a roslaunch with its own master, a screen for RViz.
+"""Child processes of a script: a roslaunch with its own master.
 
 The idea: the kernel ends a child when its parent ends, however that ends. No handler has to run, so that neither
-SIGTERM nor SIGKILL leaves a roslaunch or a screen behind; roslaunch then ends its nodes.
+SIGTERM nor SIGKILL leaves a roslaunch behind; roslaunch then ends its nodes.
 """
 
 from __future__ import annotations
@@ -12,11 +12,8 @@ import secrets
 import signal
 import socket
 import subprocess
-import time
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
-
-from vb_core.errors import CodedError
 
 _PORTS = range(20000, 32768)  # Linux hands out those above
 
@@ -98,43 +95,3 @@ def roslaunch(
     """Starts launch files with these arguments, under a master of their own if a port is given."""
     words = [f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in arguments.items()]
     return Child(["roslaunch", *(["-p", str(port)] if port else []), *map(str, files), *words], log, env)
-
-
-def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
-    """Starts a virtual screen; returns the process and its DISPLAY.
-
-    Raises:
-        CodedError: "no_virtual_screen" if Xvfb does not come up.
-    """
-    chosen = log.with_suffix(".display")
-    screen = Child(
-        [
-            "sh",
-            "-c",
-            'exec Xvfb -displayfd 3 -screen 0 "$1" -nolisten tcp 3>"$2"',
-            "Xvfb",
-            f"{width}x{height}x24",
-            str(chosen),
-        ],
-        log,
-    )
-    deadline = time.monotonic() + 60.0
-    # Xvfb says which display it took once it is ready
-    while not chosen.exists() or not chosen.read_text().endswith("\n"):
-        if not screen.running or time.monotonic() > deadline:
-            screen.stop(1.0)
-            raise CodedError("no_virtual_screen", reason=screen.tail(3))
-        time.sleep(0.05)
-    return screen, f":{chosen.read_text().strip()}"
-
-
-def screenshot(display: str, path: Path) -> bool:
-    """Takes a screenshot of a screen; returns whether it worked."""
-    done = subprocess.run(
-        ["import", "-window", "root", str(path)],
-        env={**os.environ, "DISPLAY": display},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        stdin=subprocess.DEVNULL,
-    )
-    return done.returncode == 0 and path.exists()

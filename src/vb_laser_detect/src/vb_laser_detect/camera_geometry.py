@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
-from typing import Any, Deque, List, Optional, Sequence, Tuple
+from typing import Deque, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -15,7 +15,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import array_from_compressed_image, array_from_image, compressed_encoding
+from vb_core.ros.images import array_from_image
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
 from vb_laser_detect.detection.projection import FloorProjection
@@ -28,18 +28,6 @@ _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any doe
 _MAX_DEPTH_AGE = 0.08  # [s] largest time between image and depth image
 _POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver takes it to be where nothing else is known
 _MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older may be somewhere else by now, or switched off
-
-
-def decode(message: Any) -> Tuple[np.ndarray, str]:
-    """Decodes a sensor_msgs/Image or CompressedImage; returns its pixels and their encoding.
-
-    Raises:
-        CodedError: "bad_image"
-    """
-    if hasattr(message, "encoding"):
-        return array_from_image(message), message.encoding
-    image = array_from_compressed_image(message)
-    return image, compressed_encoding(message, image)
 
 
 def sibling_topic(topic: str, name: str) -> str:
@@ -174,9 +162,6 @@ class Robots:
         self._transforms, self._report = transforms, report
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in namespaces]
 
-    def __len__(self) -> int:
-        return len(self._profiles)
-
     def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
         """Returns where the robots were at a time.
 
@@ -264,7 +249,7 @@ class CameraGeometry:
         """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
         lookup = partial(self._transforms.lookup, names.MAP_FRAME, frame_id)
         try:
-            pose = lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
+            return lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
         except CodedError:
             if self._mobile:  # just started, or gone
                 return lookup(stamp, _TF_TIMEOUT)
@@ -272,6 +257,3 @@ class CameraGeometry:
             if self._pose is None or frame_id != self._frame:
                 raise
             return self._pose
-        if not self._mobile and not self._robots:
-            self._transforms.unsubscribe_if_static(names.MAP_FRAME, frame_id)
-        return pose

@@ -27,13 +27,14 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture, PixelReader
 from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import decode
 from vb_laser_detect.calibration.board import BoardParams, find_board
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import lens_file, settings_file
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import WHITE, Look, find_exposure, look_at
 from vb_laser_detect.camera_feed import lens_path
-from vb_laser_detect.camera_geometry import decode, is_rectified, require_size, sibling_topic
+from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
 
 _TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] for the next image, and between two looks
 _SETTLED = 0.5  # [s] after which a new exposure time is in the images

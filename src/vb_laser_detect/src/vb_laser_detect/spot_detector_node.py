@@ -16,7 +16,7 @@ from sensor_msgs.msg import Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, PixelReader
-from vb_core.ros.images import message_from_image
+from vb_core.ros.images import decode, message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
@@ -27,7 +27,7 @@ from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
-from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, decode, is_rectified, sibling_topic
+from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, is_rectified, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Dict, List, Optional
+from typing import Callable, Dict, List, Optional, Union
 
-import cv2
 import numpy as np
 import rospy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -16,7 +15,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.image_format import PixelReader
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import array_from_compressed_image, array_from_image
+from vb_core.ros.images import decode
 from vb_core.ros.transforms import TransformLookup
 from vb_web import images
 
@@ -24,13 +23,13 @@ _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
 _FLOOR_LIFETIME = 5.0  # [s] the same image for every browser that asks meanwhile, if all cameras are in it
 
 
-def to_bgr(message: Image) -> np.ndarray:
+def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
     """Converts an image message to (H, W, 3) bgr uint8.
 
     Raises:
         CodedError: "bad_image", "unknown_encoding" for one that shows nothing.
     """
-    return PixelReader().read(array_from_image(message), message.encoding).bgr()
+    return PixelReader().read(*decode(message)).bgr()
 
 
 class CameraImages:
@@ -50,7 +49,9 @@ class CameraImages:
         grid: Callable[[], Optional[GridMap]],
         transforms: TransformLookup,
     ) -> None:
-        self._detectors, self._cameras, self._compressed = detectors, cameras, transport == "compressed"
+        self._detectors, self._cameras = detectors, cameras
+        compressed = transport == "compressed"
+        self._topic, self._kind = ("image_raw/compressed", CompressedImage) if compressed else ("image_raw", Image)
         self._grid, self._transforms = grid, transforms
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
@@ -82,17 +83,10 @@ class CameraImages:
     def _view(self, camera: str) -> Optional[images.CeilingImage]:
         try:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
-            if self._compressed:
-                found = rospy.wait_for_message(
-                    f"/{camera}/image_raw/compressed", CompressedImage, timeout=_IMAGE_TIMEOUT
-                )
-                image = array_from_compressed_image(found)
-                image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-            else:
-                image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_IMAGE_TIMEOUT))
+            image = to_bgr(rospy.wait_for_message(f"/{camera}/{self._topic}", self._kind, timeout=_IMAGE_TIMEOUT))
             model = camera_from_info(info)
             pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:
             rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's image is without camera {camera}: {error}")
             return None
-        return images.CeilingImage(image[..., :3], model.scaled_to(image.shape[1], image.shape[0]), pose)
+        return images.CeilingImage(image, model.scaled_to(image.shape[1], image.shape[0]), pose)

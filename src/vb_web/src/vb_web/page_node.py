@@ -151,7 +151,6 @@ class PageNode:
             self._images,
             backend,
             lambda error: node.shut_down_with_error(CodedError("internal_error")),
-            lambda error: rospy.logerr("%s: who comes now has to wait: %s", rospy.get_name(), error.strerror),
         )
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())

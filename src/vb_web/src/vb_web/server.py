@@ -8,7 +8,6 @@ No ROS here; `Backend` carries requests out.
 from __future__ import annotations
 
 import asyncio
-import errno
 import json
 import socket
 import ssl
@@ -47,9 +46,6 @@ _TYPES = {
 _PLACES = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
 _PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
 _SEND_PATIENCE = 20  # [s] for a browser to take what is sent to it
-# the system has nothing to make a connection of: it still waits, so that the next look would come at once
-_SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-_SHORTAGE_PAUSE = 1.0  # [s] until the next look; what ends the shortage may be any part of this process
 
 
 @dataclass(frozen=True)
@@ -107,7 +103,6 @@ class PageServer:
     Args:
         sessions: None only for loopback addresses: every user of this computer is an operator.
         on_fault: called once with the error that ended the server's thread.
-        on_shortage: called with the error when newcomers begin to wait, because no more files can be opened.
     """
 
     def __init__(
@@ -118,7 +113,6 @@ class PageServer:
         images: ImageCache,
         backend: Backend,
         on_fault: Callable[[BaseException], None],
-        on_shortage: Callable[[OSError], None],
     ) -> None:
         self.params, self.sessions, self.view, self.images, self.backend = params, sessions, view, images, backend
         self.logins = Limiter(rate=5.0 / 60.0, burst=5.0)
@@ -126,7 +120,6 @@ class PageServer:
         self.connections = Limiter(rate=5.0, burst=100.0)
         self.places = {role: Places(size, yields=role == Role.NOBODY) for role, size in _PLACES.items()}
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
-        self.shortages = 0  # how often a newcomer had to wait for open files
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
         self.turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()
@@ -137,7 +130,7 @@ class PageServer:
             words = json.dumps({**sentences.catalog(), **sentences.catalog(language)}, ensure_ascii=False)
             self.files[f"words/{language}.json"] = (words.encode("utf-8"), _TYPES[".json"])
         self.port = 0
-        self._on_fault, self.on_shortage = on_fault, on_shortage
+        self._on_fault = on_fault
         self._started: "Future[int]" = Future()  # with the port
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
@@ -204,7 +197,7 @@ class PageServer:
         )
         sockets = bind_sockets(self.params.port, self.params.address)
         for listening in sockets:
-            server.listen_to(listening)
+            self._loop.add_reader(listening, server.accept, listening)
         self._started.set_result(sockets[0].getsockname()[1])
         await self._closing.wait()
         for listening in sockets:
@@ -271,12 +264,6 @@ class _BoundedServer(HTTPServer):
     def initialize(self, *args: Any, page: PageServer, **kwargs: Any) -> None:
         super().initialize(*args, **kwargs)
         self._page = page
-        self._short = False
-
-    def listen_to(self, listening: socket.socket) -> None:
-        """Lets newcomers in, until the socket is closed."""
-        if listening.fileno() >= 0:
-            asyncio.get_event_loop().add_reader(listening, self.accept, listening)
 
     def accept(self, listening: socket.socket) -> None:
         """Lets one newcomer in at each turn of the loop.
@@ -286,25 +273,12 @@ class _BoundedServer(HTTPServer):
         """
         try:
             connection, address = listening.accept()
-        except OSError as error:
-            if error.errno in _SHORTAGES:
-                self._wait(listening, error)
-            return  # else it is gone again
-        self._short = False
+        except (BlockingIOError, ConnectionError):
+            return  # it is gone again
         if self._page.connections.allows(address[0], time.monotonic()):
             self._handle_connection(connection, address)
         else:
             connection.close()
-
-    def _wait(self, listening: socket.socket, error: OSError) -> None:
-        """Leaves newcomers waiting for a moment; tells it where it begins."""
-        loop = asyncio.get_event_loop()
-        loop.remove_reader(listening)
-        loop.call_later(_SHORTAGE_PAUSE, self.listen_to, listening)
-        self._page.shortages += 1
-        if not self._short:
-            self._short = True
-            self._page.on_shortage(error)
 
     def handle_stream(self, stream: Any, address: Any) -> None:
         # the system counts: also while a window of zero is confirmed again and again

@@ -6,6 +6,7 @@ cv_bridge would do the same, but it loads a second OpenCV, with video and geogra
 from __future__ import annotations
 
 import sys
+from typing import Tuple, Union
 
 import cv2
 import numpy as np
@@ -59,13 +60,20 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
     return image
 
 
-def compressed_encoding(message: CompressedImage, image: np.ndarray) -> str:
-    """Returns the encoding, as in sensor_msgs/Image, of the pixels that `array_from_compressed_image` decoded."""
+def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
+    """Decodes an image message; returns its pixels and their encoding, as in sensor_msgs/Image.
+
+    Raises:
+        CodedError: "bad_image"
+    """
+    if isinstance(message, Image):
+        return array_from_image(message), message.encoding
+    image = array_from_compressed_image(message)
     # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
     of_driver = message.format.split(";")[0].strip()
     if image.ndim == 3:
-        return "bgr8"
-    return of_driver if of_driver.startswith("bayer") else "mono8"
+        return image, "bgr8"
+    return image, of_driver if of_driver.startswith("bayer") else "mono8"
 
 
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:

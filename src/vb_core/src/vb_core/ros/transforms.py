@@ -16,7 +16,6 @@ class TransformLookup:
     def __init__(self, cache_s: float = 10.0) -> None:
         self._buffer = tf2_ros.Buffer(cache_time=rospy.Duration(cache_s))
         self._listener = tf2_ros.TransformListener(self._buffer)
-        self._resting = False
 
     def lookup(self, target: str, source: str, stamp: rospy.Time, timeout: float = 0.1) -> np.ndarray:
         """Looks up T_target_source (4, 4) at a time.
@@ -44,21 +43,3 @@ class TransformLookup:
             return self._buffer.get_latest_common_time(target, source)
         except (tf2_ros.TransformException, rospy.ROSException):
             return rospy.Time(0)
-
-    def unsubscribe_if_static(self, target: str, source: str) -> bool:
-        """Stops listening to moving transforms if the chain from source to target is static; returns whether it is.
-
-        A node beside a fixed camera would otherwise decode every robot's transforms for nothing. What is
-        published later on /tf_static is still heard.
-        """
-        if self._resting:
-            return True
-        try:
-            found = self._buffer.lookup_transform(target, source, rospy.Time(0))
-        except (tf2_ros.TransformException, rospy.ROSException):
-            return False
-        # tf2 stamps static transforms with zero
-        self._resting = found.header.stamp.is_zero()
-        if self._resting:
-            self._listener.tf_sub.unregister()
-        return self._resting

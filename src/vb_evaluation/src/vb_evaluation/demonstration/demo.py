@@ -35,7 +35,7 @@ from vb_core.ros import services
 from vb_evaluation import metrics
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
+from vb_evaluation.processes import Child, free_port, roslaunch
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
@@ -46,8 +46,6 @@ DRIVE_TIMEOUT = 120.0  # [s] for one goal; move_base gives up one that is out of
 READY_TIMEOUT = 90.0  # [s]
 INTERACTION_TIMEOUT = 900.0  # [s]
 PAGE_PORT = 8420  # of the page, if it is free
-# software OpenGL pays for each pixel, and the cameras need the cores: the virtual screen is no larger than legible
-SCREEN = (1280, 720)
 _LAUNCH = Path(__file__).resolve().parents[5] / "launch"
 
 
@@ -112,7 +110,6 @@ class Demo:
         self._started = time.monotonic()
         self._cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
         self._told: Dict[str, str] = {}
-        self._screen = ""
 
     def run(self) -> int:
         """Shows the story from beginning to end; returns what `main` does."""
@@ -141,8 +138,6 @@ class Demo:
             after, driven = plans[-1], self._drive(start, goal)
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
-        if self._screen and not screenshot(self._screen, options.out / "smart_display.png"):
-            self._print("no picture of the smart display could be taken")
         return self._conclude(observer, {"before": before, "after": after}, driven, saved)
 
     # ------------------------------------------------------------- starting
@@ -152,15 +147,14 @@ class Demo:
         # borders and logs of an earlier run would be taken up again
         state = options.out / "state"
         shutil.rmtree(str(state), ignore_errors=True)
-        for old in [*options.out.glob("*.png"), *options.out.glob("summary.json")]:
+        for old in options.out.glob("summary.json"):
             old.unlink()
         self._port, page = free_port(), free_port(PAGE_PORT)
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{self._port}"
         os.environ["ROS_LOG_DIR"] = str(options.out / "log")
-        if options.rviz and not os.environ.get("DISPLAY"):
-            screen, self._screen = start_screen(options.out / "log" / "xvfb.txt", *SCREEN)
-            self._stack.callback(screen.stop)
-            os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
+        has_screen = bool(os.environ.get("DISPLAY"))
+        if options.rviz and not has_screen:
+            self._print("there is no screen for the smart display: the page shows the same")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
         self._launched = self._roslaunch(
             ["simulation.launch"],
@@ -169,7 +163,7 @@ class Demo:
             state=state,
             maps=options.out,
             page_port=page,
-            rviz=options.rviz,
+            rviz=options.rviz and has_screen,
         )
         # rospy would complain about a master that is not up yet
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):

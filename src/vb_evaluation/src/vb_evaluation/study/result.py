@@ -8,19 +8,14 @@ from typing import Any, Dict, NamedTuple, Optional, Tuple
 import numpy as np
 from shapely.geometry import Point, Polygon
 
-from vb_core.geometry import chain_length
 from vb_core.grid_map import FREE, GridMap
 from vb_evaluation import metrics
 from vb_evaluation.report.data import MEASURES, STATES, TIMES
 from vb_evaluation.study.people import Traits
 from vb_sim.room.world import Scenario, World
 
-MAX_SPOT_ERROR = 0.3  # [m] from the true spot beyond which a reported one is something else
 FURTHER = tuple(
-    (
-        "outcome reason seed_is_right pointed_right tries elapsed_s border_m chain_m vertices spots spots_robot "
-        "false_spots robot_goals robot_way_m robot_collisions jaccard_enclosed too_bright"
-    ).split()
+    "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
 )
 COLUMNS = (*MEASURES, *FURTHER)
 
@@ -43,14 +38,6 @@ class SeenSpot(NamedTuple):
     mobile: bool
 
 
-class SavedBorder(NamedTuple):
-    """The saved border."""
-
-    points: np.ndarray
-    seed: Tuple[float, float]
-    closed: bool
-
-
 @dataclass(frozen=True)
 class Result:
     """The results of a run.
@@ -61,13 +48,12 @@ class Result:
         prior, posterior: the map without and with borders.
         truth: (H, W) bool, the cells to restrict.
         records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
-        border: what was saved; None if nothing was.
+        seed: (x, y) [m] of the border that was saved; None if none was.
         pointed: (x, y) [m] where the person meant to point at the seed, if it came so far; a drawn mistake is in it.
         outcome, reason, tries: how it went for the person.
-        spots: every spot that a camera reported; false_spots: how many of them were farther than MAX_SPOT_ERROR from the true
-            one.
+        spots: every spot that a camera reported.
         path: (N, 2) [m] where the first robot was.
-        collisions, goals: of all robots.
+        collisions: of all robots.
         too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
     """
 
@@ -79,27 +65,25 @@ class Result:
     posterior: GridMap
     truth: np.ndarray
     records: Tuple[Dict[str, Any], ...]
-    border: Optional[SavedBorder]
+    seed: Optional[Tuple[float, float]]
     pointed: Tuple[float, float]
     outcome: str
     reason: str
     tries: int
     spots: Tuple[SeenSpot, ...]
-    false_spots: int
     path: np.ndarray
     collisions: int
-    goals: int
     too_bright: bool
 
     @property
     def saved(self) -> bool:
         """Returns whether a border was saved."""
-        return self.border is not None
+        return self.seed is not None
 
     @property
     def seed_is_right(self) -> bool:
         """Returns whether the saved seed point is in the region to restrict."""
-        return self.border is not None and self.is_asked_for(self.border.seed)
+        return self.seed is not None and self.is_asked_for(self.seed)
 
     def is_asked_for(self, place: Tuple[float, float]) -> bool:
         """Returns whether a place (x, y) [m] is in the region to restrict."""
@@ -113,8 +97,6 @@ def measure(result: Result) -> Dict[str, object]:
     enclosed = (metrics.enclosed(floor, cells & floor, result.truth) for cells in (result.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in result.records) for state in STATES]
-    steps = np.linalg.norm(np.diff(result.path, axis=0), axis=1) if len(result.path) > 1 else np.zeros(1)
-    records, border = result.records, result.border
     return {
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
         "completed": int(result.saved and result.seed_is_right),
@@ -126,15 +108,7 @@ def measure(result: Result) -> Dict[str, object]:
         # 0: the person was drawn to point at the wrong side
         "pointed_right": int(result.is_asked_for(result.pointed)),
         "tries": result.tries,
-        "elapsed_s": round(records[-1]["ended"] - records[0]["started"], 2) if records else 0.0,
-        "border_m": round(chain_length(result.scenario.border, result.scenario.closed), 3),
-        "chain_m": round(chain_length(border.points, bool(border.closed)), 3) if border is not None else "",
-        "vertices": len(border.points) if border is not None else "",
         "spots": len(result.spots),
-        "spots_robot": sum(spot.mobile for spot in result.spots),
-        "false_spots": result.false_spots,
-        "robot_goals": result.goals,
-        "robot_way_m": round(float(steps.sum()), 2),
         "robot_collisions": result.collisions,
         "jaccard_enclosed": round(metrics.jaccard(*enclosed), 4),
         "too_bright": int(result.too_bright),

@@ -12,19 +12,18 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
-from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import OccupancyGrid
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.lab_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.people import Traits
-from vb_evaluation.study.result import MAX_SPOT_ERROR, Result, SavedBorder, SeenSpot, RunTask
+from vb_evaluation.study.result import Result, RunTask, SeenSpot
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -35,7 +34,6 @@ from vb_sim.room import floor_plan
 from vb_sim.robot.costmap import Costmap
 from vb_sim.person.hand import perceive_border
 from vb_sim.lab import Lab
-from vb_sim.lab_history import History, snapshot_from_message
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
@@ -57,47 +55,33 @@ LAUNCH = "launch/simulation.launch"
 class _RunRecorder:
     """Subscribes to what a run is measured by."""
 
-    def __init__(self, robots: List[str]) -> None:
+    def __init__(self) -> None:
         self.posterior: Optional[GridMap] = None
-        self.border: Optional[SavedBorder] = None
+        self.seed: Optional[Tuple[float, float]] = None
         self.spots: List[SeenSpot] = []
-        self.false_spots = self.goals = 0
         self.path: List[Tuple[float, float]] = []
-        self._history = History()
         rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot)
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab)
-        for robot in robots:
-            rospy.Subscriber(
-                f"/{robot}/move_base/goal" if robot else "/move_base/goal", MoveBaseActionGoal, self._on_goal
-            )
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self.posterior = grid_from_message(message)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         for border in message.borders:
-            self.border = SavedBorder(
-                array_from_points(border.points), (border.seed.x, border.seed.y), border.kind == border.POLYGON
-            )
+            self.seed = (border.seed.x, border.seed.y)
 
     def _on_lab(self, message: LabState) -> None:
-        self._history.add(snapshot_from_message(message))
         place = (message.robot_poses[0].x, message.robot_poses[0].y)
         if not self.path or np.hypot(self.path[-1][0] - place[0], self.path[-1][1] - place[1]) > 0.02:
             self.path.append(place)
-
-    def _on_goal(self, _message: MoveBaseActionGoal) -> None:
-        self.goals += 1
 
     def _on_spot(self, message: LaserSpot) -> None:
         spot = SeenSpot(
             message.header.stamp.to_sec(), (message.position.x, message.position.y), message.camera, message.mobile
         )
         self.spots.append(spot)
-        true = self._history.at(spot.stamp).laser
-        self.false_spots += int(true is None or np.hypot(*np.subtract(spot.position, true)) > MAX_SPOT_ERROR)
 
 
 class LiveRun:
@@ -123,13 +107,8 @@ class LiveRun:
         self._too_bright = False
         self._participant: Optional[ParticipantNode] = None
 
-    def run(self, watch: Callable[[], Any] = lambda: None, afterwards: Callable[[], None] = lambda: None) -> Result:
-        """Runs until the person is done, or time is up.
-
-        Args:
-            watch: called as another node, to subscribe to whatever it wants.
-            afterwards: called as a node once the border is saved; the run goes on until it returns.
-        """
+    def run(self) -> Result:
+        """Runs until the person is done, or time is up."""
         self._cache.enter(self._world, self._models)
         timing = self._study.timing
         scheduler = Scheduler(START_NS)
@@ -160,7 +139,7 @@ class LiveRun:
             {live_extraction: {"extract_chain": chain}}
         ):
             watching: List[_RunRecorder] = []
-            graph.start(Node("/study", {}), lambda: (watching.append(_RunRecorder(self._robots)), watch()))
+            graph.start(Node("/study", {}), lambda: watching.append(_RunRecorder()))
             start_launch(
                 graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras)
             )
@@ -169,15 +148,13 @@ class LiveRun:
             scheduler.run(lambda: self._outcome() != "", until)
             # what has been saved arrives; what has not been ended is, so that its time is in the log
             over: List[bool] = []
-            graph.start(Node("/study", {}), lambda: over.append(self._end(afterwards)))
+            graph.start(Node("/study", {}), lambda: over.append(self._end()))
             scheduler.run(lambda: bool(over), scheduler.now_ns + _LONGEST_END_NS)
             records = _records(Path(state))
             return self._result(watching[0], records)
 
-    def _end(self, afterwards: Callable[[], None]) -> bool:
-        if self._outcome() == "saved":
-            afterwards()
-        else:
+    def _end(self) -> bool:
+        if self._outcome() != "saved":
             with contextlib.suppress(CodedError):
                 commands.send(commands.make_request("cancel", "study", 5.0))
         rospy.rostime.wallsleep(0.5)
@@ -229,16 +206,14 @@ class LiveRun:
             seen.posterior or self._prior,
             floor_plan.ground_truth(self._world, self.scenario),
             records,
-            seen.border,
+            seen.seed,
             tuple(script.person.seed if script else self.scenario.seed),
             script.outcome if script else "",
             script.reason if script else "",
             script.person.tries if script else 0,
             tuple(seen.spots),
-            seen.false_spots,
             np.array(seen.path),
             sum(robot.collisions for robot in self._lab.robots),
-            seen.goals,
             self._too_bright,
         )
 

@@ -6,7 +6,7 @@ import ast
 import importlib
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Callable, Collection, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Collection, Mapping, NamedTuple, Tuple
 
 import rospkg
 
@@ -60,8 +60,8 @@ def start_launch(
     arguments: Mapping[str, str],
     without: Collection[str] = (),
     instead: Mapping[str, Callable[[], Any]] = {},
-) -> List[str]:
-    """Starts the nodes of a launch file; returns their names.
+) -> None:
+    """Starts the nodes of a launch file.
 
     Args:
         arguments: of the launch file; "state" is this run's folder.
@@ -73,15 +73,12 @@ def start_launch(
         graph.parameters.set_param(
             key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value
         )
-    started = []
     for launched in nodes:
         if launched.type in without:
             continue
         node = Node(launched.name, dict(launched.remappings))
         main = instead.get(launched.type) or _script(launched.package, launched.type)
         graph.start(node, main)
-        started.append(launched.name)
-    return started
 
 
 def _given(arguments: Mapping[str, str]) -> Tuple[str, ...]:
