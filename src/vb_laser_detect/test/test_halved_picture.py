@@ -9,7 +9,7 @@ from scenes import GREEN, RED, Scene
 
 from vb_core.image_format import HalvedPicture
 from vb_laser_detect.camera.source import Shot
-from vb_laser_detect.detector import SpotDetector
+from vb_laser_detect.detector import DetectorParams, SpotDetector
 
 SIZE = 960, 540
 DRAWN = range(35, 60)
@@ -60,6 +60,16 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, rows):
         # the first image, and one a second that becomes the background
         assert len([number for number in whole if number < DRAWN.start]) <= 2
         assert set(whole) >= set(DRAWN)
+
+
+def test_a_halfs_last_columns_belong_to_its_last_blocks():
+    # half of 956 columns are 59 blocks of 8 and 6 columns
+    scene, detector, found = Scene(956, 540), SpotDetector(DetectorParams.stationary(confirm_frames=1)), []
+    for number in range(20):
+        image = scene.render([(950.5, 100.0 + 5.0 * number)] if number >= 8 else [])
+        picture = HalvedPicture((956, 540), lambda *size: cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        found += detector.detect(picture, 0.04 * number)
+    assert len(found) >= 11
 
 
 @pytest.mark.parametrize("size, scale", [((1920, 1080), 2), ((1441, 1080), 1), ((1280, 720), 1)])

@@ -240,7 +240,11 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     if image.shape[0] % BLOCK:  # as of half of 1080 rows: those that are left belong to the last blocks
         last = bands[-1][-1:]
         cv2.max(last, _band_maxima(image[-BLOCK:], background[-BLOCK:]), last)
-    return cv2.vconcat(bands)
+    maxima = cv2.vconcat(bands)
+    if image.shape[1] % BLOCK:  # as of half of 2028 columns
+        strips = (np.ascontiguousarray(picture[:, -BLOCK:]) for picture in (image, background))
+        maxima[:, -1:] = cv2.max(maxima[:, -1:], block_maxima(*strips))
+    return maxima
 
 
 def _band_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
