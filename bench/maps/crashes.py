@@ -88,9 +88,11 @@ def child(folder: Path, out: int, seed: int) -> None:
 
 
 def flip(folder: Path, random: np.random.Generator) -> None:
-    """Damages one of the files."""
+    """Damages one of the files; nothing if a start was killed before it wrote any."""
     where = folder.glob("borders*") if random.random() < 0.7 else folder.rglob("*")
     files = [path for path in sorted(where) if path.is_file() and path.stat().st_size]
+    if not files:
+        return
     path = files[random.integers(len(files))]
     content = bytearray(path.read_bytes())
     if random.random() < 0.3:
