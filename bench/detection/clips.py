@@ -63,7 +63,8 @@ class Count:
             self.places.append((index, round(spot.u, 1), round(spot.v, 1)))
         self.missed += [(index, round(x), round(y)) for i, (x, y) in enumerate(frame.spots) if i not in matched]
         self._shots |= set(frame.shots)
-        self._hit |= {frame.shots[i] for i in matched}
+        # painted spots belong to no shot
+        self._hit |= {frame.shots[i] for i in matched if i < len(frame.shots)}
         for key, value in (("found", len(matched)), ("labels", len(frame.spots)), ("frames", 1)):
             self.sums[key] += value
         self.sums.update(shots=len(self._shots), shots_found=len(self._hit))
