@@ -97,6 +97,16 @@ class BordersTest(PageTest):
         self.browser.wait_text("#dialog", "not saved yet")
         self.browser.click("#dialog button", "Keep editing")
         self.assertEqual(self.browser.run(corners), 1)
+        # a dialog that comes up right after one was closed keeps what it lies on out of reach
+        self.browser.driver.back()
+        self.browser.wait_text("#dialog", "not saved yet")
+        inert = self.browser.run(
+            """[...document.querySelectorAll('#dialog button')].pop().click();
+            document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}));
+            return new Promise((done) => setTimeout(() => done(document.querySelector('main').inert), 0))"""
+        )
+        self.assertTrue(inert)
+        self.browser.click("#dialog button", "Keep editing")
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
         self.browser.click("#dialog button", "Discard")

@@ -67,6 +67,8 @@ document.addEventListener("keydown", (event) => {
 });
 
 $("dialog").addEventListener("close", () => {
+  // the event comes later than the closing: another dialog may have come up
+  if ($("dialog").open) return;
   document.querySelector("main").inert = false;
   lock(document.querySelector("main"));
 });
