@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from shapely.geometry import Point, Polygon
 
 from plain_rooms import room
 
 from vb_core.grid_map import GridMap
 from vb_core.poses import to_base
-from vb_core.vocabulary import BORDER, DEFAULT
+from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
 from vb_robot.dispatching.drawing import DrawingState
@@ -151,6 +152,19 @@ def test_that_nobody_sees_the_spot_and_no_robot_comes_is_told_once_it_lasts():
         lab.step(robot_sees=False)
         told += [lab.now - lost] if lab.dispatcher.notice else []
     assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= told[0] <= 3.5 and not lab.sent
+
+
+@pytest.mark.parametrize("start", [(6.0, 2.3, 0.0), (5.4, 2.0, 2.0), (6.5, 3.0, -1.0)])
+def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
+    lab, carpet = Lab(robot=start), np.array([[5.0, 1.7], [7.0, 1.7], [7.0, 3.2], [5.0, 3.2]])
+    lab.see("red", (4.9, 1.7))  # while it was drawn
+    lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
+    lab.dispatcher.set_progress("a", carpet, True, carpet[[1, 2, 3, 0]] - 0.02, ["red"])
+    lab.spot = np.array([10.0, 2.5])  # nobody sees it
+    while lab.now < 105.0:
+        lab.step()
+    assert Polygon(carpet).distance(Point(lab.robot[:2])) >= 0.18
+    assert lab.robot_views(carpet.mean(axis=0))
 
 
 def look(grid, drawing, robot):

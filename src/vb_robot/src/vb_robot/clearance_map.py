@@ -20,7 +20,6 @@ TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its 
 BLOCKED_THRESHOLD = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
 PATH_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
 MAX_PATH_CELLS = 10000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
-FAVOUR = 0.99  # of favoured cells' lengths: of paths over a grid's cells many are equally short
 START_TOLERANCE = 0.35  # [m] how far from free cells a path may start: a robot at a wall
 WINDOW_MARGIN = 3.0  # [m] of floor around what matters: a robot looks at it from 1.5 m, the line is extrapolated by 2 m
 MAX_WINDOW_REACH = 8.0  # [m] robots and lines farther away do not make the window larger
@@ -77,12 +76,11 @@ class ClearanceMap:
         return ~(hidden > 0).any(axis=1)
 
     # ------------------------------------------------------------- ways
-    def path_lengths(self, start, places: np.ndarray, others=(), favoured: Optional[np.ndarray] = None) -> np.ndarray:
+    def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
         """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf: there is none.
 
-        Other robots (K, 2) [m], of the same size, are in the way. A start outside a window is joined straight to the free
-        cells of its edge. Cells that are favoured (H, W) bool count a little less: a length that this changes is of a path
-        that leads, or as well might lead, over them.
+        Other robots (K, 2) [m], of the same size, are in the way, and so are cells that are barred (H, W) bool. A start outside
+        a window is joined straight to the free cells of its edge.
         """
         start, others = np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2)
         # in a window a choice is made four times a second; a whole map is searched once
@@ -92,6 +90,8 @@ class ClearanceMap:
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
         # the largest clearance of a block: the smallest would close doorways that are wide enough
         free = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + TRAVEL_MARGIN
+        if barred is not None:
+            free &= ~barred[: rows * step, : columns * step].reshape(blocks.shape).any(axis=(1, 3))
         cells = np.argwhere(free)
         centers = self.grid.cell_to_world(cells * step + (step - 1) / 2.0)
         for other in others:
@@ -104,10 +104,7 @@ class ClearanceMap:
         else:
             at_edge = ((cells == 0) | (cells == np.array(free.shape) - 1)).any(axis=1)
             gates = np.flatnonzero(at_edge & np.isfinite(gaps))
-        cost = np.where(free, step * self.grid.resolution, np.inf)
-        if favoured is not None:
-            cost[favoured[: rows * step, : columns * step].reshape(blocks.shape).any(axis=(1, 3))] *= FAVOUR
-        ways = GridWays(cost, cells[gates], gaps[gates])
+        ways = GridWays(np.where(free, step * self.grid.resolution, np.inf), cells[gates], gaps[gates])
         wanted = self.grid.world_to_cell(places) // step
         inside = ((wanted >= 0) & (wanted < np.array(free.shape))).all(axis=1)
         lengths = np.full(len(wanted), np.inf)

@@ -113,8 +113,13 @@ class Dispatcher:
         known, (interaction, drawn) = self.sightings, self._drawn
         if interaction != known.key[0]:
             drawn = DrawingState()
-        # started again in the middle of a drawing: the line ends where the spot was seen last
-        target = drawn.spot if known.newest() is None else known.target()
+        if known.newest() is not None:
+            target = known.target()
+        else:
+            # started again in the middle of a drawing, the line ends where the spot was seen last; the seed of a closed line
+            # is most likely within, and a robot that stands there hides it
+            within = drawn.inside() if known.state == SEED else None
+            target = drawn.spot if within is None else within
         if target is None:
             return None
         return replace(

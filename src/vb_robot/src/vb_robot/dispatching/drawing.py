@@ -11,6 +11,7 @@ from typing import Optional
 
 import cv2
 import numpy as np
+from shapely.geometry import Polygon
 
 from vb_robot.clearance_map import ClearanceMap
 
@@ -42,6 +43,12 @@ class DrawingState:
     closed: bool = False
     seeding: bool = False
     seen_by_stationary: bool = False
+
+    def inside(self) -> Optional[np.ndarray]:
+        """Returns a place (2,) [m] within a closed line, about its middle; None if the line is open."""
+        if not self.closed or len(self.chain) < 3:
+            return None
+        return np.array(Polygon(self.chain).representative_point().coords[0])
 
     def line_ahead(self, clearance_map: ClearanceMap) -> np.ndarray:
         """Extrapolates the line from the spot, (K, 2) [m], not into a wall; the spot alone if it does not move."""

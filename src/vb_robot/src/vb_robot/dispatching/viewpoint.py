@@ -15,7 +15,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.grid_layers import clearance_grid, sample
 from vb_core.poses import Pose
-from vb_robot.clearance_map import FAVOUR, STOP_MARGIN, ClearanceMap
+from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.floor_view import FloorView
 
@@ -27,7 +27,7 @@ IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose
 SEEN_MARGIN = 0.06  # ... and beyond all that any pose must see
 LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and from where it goes on
 # What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing
-# where the line goes on, and being on the expected area when the border is saved, there or for each metre on the way.
+# where the line goes on, and being on the expected area when the border is saved, on the way and again if it is there.
 TURN_COST, DISTANCE_COST, UNSEEN_COST, LOCKED_COST = 0.4, 0.5, 0.5, 5.0
 
 
@@ -94,7 +94,7 @@ class ViewpointPlanner:
         off = places - robot[:2]
         moves = np.hypot(*off.T)
         lengths = self.clearance_map.path_lengths(robot[:2], places, self._others)
-        over_area = self._ways_over_area(robot, places, lengths)
+        crossing = self._cross_area(robot, places, lengths)
         lengths[moves < 1e-6] = 0.0
         # the robot turns towards the place and there to the yaw, or only to the yaw if it is there already
         heading = np.where(moves < 0.1, robot[2], np.arctan2(off[:, 1], off[:, 0]))
@@ -103,22 +103,21 @@ class ViewpointPlanner:
         cost += UNSEEN_COST * (1.0 - self._seen(self._ahead, places, yaws).mean(axis=1))
         # while the seed is shown the border may be saved at any moment: a robot that need not come waits
         waits = self.drawing.seeding and self.drawing.seen_by_stationary
-        cost += np.where(waits & (over_area > 1e-3), np.inf, LOCKED_COST * (over_area + ~self._is_outside(places)))
+        cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(places)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
             return self._retreat(robot)
         return Viewpoint((*places[best].tolist(), geometry.wrap_angle(float(yaws[best]))), float(cost[best]))
 
-    def _ways_over_area(self, robot: Pose, places: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """Returns (N,) [m]: how much of the shortest paths to places, of these lengths [m], leads over the expected area.
+    def _cross_area(self, robot: Pose, places: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        """Returns (N,) bool: to which places the shortest path, of these lengths [m], leads over the expected area.
 
-        Navigation knows no border yet that is being drawn. A robot that is on the area has to leave it anyhow: 0.
+        Navigation knows no border yet that is being drawn. A robot that is on the area has to leave it anyhow.
         """
         touching, grid = self._touching, self.clearance_map.grid
         if touching is None or sample(grid, touching, np.array([robot[:2]]), outside=0.0)[0]:
-            return np.zeros(len(places))
-        shorter = self.clearance_map.path_lengths(robot[:2], places, self._others, touching)
-        return np.where(np.isfinite(lengths), lengths - shorter, 0.0) / (1.0 - FAVOUR)
+            return np.zeros(len(places), dtype=bool)
+        return self.clearance_map.path_lengths(robot[:2], places, self._others, touching) > lengths + 1e-6
 
     # ------------------------------------------------------------- one test for all poses
     def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
