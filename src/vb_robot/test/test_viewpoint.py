@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
@@ -241,6 +241,10 @@ def test_a_robot_goes_nowhere_where_the_border_would_lock_it_in(x, y, yaw, seedi
         assert Polygon(CARPET).distance(Point(viewpoint.pose[:2])) >= CLEARANCE_MAP.radius
 
 
+def seed_within(chain, seen_by_stationary):
+    return DrawingState(chain.mean(axis=0), chain, closed=True, seeding=True, seen_by_stationary=seen_by_stationary)
+
+
 def crossed(robot, viewpoint):
     """How much of the carpet [m] lies on the straight way, which in an empty room is the shortest."""
     return LineString([robot[:2], viewpoint.pose[:2]]).intersection(Polygon(CARPET)).length
@@ -249,11 +253,27 @@ def crossed(robot, viewpoint):
 @pytest.mark.parametrize("robot", [(5.0, 4.0, 3.0), (5.6, 3.8, 0.0)])
 @pytest.mark.parametrize("drawn", [0.5, 0.75])
 def test_a_robot_is_not_sent_over_the_area_that_is_being_drawn(robot, drawn):
-    # the last side is drawn, a long one, which from beyond the carpet is too far away
+    # The last side is drawn, a long one, which from beyond the carpet is too far away. Not every start is spared the area:
+    # a path that grazes it costs as much as one through its middle, so that from (7.0, 4.0) a robot still crosses it.
     chain = np.vstack([np.roll(CARPET, -1, axis=0), CARPET[0] + drawn * (CARPET[1] - CARPET[0])])
     drawing = DrawingState(chain[-1], chain, np.array([0.3, 0.0]), seen_by_stationary=True)
     best = ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).best_viewpoint(robot)
     assert crossed(robot, best) < 0.65  # it may cut a corner
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(4.5, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28))
+def test_while_the_seed_is_shown_a_robot_that_need_not_come_crosses_no_area(x, y, yaw):
+    assume(Polygon(CARPET).distance(Point(x, y)) > CLEARANCE_MAP.radius + 0.05)
+    best = ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, True)).best_viewpoint((x, y, yaw))
+    assert best is None or crossed((x, y), best) < 0.65  # it may cut a corner
+
+
+def test_a_robot_crosses_the_seeds_side_only_if_no_other_camera_sees_the_seed():
+    robot, failed = (6.1, 1.2, math.pi), [(6.1, 0.6, 2.35)]  # all places but those beyond the carpet
+    best = ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, False)).best_viewpoint(robot, failed)
+    assert crossed(robot, best) > 0.5
+    assert ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, True)).best_viewpoint(robot, failed) is None
 
 
 def test_where_everything_that_shows_the_spot_would_be_locked_in_a_robot_comes_all_the_same_until_the_seed_is_shown():
