@@ -124,7 +124,8 @@ class InputMethods(unittest.TestCase):
         )
         give(COMMANDS[1])
         self.state.wait(lambda message: message.name == "seed", f"{way}: the seed state")
-        self.progress.wait(lambda message: message.code not in ("", "ok"), f"{way}: the fusion in seed")
+        # a chain, and yet something is missing: the seed. On a busy computer the chain itself comes later than its spots
+        self.progress.wait(lambda message: message.chain and message.code != "ok", f"{way}: the fusion in seed")
         self.point(np.tile(SEED, (30, 1)))
         self.progress.wait(lambda message: message.seed_spots == 30 and message.has_seed, f"{way}: the seed")
         promised = self.preview.wait(
