@@ -10,18 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core import sentences
-from vb_core.vocabulary import (
-    BORDER,
-    CANCEL,
-    COMMANDS,
-    CONTINUE,
-    DEFAULT,
-    DEFINE_BORDER,
-    DEFINE_SEED,
-    GUIDE,
-    GUIDE_ROBOT,
-)
-from vb_core.vocabulary import PAUSE, PAUSED, REDO, RESUME, SAVE, SEED, STOP, UNDO, spoken_form
+from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED, spoken_form
+from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
+from vb_core.vocabulary import STOP, UNDO
 from vb_voice_wizard.confirmation import ANSWERS, CONFIRM_WITHIN
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer, InteractionParams, UNSEEN_AFTER
@@ -55,54 +46,49 @@ def situations():
         yield from itertools.permutations(ENTERING, length)
 
 
+def expected(way, command):
+    """The code that answers a command after others, whether it is carried out, and the state that it leads to."""
+    state = ENTERING[way[-1]] if way else DEFAULT
+    if command in ENTERING:
+        entered = ENTERING[command]
+        return entered.prompt + "_again" * (command in way and entered != GUIDE), True, entered
+    missing = "_and_".join(ENTERING[part].collects for part in (DEFINE_BORDER, DEFINE_SEED) if part not in way)
+    in_default, drawing = {
+        CANCEL: (("nothing_to_cancel", True, DEFAULT), ("cancelled", True, DEFAULT)),
+        STOP: (("stopped", True, state),) * 2,
+        RESUME: (("not_stopped", True, state),) * 2,
+        PAUSE: (("nothing_to_pause", False, state), ("paused", True, PAUSED)),
+        CONTINUE: (("not_paused", False, state),) * 2,
+        **dict.fromkeys((UNDO, REDO), (("changing", True, state), ("not_while_drawing", False, state))),
+        SAVE: (
+            ("nothing_to_save", False, state),
+            (f"missing_{missing}", False, state) if missing else ("saving", True, state),
+        ),
+    }[command]
+    return drawing if way else in_default
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("way", list(situations()))
 def test_every_state_and_command_pair_is_answered(way, command):
     interaction = after(*way)
-    state = ENTERING[way[-1]] if way else DEFAULT
-    assert interaction.state == state
-    kept = interaction.interaction_id, list(interaction.missing())
-
+    identity, missing = interaction.interaction_id, interaction.missing()
     answer = interaction.command(command, "test", 10.0)
-
-    assert answer.message.endswith(".") and answer.message == sentences.translate(answer.code, answer.values)
+    assert (answer.code, answer.success, interaction.state) == expected(way, command)
+    assert answer.message == sentences.translate(answer.code, answer.values) and answer.message.endswith(".")
     assert answer.code in sentences.catalog()
-    if not interaction.saving:
-        assert interaction.last_answer == answer and interaction.last_command == command
-    if command in ENTERING:
-        assert answer.success and interaction.state == ENTERING[command]
-        if way:
-            assert interaction.interaction_id == kept[0]
-    elif command == CANCEL:
-        assert answer.success and interaction.state == DEFAULT and interaction.interaction_id == ""
-        record = interaction.take_record()
-        assert (record is not None) == bool(way)
-        if record:
-            assert (record.outcome, record.border_id, record.interaction_id) == ("cancelled", "", kept[0])
-    elif command in (STOP, RESUME):
-        assert answer.success and interaction.latch.stopped == (command == STOP)
-        assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
-    elif command in (PAUSE, CONTINUE):
-        assert answer.success == (command == PAUSE and bool(way))
-        assert interaction.state == (PAUSED if answer.success else state)
-        assert (interaction.interaction_id, interaction.missing()) == kept
-    elif command in (UNDO, REDO):
-        assert answer.success == (not way) and interaction.pending == ("" if way else command)
-        assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
+    assert interaction.last_answer == answer and interaction.last_command == command
+    assert interaction.pending == (command if answer.code in ("saving", "changing") else "")
+    assert interaction.latch.stopped == (command == STOP)
+    record = interaction.take_record()
+    if answer.code == "cancelled":
+        assert (record.outcome, record.border_id, record.interaction_id) == ("cancelled", "", identity)
+        assert interaction.interaction_id == ""
     else:
-        complete = DEFINE_BORDER in way and DEFINE_SEED in way
-        expected = {
-            (False, False): "missing_border_and_seed" if way else "nothing_to_save",
-            (True, False): "missing_seed",
-            (False, True): "missing_border",
-            (True, True): "saving",
-        }[(DEFINE_BORDER in way, DEFINE_SEED in way)]
-        assert answer.code == expected and interaction.saving == complete
         # nothing is lost, whatever was answered
-        assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
-        for word in ("border", "seed"):
-            if expected.startswith("missing") and word in expected:
-                assert word in answer.message
+        entered = ENTERING[command].collects if command in ENTERING else ""
+        assert record is None and interaction.missing() == [part for part in missing if part != entered]
+        assert interaction.interaction_id == identity or (not way and command in ENTERING)
 
 
 @pytest.mark.parametrize("way", list(situations()))

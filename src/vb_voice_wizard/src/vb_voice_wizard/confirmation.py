@@ -9,27 +9,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vb_core.vocabulary import ALWAYS, COMMANDS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
+from vb_core.vocabulary import COMMANDS, NEVER
 
 # the answer to the question whether a command was meant, and that command
 ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.matters != NEVER}
 
 # [s] the answer counts within this time: enough to look at the preview, too short to forget
 CONFIRM_WITHIN = 30.0
-
-
-def would_matter(command: str, drawing: bool, stopped: bool, laser_on: bool) -> bool:
-    """Returns whether a command would at once move a robot, change the map or lose a drawing.
-
-    Args:
-        command: one of COMMANDS that is not refused anyway.
-        drawing: whether there is a drawing that can be lost.
-        stopped: whether robots are stopped.
-        laser_on: whether somebody points now, and the command would change what that means: a robot would follow, or a
-            line become the seed.
-    """
-    now = {ALWAYS: True, NEVER: False, WHILE_DRAWN: drawing, WHILE_STOPPED: stopped, WHILE_POINTING: laser_on}
-    return now[COMMANDS[command].matters]
 
 
 class Question(NamedTuple):

@@ -20,20 +20,11 @@ from __future__ import annotations
 from typing import List, Optional
 
 from vb_core.stop_latch import new_id
-from vb_core.vocabulary import (
-    CANCEL,
-    COMMANDS,
-    CONTINUE,
-    DEFAULT,
-    DEFINE_BORDER,
-    DEFINE_SEED,
-    GUIDE,
-    GUIDE_ROBOT,
-    PAUSE,
-)
-from vb_core.vocabulary import PAUSED, REDO, RESUME, SAVE, STATES, STOP, UNDO, State, normalize, spoken_form
+from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
+from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
+from vb_core.vocabulary import COMMANDS, DEFAULT, GUIDE, PAUSED, STATES, STOP, UNDO, State, normalize, spoken_form
 
-from vb_voice_wizard.confirmation import ANSWERS, Question, would_matter
+from vb_voice_wizard.confirmation import ANSWERS, Question
 from vb_voice_wizard.session import CANCELLED, SAVED, UNANSWERED, Answer, Session
 
 
@@ -73,38 +64,24 @@ class Interaction(Session):
             seen_stop: number of the newest stop that the sender knew of; a command that is older than a stop is void.
         """
         self.advance(now)
-        said, name = normalize(name), ANSWERS.get(normalize(name), normalize(name))
+        said = normalize(name)
+        name = ANSWERS.get(said, said)
         if name == STOP:
-            return self._stop(identity or new_id(), source, now)
-        if seen_stop and seen_stop != self.latch.number:
-            void = self._stopped_since(name)
-            return void if self.pending else self._answered(name, source, void)
-        if self.pending and name != RESUME:
+            return self._stop(identity or new_id(), source)
+        void = bool(seen_stop) and seen_stop != self.latch.number
+        if self.pending and (void or name != RESUME):
             # not kept as the last answer: the current command's will be
-            return Answer(False, "busy")
-        if name not in COMMANDS:
-            known = ", ".join(spoken_form(command) for command in COMMANDS)
-            return self._answered(name, source, Answer(False, "unknown_command", {"commands": known}))
-        if name == GUIDE_ROBOT and not self._params.robot:
-            return self._answered(name, source, Answer(False, "no_robot_to_guide"))
-        self._active = now
-        if self.state != DEFAULT:
-            self._note(source)
-        # before any question: nobody should confirm what is refused anyway
-        refusal = self._check(name, seen_stop) or self._ask(said, name, source, now, uncertain, doubtful_border)
-        if refusal is not None:
-            if not refusal.code.startswith("confirm_"):
+            return self._stopped_since(name) if void else Answer(False, "busy")
+        answer = self._stopped_since(name) if void else self._unknown(name)
+        if answer is None:
+            self._active = now
+            if self.state != DEFAULT:
+                self._note(source)
+            # before any question: nobody should confirm what is refused anyway
+            answer = self._check(name, seen_stop) or self._ask(said, name, source, uncertain, doubtful_border)
+            if answer is None or not answer.code.startswith("confirm_"):
                 self.question = Question()
-            return self._answered(name, source, refusal)
-        self.question = Question()
-        if COMMANDS[name].carried_out_elsewhere:
-            self.pending, self._pending_source, self._sent = name, source, False
-            return self._answered(name, source, Answer(True, "saving" if name == SAVE else "changing"))
-        if name == CANCEL:
-            return self._cancel(source, now)
-        if name == RESUME:
-            return self._resume(source, seen_stop)
-        return self._enter(name, source, now)
+        return self._answered(name, source, answer or self._carry_out(name, source, seen_stop))
 
     def send_save(self) -> None:
         """Says that the border goes out to the map now; until `finish`, nobody knows whether it has arrived."""
@@ -119,7 +96,7 @@ class Interaction(Session):
         self.advance(now)
         command, self.pending = self.pending, ""
         if command == SAVE and answer.success:
-            self._end(SAVED, border_id, now)
+            self._end(SAVED, border_id)
         elif command == SAVE:
             if self._sent:
                 # an error of the service itself tells that no earlier request has arrived either
@@ -129,69 +106,85 @@ class Interaction(Session):
                 answer = Answer(False, "save_unanswered", answer.values)
         return self._answered(command, self._pending_source, answer)
 
-    def _stop(self, identity: str, source: str, now: float) -> Answer:
+    def _stop(self, identity: str, source: str) -> Answer:
         self.question = Question()
-        self._active = now
+        self._active = self._counted_until
         before = self.latch.stopped
         new = self.latch.stop(identity, source)
         # one press may come twice, on the topic and as a command: it is one stop, and is told once
         answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
         return self._answered(STOP, source, answer) if new and not before else answer
 
-    def _resume(self, source: str, seen_stop: str) -> Answer:
-        code = "resumed" if self.latch.stopped else "not_stopped"
-        # a stop may have come while this was decided
-        answer = Answer(True, code) if self.latch.resume(seen_stop) else self._stopped_since(RESUME)
-        return self._answered(RESUME, source, answer)
-
     @staticmethod
     def _stopped_since(name: str) -> Answer:
         return Answer(False, "stopped_since", {"command": spoken_form(name)})
 
-    def _ask(
-        self, said: str, name: str, source: str, now: float, uncertain: bool, doubtful_border: bool
-    ) -> Optional[Answer]:
+    def _ask(self, said: str, name: str, source: str, uncertain: bool, doubtful_border: bool) -> Optional[Answer]:
         """Returns the question whether this command is meant, or None if it was answered or need not be asked."""
         if self.question[:2] == (name, source) and (said in ANSWERS or not uncertain):
             return None
         if said in ANSWERS:
             return Answer(False, "nothing_asked", {"command": spoken_form(name)})
-        drawing, entered = len(self.missing()) < 2, self._target(name)
-        ask = uncertain and would_matter(
-            name, drawing, self.latch.stopped, self.laser_is_on(now) and entered != self.state
-        )
-        if not ask and not (name == SAVE and doubtful_border):
+        if not (uncertain and self._would_matter(name)) and not (name == SAVE and doubtful_border):
             return None
-        self.question = Question(name, source, now)
+        self.question = Question(name, source, self._counted_until)
         answer = spoken_form(name if not uncertain else "yes_" + name)
         code = "confirm_save" if name == SAVE else "confirm_command"
         return Answer(False, code, {"command": spoken_form(name), "answer": answer})
+
+    def _would_matter(self, name: str) -> bool:
+        """Returns whether a command would at once move a robot, change the map or lose a drawing."""
+        now = {
+            ALWAYS: True,
+            NEVER: False,
+            WHILE_DRAWN: len(self.missing()) < 2,
+            WHILE_STOPPED: self.latch.stopped,
+            WHILE_POINTING: self.laser_is_on(self._counted_until) and self._target(name) != self.state,
+        }
+        return now[COMMANDS[name].matters]
+
+    def _carry_out(self, name: str, source: str, seen_stop: str) -> Answer:
+        if COMMANDS[name].carried_out_elsewhere:
+            self.pending, self._pending_source, self._sent = name, source, False
+            return Answer(True, "saving" if name == SAVE else "changing")
+        if name == CANCEL:
+            return self._cancel()
+        if name == RESUME:
+            code = "resumed" if self.latch.stopped else "not_stopped"
+            # a stop may have come while this was decided
+            return Answer(True, code) if self.latch.resume(seen_stop) else self._stopped_since(RESUME)
+        return self._enter(name, source)
 
     def _target(self, name: str) -> State:
         """Returns the state after a command; `continue` goes back to where the person was."""
         return self._visited[-1] if name == CONTINUE else STATES.get(COMMANDS[name].enters, self.state)
 
-    def _enter(self, name: str, source: str, now: float) -> Answer:
+    def _enter(self, name: str, source: str) -> Answer:
         target = self._target(name)
         again = target in self._visited
         if self.state == DEFAULT:
-            self._begin(now)
+            self._begin()
             self._note(source)
         if self.state != target:
-            self.state = target
-            self.entered = now
+            self.state, self.entered = target, self._counted_until
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
         more = "_stopped" * self.latch.stopped if target.guides else "_again" * again
-        return self._answered(name, source, Answer(True, target.prompt + more))
+        return Answer(True, target.prompt + more)
 
-    def _cancel(self, source: str, now: float) -> Answer:
+    def _cancel(self) -> Answer:
         if self.state == DEFAULT:
-            return self._answered(CANCEL, source, Answer(True, "nothing_to_cancel"))
+            return Answer(True, "nothing_to_cancel")
         # the border that was sent may be in the map after all: only the map integrator knows
         lost = self.unanswered_save
-        self._end(UNANSWERED if lost else CANCELLED, "", now)
-        return self._answered(CANCEL, source, Answer(True, "cancelled_unanswered" if lost else "cancelled"))
+        self._end(UNANSWERED if lost else CANCELLED, "")
+        return Answer(True, "cancelled_unanswered" if lost else "cancelled")
+
+    def _unknown(self, name: str) -> Optional[Answer]:
+        """Says that there is no such command here, or returns None."""
+        if name not in COMMANDS:
+            return Answer(False, "unknown_command", {"commands": ", ".join(map(spoken_form, COMMANDS))})
+        return Answer(False, "no_robot_to_guide") if name == GUIDE_ROBOT and not self._params.robot else None
 
     def _check(self, name: str, seen_stop: str) -> Optional[Answer]:
         """Says why a command cannot be carried out now, or returns None."""

@@ -65,7 +65,7 @@ class InteractionManagerNode:
         /virtual_borders/drivers (vb_msgs/DriverState): stops that only a robot has heard.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and seed
             so far, for the preview; whether drawing continues.
-        /virtual_borders/spots (vb_msgs/LaserSpot): whether somebody points now, see `confirmation.would_matter`.
+        /virtual_borders/spots (vb_msgs/LaserSpot): whether somebody points now: an unclear command is then asked about.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right;
             whether there is something to undo or redo.
         /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or

@@ -187,9 +187,8 @@ class Session:
         self.advance(now)
         if not self.ends_at or now < self.ends_at:
             return False
-        idle = self._params.idle_timeout
-        self._end(UNANSWERED if self.unanswered_save else ABANDONED, "", now)
-        minutes = f"{idle / 60.0:g}"
+        self._end(UNANSWERED if self.unanswered_save else ABANDONED, "")
+        minutes = f"{self._params.idle_timeout / 60.0:g}"
         self._answered(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
         return True
 
@@ -203,22 +202,22 @@ class Session:
         return [state.collects for state in (BORDER, SEED) if state not in self._visited]
 
     # ------------------------------------------------------------------ inside
-    def _begin(self, now: float) -> None:
+    def _begin(self) -> None:
         self.interaction_id = self._new_id()
-        self.started = self.entered = self._counted_until = self._active = now
+        self.started = self.entered = self._active = self._counted_until
         self._durations = {state: 0.0 for state in self._durations}
         self._sources, self._visited = [], []
         self._spots = {state: 0 for state in self._spots}
         self.unanswered_save = False
 
-    def _end(self, outcome: str, border_id: str, now: float) -> None:
+    def _end(self, outcome: str, border_id: str) -> None:
         durations = self._durations
         self._record = Record(
             interaction_id=self.interaction_id,
             outcome=outcome,
             border_id=border_id,
             started=self.started,
-            ended=now,
+            ended=self._counted_until,
             guide_s=durations[GUIDE],
             border_s=durations[BORDER],
             seed_s=durations[SEED],
@@ -230,7 +229,7 @@ class Session:
         self.pending = ""
         self.question = Question()
         self.unanswered_save = False
-        self.started, self.entered = 0.0, now
+        self.started, self.entered = 0.0, self._counted_until
         self._visited = []
         self.last_outcome, self.last_border_id = outcome, border_id
 
