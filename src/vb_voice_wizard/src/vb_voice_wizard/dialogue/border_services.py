@@ -10,20 +10,7 @@ from vb_core.ros import messages, services
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.vocabulary import REDO
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import (
-    AddBorder,
-    AddBorderRequest,
-    GetDrawnBorder,
-    GetDrawnBorderRequest,
-    ListBorders,
-    ListBordersRequest,
-    PreviewBorderRequest,
-    UndoRedo,
-    UndoRedoRequest,
-)
-
-
-_INTEGRATOR = "$map_integrator"
+from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 
 UNANSWERED = ("no_service", "no_response")  # codes of an absent service; any other is its own error
 
@@ -41,15 +28,12 @@ class BorderServices:
 
     def __init__(self, occupancy: float, service_timeout: float, response_timeout: float) -> None:
         self._occupancy = occupancy
-        self._service_timeout = service_timeout
-        self._response_timeout = response_timeout
+        self._timeouts = service_timeout, response_timeout
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added."""
-        request = GetDrawnBorderRequest(interaction_id=interaction_id)
-        response = self._ask(names.GET_DRAWN_BORDER, GetDrawnBorder, request, "$border_fusion")
-        _check(response)
-        border = response.border
+        drawn = self._ask(names.GET_DRAWN_BORDER, GetDrawnBorder, "$border_fusion", interaction_id=interaction_id)
+        border = _checked(drawn).border
         border.id = ""
         border.occupancy = self._occupancy
         border.enabled = True
@@ -57,30 +41,27 @@ class BorderServices:
 
     def add(self, border: VirtualBorder, source: str, interaction_id: str) -> str:
         """Adds the border of an interaction to the map, once however often it is sent; returns its id."""
-        request = AddBorderRequest(border=border, frame_id=names.MAP_FRAME, source=source, request_id=interaction_id)
-        response = self._ask(names.ADD_BORDER, AddBorder, request, _INTEGRATOR)
-        _check(response)
-        return response.id
+        more = {"frame_id": names.MAP_FRAME, "source": source, "request_id": interaction_id}
+        return _checked(self._ask(names.ADD_BORDER, AddBorder, border=border, **more)).id
 
     def change(self, command: str, request_id: str) -> None:
         """Undoes the newest change of the borders ("undo"), or makes it again ("redo"); once however often it is sent."""
-        request = UndoRedoRequest(redo=command == REDO, request_id=request_id)
-        _check(self._ask(names.UNDO_REDO, UndoRedo, request, _INTEGRATOR))
+        _checked(self._ask(names.UNDO_REDO, UndoRedo, redo=command == REDO, request_id=request_id))
 
     def fetch_borders(self) -> Dict[str, VirtualBorder]:
         """Fetches all borders, by their ids."""
-        response = self._ask(names.LIST_BORDERS, ListBorders, ListBordersRequest(), _INTEGRATOR)
-        return {border.id: border for border in response.borders.borders}
+        return {border.id: border for border in self._ask(names.LIST_BORDERS, ListBorders).borders.borders}
 
     def preview(self, border: VirtualBorder) -> PreviewBorderArrayResponse:
         """Asks what adding the border would do; an error is in the response."""
-        request = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
-        return self._ask(names.PREVIEW_BORDER, PreviewBorderArray, request, _INTEGRATOR)
+        return self._ask(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
 
-    def _ask(self, name: str, service: Type, request: Any, who: str) -> Any:
-        return services.call(name, service, request, who, self._service_timeout, self._response_timeout)
+    def _ask(self, name: str, service: Type, who: str = "$map_integrator", **fields: Any) -> Any:
+        return services.call(name, service, service._request_class(**fields), who, *self._timeouts)
 
 
-def _check(response: Any) -> None:
+def _checked(response: Any) -> Any:
+    """Returns a response that tells of success; the service's own error is raised."""
     if not response.success:
         raise CodedError(response.code, response.message, **messages.mapping_from_values(response.values))
+    return response

@@ -51,18 +51,21 @@ class PreviewScheduler:
     """Decides when the next preview is due.
 
     The pace is in wall time: it limits the previews' share of the computer.
+
+    Attributes:
+        shown: what was previewed last.
     """
 
     def __init__(self) -> None:
-        self._shown: Optional[PreviewInputs] = None
+        self.shown: Optional[PreviewInputs] = None
         self._not_before = float("-inf")
         self._retry_at: Optional[float] = None
 
     def delay(self, inputs: PreviewInputs, now: float) -> Optional[float]:
         """Returns the time [s] until these inputs need a preview; 0: now; None: never while they stay as they are."""
-        if self._shown is None or inputs.interaction_id != self._shown.interaction_id:
+        if self.shown is None or inputs.interaction_id != self.shown.interaction_id:
             return 0.0
-        if inputs == self._shown:
+        if inputs == self.shown:
             return None if self._retry_at is None else max(0.0, self._retry_at - now)
         return max(0.0, self._not_before - now)
 
@@ -74,6 +77,6 @@ class PreviewScheduler:
             started, now: [s] when work on it began and ended.
             answered: False if a service did not answer: it is tried again.
         """
-        self._shown = inputs
+        self.shown = inputs
         self._retry_at = None if answered else now + RETRY_DELAY
         self._not_before = max(started + PERIOD, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))

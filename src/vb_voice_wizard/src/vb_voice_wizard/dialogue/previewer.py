@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from typing import Any, Callable, List, Mapping, Optional, Tuple
+from typing import Any, Callable, List, Mapping, Optional
 
 import numpy as np
 import rospy
@@ -41,8 +41,7 @@ class Previewer:
         self._progress: Optional[BorderProgress] = None
         self._held = False
         self._closed = False
-        self._warned_of = ""
-        self._shown: Tuple[PreviewInputs, VirtualBorder] = (PreviewInputs(), VirtualBorder())
+        self._shown = BorderPreviewArray()
         self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
         node.Worker(self, self._make)
 
@@ -65,7 +64,9 @@ class Previewer:
     def has_warning(self, interaction_id: str) -> bool:
         """Returns whether saving would succeed, but with a warning in its preview."""
         with self._condition:
-            return bool(interaction_id) and (self._warned_of == interaction_id or bool(self._inputs.warnings))
+            shown = self._shown
+            doubtful = shown.interaction_id == interaction_id and shown.available and shown.success and shown.issues
+            return bool(interaction_id and (doubtful or self._inputs.warnings))
 
     def on_progress(self, message: BorderProgress) -> None:
         """Stores what was drawn so far."""
@@ -125,9 +126,7 @@ class Previewer:
             # an interaction that ended or is being saved meanwhile has nothing to show any more
             if self._inputs.interaction_id == inputs.interaction_id and not self._held:
                 self._publisher.publish(preview)
-                doubtful = preview.available and preview.success and preview.issues
-                self._warned_of = inputs.interaction_id if doubtful else ""
-                self._shown = (inputs if preview.available else PreviewInputs(), preview.border)
+                self._shown = preview
                 self._pace.record_preview(inputs, started, time.monotonic(), answered)
 
     def border_to_save(self, interaction_id: str) -> VirtualBorder:
@@ -137,9 +136,9 @@ class Previewer:
             CodedError: "no_service", "no_response", or why there is no border.
         """
         with self._condition:
-            inputs, (shown, border) = self._inputs, self._shown
-            if inputs.interaction_id == interaction_id and shown.complete and inputs == shown:
-                return border
+            current = self._inputs.interaction_id == interaction_id and self._inputs == self._pace.shown
+            if current and self._shown.available:
+                return self._shown.border
         return self._services.fetch_drawn_border(interaction_id)
 
     def _compute(self, inputs: PreviewInputs) -> BorderPreviewArray:
