@@ -86,10 +86,11 @@ class VoiceCommandsNode:
         if params.source == "topic":
             rospy.Subscriber(AUDIO, Audio, self._on_audio, queue_size=100)
         else:
-            self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble, start=node.start_thread)
+            self._microphone = Microphone(arecord(params.device), self._on_trouble)
+            node.Worker(self._microphone, self._put)
 
     def close(self) -> None:
-        """Releases the microphone, and ends the threads."""
+        """Releases the microphone, and ends the workers."""
         if self._microphone is not None:
             self._microphone.close()
         self._watch.close()

@@ -5,11 +5,12 @@ from __future__ import annotations
 import subprocess
 import tempfile
 import threading
-from typing import Callable, Optional
+from typing import Callable, Generator, Iterator, List, Optional
 
 import numpy as np
 
 SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
+PIECE = 800  # samples that a microphone hands over at a time
 
 
 def has_sound(pcm: np.ndarray) -> bool:
@@ -18,54 +19,40 @@ def has_sound(pcm: np.ndarray) -> bool:
 
 
 class Microphone:
-    """Reads raw samples from a program that writes them to its standard output; starts it again when it ends.
+    """Raw samples from a program that writes them to its standard output; it is started again when it ends.
 
     Args:
         command: the program with its arguments; see `arecord`.
-        on_samples: called with (N,) int16 from a thread of this object.
         on_trouble: called with a sentence each time the program cannot be started or ends.
-        chunk: how many samples to hand over at a time.
         retry: [s] how long to wait before another start.
-        start: starts a thread and handles its faults.
     """
 
-    def __init__(
-        self,
-        command: list,
-        on_samples: Callable[[np.ndarray], None],
-        on_trouble: Callable[[str], None],
-        chunk: int = 800,
-        retry: float = 2.0,
-        *,
-        start: Callable[[Callable[[], None]], threading.Thread],
-    ) -> None:
-        self._command = list(command)
-        self._on_samples = on_samples
-        self._on_trouble = on_trouble
-        self._chunk = chunk
-        self._retry = retry
+    def __init__(self, command: List[str], on_trouble: Callable[[str], None], retry: float = 2.0) -> None:
+        self._command, self._on_trouble, self._retry = command, on_trouble, retry
         self._closing = threading.Event()
         self._process: Optional[subprocess.Popen] = None
         self._lock = threading.Lock()
-        self._thread = start(self._run)
+        self._pieces = self._record()
+
+    def get(self) -> Optional[np.ndarray]:
+        """Waits for the next PIECE samples, (PIECE,) int16; None once closed. For one thread."""
+        return next(self._pieces, None)
 
     def close(self) -> None:
-        """Ends the program and the thread."""
+        """Ends the program."""
         self._closing.set()
         with self._lock:
             if self._process is not None and self._process.poll() is None:
                 self._process.terminate()
-        self._thread.join(timeout=5.0)
 
-    def _run(self) -> None:
+    def _record(self) -> Iterator[np.ndarray]:
         while not self._closing.is_set():
-            trouble = self._record()
-            if self._closing.is_set():
-                return
-            self._on_trouble(trouble)
-            self._closing.wait(self._retry)
+            trouble = yield from self._record_once()
+            if not self._closing.is_set():
+                self._on_trouble(trouble)
+                self._closing.wait(self._retry)
 
-    def _record(self) -> str:
+    def _record_once(self) -> Generator[np.ndarray, None, str]:
         # what it says goes to a file: a program blocks once a pipe that nobody reads is full, and the system is deaf
         with tempfile.TemporaryFile() as said:
             try:
@@ -74,8 +61,8 @@ class Microphone:
             except OSError as error:
                 return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
             with process.stdout as sound:
-                while len(data := sound.read(2 * self._chunk)) == 2 * self._chunk:
-                    self._on_samples(np.frombuffer(data, dtype="<i2").astype(np.int16))
+                while len(data := sound.read(2 * PIECE)) == 2 * PIECE:
+                    yield np.frombuffer(data, dtype="<i2").astype(np.int16)
             process.wait()
             said.seek(0)
             last = said.read().decode(errors="replace").strip().splitlines() or ["it said nothing"]
