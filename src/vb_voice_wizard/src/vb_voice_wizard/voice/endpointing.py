@@ -95,11 +95,6 @@ class Endpointer:
         """Returns how much was pushed so far [s]."""
         return (self._chunk * CHUNK + len(self._rest)) / SAMPLE_RATE
 
-    @property
-    def speaking(self) -> bool:
-        """Returns whether there is speech right now."""
-        return self._first >= 0
-
     def push(self, pcm: np.ndarray) -> List[Utterance]:
         """Adds the stream's next samples, (N,) int16, any N; returns the utterances that ended in them."""
         samples = np.concatenate([self._rest, np.asarray(pcm, dtype=np.int16)])
@@ -109,17 +104,18 @@ class Endpointer:
         return [utterance for utterance in found if utterance is not None]
 
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
-        needed = _THRESHOLD - (_HYSTERESIS if self.speaking else 0.0)
+        speaking = self._first >= 0
+        needed = _THRESHOLD - (_HYSTERESIS if speaking else 0.0)
         chunk, self._chunk = self._chunk, self._chunk + 1
         self._heard.append(samples)
         if float(self._probability(samples.tobytes())) >= needed:
             self._run += 1
             self._last = chunk
-            if not self.speaking and self._run >= _START:
+            if not speaking and self._run >= _START:
                 self._first = chunk - self._run + 1
         else:
             self._run = 0
-        if not self.speaking or chunk - self._last < _END:
+        if self._first < 0 or chunk - self._last < _END:
             return None
         first, self._first, count = self._first, -1, self._last + 1 - self._first
         return self._cut(first, too_long=count > _LONGEST) if count >= _SHORTEST else None

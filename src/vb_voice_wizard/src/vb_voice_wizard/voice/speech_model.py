@@ -16,6 +16,7 @@ from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 import onnxruntime
+from scipy.special import log_softmax, logsumexp
 
 from vb_core.errors import CodedError
 
@@ -78,14 +79,12 @@ class SpeechModel:
             encoder_attention_mask=np.ones(states.shape[:2], np.int64),
             use_cache_branch=np.array([False]),
         )
-        found = self._decoder.run(["logits"], given)[0].astype(np.float64)
         # the log probabilities of what follows each token: (M, L, number of tokens)
-        found -= found.max(axis=2, keepdims=True)
-        found -= np.log(np.exp(found).sum(axis=2, keepdims=True))
+        found = log_softmax(self._decoder.run(["logits"], given)[0].astype(np.float64), axis=2)
         steps = np.take_along_axis(found[:, :-1], tokens[:, 1:, None], axis=2)[..., 0]
         steps[np.arange(steps.shape[1]) >= length[:, None]] = 0.0
         ends = found[np.arange(len(which))[:, None], length[:, None], _ENDS]
-        return steps.sum(axis=1) + np.log(np.exp(ends).sum(axis=1))
+        return steps.sum(axis=1) + logsumexp(ends, axis=1)
 
 
 def _tokenise(text: str, tokens: Dict[bytes, int]) -> List[int]:
