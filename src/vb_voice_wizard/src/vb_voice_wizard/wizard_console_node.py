@@ -9,6 +9,7 @@ import sys
 import termios
 import time
 import tty
+from functools import partial
 from typing import Any, Optional
 
 import rosgraph
@@ -58,9 +59,7 @@ class WizardConsoleNode:
             (names.PROGRESS, BorderProgress, "progress"),
             (names.PREVIEW, BorderPreviewArray, "preview"),
         ):
-            rospy.Subscriber(
-                topic, kind, lambda message, where=where: setattr(self._view, where, message), queue_size=1
-            )
+            rospy.Subscriber(topic, kind, partial(setattr, self._view, where), queue_size=1)
 
     # ------------------------------------------------------------------ ROS
     def _on_state(self, message: InteractionState) -> None:
@@ -133,30 +132,19 @@ class WizardConsoleNode:
                 return
 
 
-def run() -> int:
-    """Runs the console; returns the exit status."""
+def main() -> None:
+    """Runs the console until it is left."""
     parser = argparse.ArgumentParser(prog="wizard_console", description="The hidden operator's console.")
     parser.add_argument("--source", default="wizard", help="who gives the commands, for the record (default: wizard)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="(default: en)")
     chosen = parser.parse_args(rospy.myargv()[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        print(
-            "wizard_console needs a terminal; for scripts there is the service /virtual_borders/command",
-            file=sys.stderr,
-        )
-        return 1
+        sys.exit("wizard_console needs a terminal; for scripts there is the service /virtual_borders/command")
     if not rosgraph.is_master_online():
-        print(f"the ROS master does not answer at {rosgraph.get_master_uri()}: start the lab first", file=sys.stderr)
-        return 1
+        sys.exit(f"the ROS master does not answer at {rosgraph.get_master_uri()}: start the lab first")
     # messages of rospy itself would tear the screen
     rospy.init_node("wizard_console", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
     WizardConsoleNode(chosen.source, chosen.language).run()
-    return 0
-
-
-def main() -> None:
-    """Runs the program."""
-    status = run()
     sys.stdout.flush()
     # rospy's threads wait for a master that may be gone: leave without them
-    os._exit(status)
+    os._exit(0)
