@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
 import tempfile
 import threading
 import unittest
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import rospy
@@ -40,9 +42,14 @@ ARGUMENTS = [
     f"_log_file:={LOG}",
     f"_stop_file:={FOLDER}/stop",
     "_method:=a_method",
+    "_idle_timeout:=300",  # what a node was given stays on the parameter server, for the next one of this name too
     "_service_timeout:=5.0",
     "_response_timeout:=10.0",
 ]
+
+
+def manager(*arguments):
+    return Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, *arguments)
 
 
 class InteractionManagerTest(unittest.TestCase):
@@ -55,7 +62,8 @@ class InteractionManagerTest(unittest.TestCase):
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
         cls.state = Newest("/virtual_borders/state", InteractionState)
         cls.preview = Newest("/virtual_borders/preview", BorderPreview)
-        cls.node = Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *ARGUMENTS)
+        cls.pool = ThreadPoolExecutor()
+        cls.node = manager()
         rospy.wait_for_service("/virtual_borders/command", 60)
 
     @classmethod
@@ -92,6 +100,25 @@ class InteractionManagerTest(unittest.TestCase):
 
     def in_state(self, name):
         return self.state.wait(lambda message: message.name == name, f"state {name}")
+
+    def begin(self):
+        """Begins border and seed; returns the interaction's id."""
+        self.command("define_border")
+        self.command("define_seed")
+        return self.in_state("seed").interaction_id
+
+    @contextlib.contextmanager
+    def another(self, *arguments):
+        """Puts a manager with other parameters in the usual one's place: one in a namespace would use the same names."""
+        self.node.kill()
+        del self.state.all[:]
+        other = manager(*arguments)
+        try:
+            wait_until(lambda: self._answers("cancel"), "the other manager")
+            yield other
+        finally:
+            other.kill()
+            self.node.start()
 
     def test_a_whole_interaction(self):
         self.assertTrue(self.command("define_border", "voice").success)
@@ -185,9 +212,7 @@ class InteractionManagerTest(unittest.TestCase):
 
         self.stub.preview_answer = hang
         try:
-            self.command("define_border")
-            self.command("define_seed")
-            self.draw(self.in_state("seed").interaction_id)
+            self.draw(self.begin())
             self.assertTrue(reached.wait(60))
             self.assertTrue(self.command("guide_robot").success)
             self.save()
@@ -197,10 +222,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_refusals_of_neighbours_reach_the_person(self):
-        self.command("define_border")
-        self.command("define_seed")
-        identity = self.in_state("seed").interaction_id
-        good = self.stub.candidate
+        identity, good = self.begin(), self.stub.candidate
         self.stub.candidate = GetDrawnBorderResponse(success=False, code="too_few", message="Draw more.")
         answer = self.command("save")
         self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
@@ -213,26 +235,22 @@ class InteractionManagerTest(unittest.TestCase):
 
     def hang_while_saving(self):
         """A save whose answer comes too late; gives what it was answered, and what lets the integrator go on."""
-        self.command("define_border")
-        self.command("define_seed")
+        self.begin()
         reached, released = threading.Event(), threading.Event()
         self.stub.before_add = lambda: reached.set() or released.wait(60)
-        answers = []
-        saving = threading.Thread(target=lambda: answers.append(self.command("save")))
-        saving.start()
+        saving = self.pool.submit(self.command, "save")
         self.assertTrue(reached.wait(60))
-        return saving, answers, released
+        return saving, released
 
     def test_a_save_without_an_answer_is_repeated_under_the_same_id(self):
         count = len(self.stub.added)
-        saving, answers, released = self.hang_while_saving()
+        saving, released = self.hang_while_saving()
         # others are answered meanwhile, and stop is obeyed at once
         self.assertEqual(self.command("cancel").code, "busy")
         self.assertEqual(self.command("stop").code, "stopped")
         stopped = self.state.wait(lambda message: message.stopped, "the stop while saving")
         self.assertEqual((stopped.stopped_by, stopped.name), ("test", "seed"))
-        saving.join()
-        self.assertEqual(answers[0].code, "save_unanswered")
+        self.assertEqual(saving.result().code, "save_unanswered")
         released.set()
         wait_until(lambda: len(self.stub.added) == count + 1, "the late border")
         self.stub.before_add = lambda: None
@@ -263,26 +281,15 @@ class InteractionManagerTest(unittest.TestCase):
         self.command("define_border")
         self.in_state("border")
         self.node.process.send_signal(signal.SIGSTOP)
-        late = []
-        threads = []
-        for name in ("cancel", "stop"):
-            expires = rospy.Time.now() + rospy.Duration(0.05)
-            threads.append(
-                threading.Thread(
-                    target=lambda n=name, e=expires: late.append((n, self.command(n, id=n, expires=e).code))
-                )
-            )
-            threads[-1].start()
+        expires = rospy.Time.now() + rospy.Duration(0.05)
+        late = [self.pool.submit(self.command, name, id=name, expires=expires) for name in ("cancel", "stop")]
         wait_until(lambda: rospy.Time.now() > expires, "the time")
         self.node.process.send_signal(signal.SIGCONT)
-        for thread in threads:
-            thread.join()
-        self.assertEqual(sorted(late), [("cancel", "expired"), ("stop", "stopped")])
+        self.assertEqual([answer.result().code for answer in late], ["expired", "stopped"])
         self.assertEqual(self.state.message.name, "border")
 
     def test_unclear_commands_are_asked_about(self):
-        self.command("define_border")
-        self.command("define_seed")
+        self.begin()
         asked = self.command("save", uncertain=True)
         self.assertEqual((asked.success, asked.code), (False, "confirm_save"))
         self.state.wait(lambda message: message.confirm_save, "the question")
@@ -311,9 +318,7 @@ class InteractionManagerTest(unittest.TestCase):
             rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/camera_poses", notices=told))
         )
         try:
-            self.command("define_border")
-            self.command("define_seed")
-            identity = self.in_state("seed").interaction_id
+            identity = self.begin()
             self.draw(identity, dx=0.3)
             issue = self.preview.wait(
                 lambda message: message.interaction_id == identity and message.issues, "the issue"
@@ -371,27 +376,18 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_resume_that_waits_behind_a_save_does_not_release_a_newer_stop(self):
         self.command("stop")
         seen = self.state.wait(lambda message: message.stopped, "the first stop").stop_number
-        saving, _answers, released = self.hang_while_saving()
+        saving, released = self.hang_while_saving()
         self.command("stop", id="newer")
         self.assertEqual(self.command("resume", seen_stop=seen).code, "stopped_since")
         released.set()
-        saving.join()
+        saving.result()
         self.assertTrue(self.state.wait(lambda message: message.last_outcome == "saved", "the save").stopped)
 
     def test_a_stop_that_cannot_be_stored_is_told_and_holds_after_a_crash(self):
         notices = Newest("/virtual_borders/notices", NoticeArray)
         folder = os.path.join(FOLDER, "full")
         os.makedirs(folder, exist_ok=True)
-        self.node.kill()
-        other = Process(
-            "vb_voice_wizard",
-            "interaction_manager",
-            "__name:=interaction_manager",
-            *ARGUMENTS,
-            f"_stop_file:={folder}/stop",
-        )
-        try:
-            wait_until(lambda: os.path.exists(f"{folder}/stop") and self._answers("cancel"), "the other manager")
+        with self.another(f"_stop_file:={folder}/stop") as other:
             # as a full disk: nothing new can be made, also not by root, and what is there can be emptied
             os.rename(f"{folder}/stop", f"{folder}/kept")
             os.mkdir(f"{folder}/stop")
@@ -404,10 +400,6 @@ class InteractionManagerTest(unittest.TestCase):
             del self.state.all[:]
             other.start()
             self.state.wait(lambda message: message.stopped, "a stop in doubt")
-        finally:
-            other.kill()
-            self.node.start()
-            rospy.wait_for_service("/virtual_borders/command", 60)
 
     def _answers(self, name):
         try:
@@ -416,15 +408,8 @@ class InteractionManagerTest(unittest.TestCase):
             return False
 
     def test_an_abandoned_interaction_ends_with_a_warning(self):
-        # a manager of its own in a namespace would still use the fixed names: this one takes the other's place
-        self.node.kill()
-        del self.state.all[:]
         notices = Newest("/virtual_borders/notices", NoticeArray)
-        impatient = Process(
-            "vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, "_idle_timeout:=3"
-        )
-        try:
-            wait_until(lambda: self._answers("cancel"), "the impatient node")
+        with self.another("_idle_timeout:=3"):
             wait_until(lambda: notices.all, "the impatient node's notices")
             self.assertTrue(self.command("define_border").success)
             # they may be over when a slow machine looks: what was said counts
@@ -441,11 +426,6 @@ class InteractionManagerTest(unittest.TestCase):
             self.assertTrue(over.last_message)
             # the record is written once everybody knows
             wait_until(lambda: self.records()[-1]["outcome"] == "abandoned", "the record")
-        finally:
-            impatient.stop()
-            # what a node was given stays on the parameter server, for the next one of this name too
-            rospy.delete_param("/interaction_manager/idle_timeout")
-            self.node.start()
 
     def test_a_bad_parameter_is_one_line(self):
         # limits and unknown keys are tested where parameters are checked; each node here costs a second
