@@ -90,7 +90,8 @@ class Broker:
         self.address = f"{host}:{port}"
         self.trouble = ""  # why the last connection failed, as the broker says; "": it cannot be reached
         self._states: Dict[str, bytes] = {}
-        self._lock, self._connected = threading.Lock(), False
+        self.connected = False  # whether the broker has accepted this client
+        self._lock = threading.Lock()
         self._will, self._subscriptions, self._on_fault = will, subscriptions, on_fault
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id=client, clean_session=True)
         self._client.will_set(*will, qos=1, retain=True)
@@ -109,11 +110,6 @@ class Broker:
         """Connects, and again whenever the connection is lost."""
         self._client.loop_start()
 
-    @property
-    def connected(self) -> bool:
-        """Whether the broker has accepted this client."""
-        return self._connected
-
     def put(self, topic: str, payload: bytes) -> None:
         """Sets the retained message of a topic, now or as soon as there is a connection; an empty one deletes it."""
         with self._lock:
@@ -122,18 +118,18 @@ class Broker:
             self._states[topic] = payload
             if not payload:
                 del self._states[topic]
-            if self._connected:
+            if self.connected:
                 self._client.publish(topic, payload, qos=0, retain=True)
 
     def send(self, topic: str, payload: bytes) -> bool:
         """Sends a message for those who listen now; returns False if there is no connection."""
-        if self._connected:
+        if self.connected:
             self._client.publish(topic, payload, qos=0)
-        return self._connected
+        return self.connected
 
     def close(self) -> None:
         """Publishes the will, and disconnects."""
-        if self._connected:
+        if self.connected:
             self._client.publish(*self._will, qos=1, retain=True).wait_for_publish(2.0)
         self._client.disconnect()
         self._client.loop_stop()
@@ -145,13 +141,13 @@ class Broker:
             return
         client.subscribe([(topics, 1) for topics in self._subscriptions])  # first: who sees that it is online is heard
         with self._lock:
-            self._connected, self.trouble = True, ""
+            self.connected, self.trouble = True, ""
             for topic, payload in self._states.items():
                 client.publish(topic, payload, qos=0, retain=True)
 
     def _on_disconnect(self, *_arguments: Any) -> None:
         with self._lock:
-            self._connected = False
+            self.connected = False
 
     def _on_subscribe(self, _client: Any, _data: Any, _id: int, reasons: Any, _properties: Any) -> None:
         self.trouble = next((str(reason) for reason in reasons if reason.is_failure), "")

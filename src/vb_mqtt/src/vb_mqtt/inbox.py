@@ -18,9 +18,9 @@ import hashlib
 import json
 import re
 import uuid
-from collections import OrderedDict
+from collections import deque
 from dataclasses import dataclass
-from typing import Any, Dict, Optional
+from typing import Any, Deque, Dict, Optional
 
 from vb_core.errors import CodedError
 from vb_core.limiter import Limiter
@@ -31,7 +31,6 @@ KNOWN = (*COMMANDS, *("yes_" + command for command in COMMANDS))
 MAX_AGE = 5.0  # [s] a person does not expect what was asked for longer ago than this
 MAX_BYTES = 2048
 RATE, BURST = 2.0, 10.0  # [1/s] how many requests are let through, and how many at once
-_KEPT = 256  # ids: more than the rate lets through while a request counts
 _TEXT = re.compile(r"[0-9A-Za-z_.-]{0,64}")
 _KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))  # fields, beside `at` and `id`
 
@@ -77,7 +76,7 @@ class Inbox:
 
     def __init__(self, started: float) -> None:
         self._started = started
-        self._taken: "OrderedDict[str, None]" = OrderedDict()
+        self._taken: Deque[str] = deque(maxlen=256)  # ids: more than the rate lets through while a request counts
         self._limiter = Limiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
@@ -113,9 +112,7 @@ class Inbox:
             return None
         if not self._limiter.allows("", now):
             raise Refusal("mqtt_too_fast")
-        self._taken[request.id] = None
-        while len(self._taken) > _KEPT:
-            self._taken.popitem(last=False)
+        self._taken.append(request.id)
         return request
 
     def _checked(self, found: Dict[str, Any], identity: str, given: str, now: float) -> Request:

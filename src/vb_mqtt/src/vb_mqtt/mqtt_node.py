@@ -81,11 +81,11 @@ class MqttNode:
         self._inbox, self._shown = Inbox(time.time()), Limiter(RATE, BURST)
         self._refused: Dict[str, int] = {}  # how often, by code
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
-        self._borders: Dict[str, VirtualBorder] = {}  # by key
+        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
         self._grids: Dict[str, Any] = {}
         self._asked = False  # whether a question is open
         self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, by node or camera
-        self._told: Optional[Dict[Tuple, Notice]] = None
+        self._told: Optional[Set[Tuple[str, ...]]] = None  # the notices of the last look
         self._connected_at = time.monotonic()
         connection = read_connection(Path(params.connection_file).expanduser())
         subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_described}
@@ -96,11 +96,10 @@ class MqttNode:
         self._trouble, self._notices, self._robots = NoticePublisher(), NoticeListener(), OfferListener()
         self._maps, self._beat = node.Mailbox(), node.WakeTimer(_PERIOD)
         self._subscribe()
-        self._describe()
         self._broker.put(will[0], ONLINE.encode())
+        self._look()
         node.Worker(self._maps, lambda _item: self._draw())
         node.Worker(self._beat, lambda _woken: self._look())
-        self._look()
         self._broker.start()
         rospy.loginfo("%s: the broker is %s", rospy.get_name(), self._broker.address)
 
@@ -128,23 +127,9 @@ class MqttNode:
         self._put_health()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        with self._lock:
-            self._borders = {key_of("border", border.id): border for border in message.borders}
-            self._lab = replace(self._lab, borders={border.id: border.name for border in message.borders})
-        for key, border in self._borders.items():
-            self._put(key, states.border_value(border))
-        self._describe()
+        self._borders = {key_of("border", border.id): border for border in message.borders}
+        self._beat.set()
         self._maps.put(True)
-
-    def _look_at_robots(self) -> None:
-        known = self._robots.current()
-        if known is None:
-            return
-        with self._lock:
-            found = tuple(robot.robot for robot in known[0].robots)
-            changed, self._lab = found != self._lab.robots, replace(self._lab, robots=found)
-        if changed:
-            self._describe()
 
     def _on_detector(self, message: DetectorStatus) -> None:
         self._heard["camera " + message.camera] = time.monotonic()
@@ -159,27 +144,18 @@ class MqttNode:
             return
         before, after = map(messages.grid_from_message, grids)
         if before.same_geometry(after):
-            self._broker.put(self._lab.topic("map"), states.draw_map(before, after, list(self._borders.values())))
+            self._broker.put(
+                self._lab.topic("map"), states.draw_map(before, after, list((self._borders or {}).values()))
+            )
 
     # ------------------------------------------------------------------ what the broker is told
     def _put(self, key: str, value: Any) -> None:
         self._broker.put(self._lab.topic(key), _json(value))
 
-    def _describe(self) -> None:
-        with self._lock:
-            lab, described = self._lab, list(self._described)
-        for topic, config in entities.describe(lab).items():
-            self._broker.put(topic, _json(config))
-        for topic in entities.leftovers(lab, described):
-            self._broker.put(topic, b"")
-            self._broker.put(lab.topic(entities.key_in(topic)), b"")
-
     def _on_described(self, topic: str, payload: bytes, _retained: bool) -> None:
         with self._lock:
             (self._described.add if payload else self._described.discard)(topic)
-            new = payload and topic in entities.leftovers(self._lab, [topic])
-        if new:
-            self._describe()
+        self._beat.set()
 
     def _is_heard(self, what: str) -> bool:
         return time.monotonic() - self._heard.get(what, -1e9) < _SILENCE
@@ -195,37 +171,50 @@ class MqttNode:
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
     def _look(self) -> None:
-        """Tells what has become silent, what is wrong, and what is new of that."""
-        self._look_at_robots()
+        """Tells what there is now, what has become silent, what is wrong, and what is new of that."""
+        known, borders, notices = self._robots.current(), self._borders, self._notices.current()
+        if known is not None:
+            self._lab = replace(self._lab, robots=tuple(robot.robot for robot in known[0].robots))
+        if borders is not None:
+            self._lab = replace(self._lab, borders={border.id: border.name for border in borders.values()})
         self._put_health()
-        notices = self._notices.current()
-        for camera in self._lab.cameras:
-            problems = [one.sentence(self._language) for one in notices if one.camera == camera and one.severity]
-            if not self._is_heard("camera " + camera):
-                problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
-            self._put(key_of("camera", camera), states.problem_value(problems))
-        known = self._robots.current()
+        problems = {key_of("camera", camera): self._camera_problems(camera, notices) for camera in self._lab.cameras}
         for robot in self._lab.robots or ():
             lines = known[1].lines if known is not None else ()
-            self._put(
-                key_of("robot", robot),
-                states.problem_value(states.robot_problems(robot, lines, notices, self._language)),
-            )
+            problems[key_of("robot", robot)] = states.robot_problems(robot, lines, notices, self._language)
+        for key, found in problems.items():
+            self._put(key, states.problem_value(found))
+        for key, border in (borders or {}).items():
+            self._put(key, states.border_value(border))
+        self._describe()
         self._tell(notices)
         self._watch_connection()
+
+    def _camera_problems(self, camera: str, notices: List[Notice]) -> List[str]:
+        problems = [one.sentence(self._language) for one in notices if one.camera == camera and one.severity]
+        if not self._is_heard("camera " + camera):
+            problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
+        return problems
+
+    def _describe(self) -> None:
+        for topic, config in entities.describe(self._lab).items():
+            self._broker.put(topic, _json(config))
+        with self._lock:
+            described = list(self._described)
+        for topic in entities.leftovers(self._lab, described):
+            self._broker.put(topic, b"")
+            self._broker.put(self._lab.topic(entities.key_in(topic)), b"")
 
     def _tell(self, notices: List[Notice]) -> None:
         values = [states.notice_value(notice, self._language) for notice in notices]
         with self._lock:
             refused = dict(self._refused)
         self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
-        now = {(one.code, one.robot, one.border_id, one.camera): one for one in notices}
-        for key in now if self._told is not None else ():
-            if key not in self._told:
-                self._broker.send(
-                    self._lab.topic(entities.NOTICE), _json(states.notice_value(now[key], self._language))
-                )
-        self._told = now
+        now = dict(zip(((one.code, one.robot, one.border_id, one.camera) for one in notices), values))
+        for key, value in now.items():
+            if self._told is not None and key not in self._told:
+                self._broker.send(self._lab.topic(entities.NOTICE), _json(value))
+        self._told = set(now)
 
     def _watch_connection(self) -> None:
         now = time.monotonic()
@@ -261,8 +250,7 @@ class MqttNode:
             self._refuse(request, CodedError("mqtt_too_fast"))
 
     def _switch(self, request: Request) -> Any:
-        with self._lock:
-            border = self._borders.get(request.border)
+        border = (self._borders or {}).get(request.border)
         if border is None:
             raise CodedError("mqtt_no_border", border=request.border)
         wanted = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
