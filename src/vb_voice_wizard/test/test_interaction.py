@@ -21,8 +21,7 @@ ENTERING = {DEFINE_BORDER: BORDER, DEFINE_SEED: SEED, GUIDE_ROBOT: GUIDE}
 
 
 def machine(**params) -> Interaction:
-    ids = (f"i{number}" for number in itertools.count(1))
-    return Interaction(InteractionParams(**params), lambda: next(ids))
+    return Interaction(InteractionParams(**params))
 
 
 def say(interaction, command, source, now, *more):
@@ -30,8 +29,8 @@ def say(interaction, command, source, now, *more):
     return interaction.command(command, source, now, *more, seen_stop=interaction.latch.number)
 
 
-def after(*commands: str) -> Interaction:
-    interaction = machine()
+def after(*commands: str, **params) -> Interaction:
+    interaction = machine(**params)
     for second, command in enumerate(commands):
         assert say(interaction, command, "test", float(second)).success
     # these tests are about what was said; others are about whether spots were seen
@@ -213,11 +212,8 @@ def test_a_pause_keeps_everything_until_the_person_goes_on(way):
         return interaction
 
     interaction = after(*way)
-    state, kept, spent = (
-        interaction.state,
-        (interaction.interaction_id, interaction.missing()),
-        interaction.durations(10.0),
-    )
+    state, spent = interaction.state, interaction.durations(10.0)
+    kept = interaction.interaction_id, interaction.missing()
     assert paused(interaction).suggested_commands()[0] == CONTINUE and PAUSE not in interaction.suggested_commands()
     for command in interaction.suggested_commands():
         assert paused(after(*way)).command(command, "test", 40001.0).success
@@ -230,7 +226,7 @@ def test_a_pause_keeps_everything_until_the_person_goes_on(way):
 
 
 def test_a_paused_border_is_saved_as_any_other_and_one_goes_on_where_one_was_last():
-    interaction = drawn()
+    interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.command(DEFINE_BORDER, "a", 3.0)
     interaction.command(PAUSE, "a", 4.0)
     assert interaction.command(CONTINUE, "a", 5.0).code == "draw_border_again"
@@ -261,10 +257,8 @@ def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
     assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == told
     assert say(interaction, RESUME, "wizard", 21.0).success
-    assert (
-        interaction.command(STOP, "page", 22.0, identity="press").code == "stop_released"
-        and not interaction.latch.stopped
-    )
+    assert interaction.command(STOP, "page", 22.0, identity="press").code == "stop_released"
+    assert not interaction.latch.stopped
 
 
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name != STOP])
@@ -274,31 +268,20 @@ def test_a_stop_voids_every_command_that_was_given_before_it(command):
     interaction.command(STOP, "page", 10.0)
     before = (interaction.state, interaction.interaction_id, interaction.missing())
     answer = interaction.command(command, "wizard", 11.0, seen_stop=seen)
-    assert (
-        (answer.success, answer.code) == (False, "stopped_since")
-        and interaction.latch.stopped
-        and not interaction.pending
-    )
+    assert (answer.success, answer.code) == (False, "stopped_since")
+    assert interaction.latch.stopped and not interaction.pending
     assert (interaction.state, interaction.interaction_id, interaction.missing()) == before
 
 
 # ------------------------------------------------------------------ asked about
-def drawn(**params) -> Interaction:
-    interaction = machine(**params)
-    interaction.command(DEFINE_BORDER, "a", 1.0)
-    interaction.command(DEFINE_SEED, "a", 2.0)
-    return interaction
-
-
 @pytest.mark.parametrize(
     "uncertain, doubtful, asked", [(False, False, False), (True, False, True), (False, True, True)]
 )
 def test_save_is_asked_about_if_word_or_border_are_in_doubt(uncertain, doubtful, asked):
-    interaction = drawn()
+    interaction = after(DEFINE_BORDER, DEFINE_SEED)
     answer = interaction.command(SAVE, "voice", 3.0, uncertain, doubtful)
-    assert (
-        (answer.code == "confirm_save") == asked == (interaction.question.command == SAVE) == (not interaction.saving)
-    )
+    assert (answer.code == "confirm_save") == asked == (not interaction.saving)
+    assert interaction.question.command == (SAVE if asked else "")
     if asked:
         said = answer.values["answer"]
         assert said == ("yes save" if uncertain else "save") and said in answer.message
@@ -307,7 +290,7 @@ def test_save_is_asked_about_if_word_or_border_are_in_doubt(uncertain, doubtful,
 
 @pytest.mark.parametrize("between", [DEFINE_BORDER, GUIDE_ROBOT, STOP, "nonsense", ""])
 def test_a_question_is_forgotten_by_another_command_or_after_a_while(between):
-    interaction = drawn()
+    interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.command(SAVE, "a", 3.0, False, True)
     if between:
         interaction.command(between, "a", 4.0)
@@ -363,7 +346,7 @@ def test_another_state_is_asked_about_while_somebody_points():
 
 
 def test_an_answer_to_nothing_and_to_something_else_does_nothing():
-    interaction = drawn()
+    interaction = after(DEFINE_BORDER, DEFINE_SEED)
     assert interaction.command("yes_save", "voice", 3.0).code == "nothing_asked" and not interaction.saving
     interaction.command(SAVE, "voice", 4.0, uncertain=True)
     assert interaction.command("yes_cancel", "voice", 5.0).code == "nothing_asked"
@@ -384,16 +367,13 @@ def test_an_answer_to_nothing_and_to_something_else_does_nothing():
     ],
 )
 def test_what_has_no_effect_is_not_asked_about(command, way):
-    asked, certain = (
-        after(*way).command(command, "voice", 10.0, uncertain=True),
-        after(*way).command(command, "voice", 10.0),
-    )
-    assert asked == certain and not asked.code.startswith("confirm")
+    asked = after(*way).command(command, "voice", 10.0, uncertain=True)
+    assert asked == after(*way).command(command, "voice", 10.0) and not asked.code.startswith("confirm")
 
 
 # ------------------------------------------------------------------ a save without an answer, and nobody there
 @pytest.mark.parametrize(
-    "sent, before, code, after, told",
+    "sent, before, code, in_doubt, told",
     [
         (True, False, "no_response", True, "save_unanswered"),
         (True, False, "no_service", False, "no_service"),
@@ -405,20 +385,20 @@ def test_what_has_no_effect_is_not_asked_about(command, way):
         (False, False, "no_response", False, "no_response"),
     ],
 )
-def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, code, after, told):
-    interaction = drawn()
+def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, code, in_doubt, told):
+    interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.unanswered_save = before
     interaction.command(SAVE, "a", 3.0)
     if sent:
         interaction.send_save()
         assert interaction.unanswered_save, "while it is under way"
     answer = interaction.finish(Answer(False, code, {"who": "$map_integrator"}), 4.0)
-    assert (interaction.unanswered_save, answer.code, answer.success) == (after, told, False)
+    assert (interaction.unanswered_save, answer.code, answer.success) == (in_doubt, told, False)
     assert interaction.state == SEED and not interaction.pending
 
 
 def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
-    interaction = drawn()
+    interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.command(SAVE, "a", 3.0)
     interaction.unanswered_save = True
     interaction.finish(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 4.0)
@@ -438,27 +418,20 @@ def test_an_abandoned_interaction_ends_after_a_warning():
     interaction.count_spots(1, 0, 0, 1090.0)
     assert not interaction.end_if_idle(1100.0) and interaction.ends_at == 0.0
     assert interaction.end_if_idle(90000.0)
-    assert (interaction.state, interaction.last_outcome, interaction.last_answer.code) == (
-        DEFAULT,
-        "abandoned",
-        "abandoned",
-    )
-    assert interaction.take_record().outcome == "abandoned"
+    assert interaction.state == DEFAULT and interaction.last_answer.code == "abandoned"
+    assert interaction.take_record().outcome == interaction.last_outcome == "abandoned"
 
 
 def test_an_interaction_that_is_being_saved_does_not_end_by_itself():
-    interaction = drawn(idle_timeout=100.0)
+    interaction = after(DEFINE_BORDER, DEFINE_SEED, idle_timeout=100.0)
     interaction.command(SAVE, "a", 3.0)
     assert not interaction.end_if_idle(1000.0) and interaction.saving
 
 
 def test_without_a_robot_nobody_is_offered_to_guide_one():
-    interaction = Interaction(InteractionParams(robot=False))
-    for step, command in enumerate(("", "define_border", "define_seed", "save")):
-        if command:
-            interaction.command(command, "test", float(step))
-        assert "guide_robot" not in interaction.suggested_commands()
-    answer = Interaction(InteractionParams(robot=False)).command("guide robot", "test", 1.0)
+    for way in ((), (DEFINE_BORDER,), (DEFINE_BORDER, DEFINE_SEED), (DEFINE_BORDER, DEFINE_SEED, SAVE)):
+        assert GUIDE_ROBOT not in after(*way, robot=False).suggested_commands()
+    answer = machine(robot=False).command("guide robot", "test", 1.0)
     assert (answer.success, answer.code) == (False, "no_robot_to_guide")
 
 
