@@ -34,16 +34,14 @@ class AnswerCache:
             slot = self._answers.setdefault(identity, Future())
             while len(self._answers) > _KEPT:
                 self._answers.popitem(last=False)
-        if not first:
+        if first:
             try:
-                return slot.result(timeout=self._timeout)
-            except FutureTimeout:
-                return Answer(False, "busy")
+                slot.set_result(do())
+            except BaseException as error:  # it is no answer: a repeated command is carried out
+                with self._lock:
+                    self._answers.pop(identity, None)
+                slot.set_exception(error)
         try:
-            slot.set_result(do())
-        except BaseException as error:
-            slot.set_exception(error)
-            with self._lock:
-                self._answers.pop(identity, None)
-            raise
-        return slot.result()
+            return slot.result(timeout=self._timeout)
+        except FutureTimeout:
+            return Answer(False, "busy")
