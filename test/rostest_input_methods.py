@@ -13,7 +13,7 @@ from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
 
 from vb_testing import Newest, wait_until
-from speech import RATE, say
+from speech import pieces, say
 from terminal import Terminal
 
 from vb_core import names
@@ -208,18 +208,14 @@ class InputMethods(unittest.TestCase):
         said = command.replace("_", " ")
         for seed in range(20):
             told = len(self.heard.all)
-            self.utter(said, seed)
+            for piece in pieces(say(said, seed=seed)):
+                self.audio.publish(piece)
             heard = wait_until(lambda: self.heard.all[told:], "what was made of a command")[0]  # noqa: B023
             if heard.success:
                 return
             if heard.code.startswith("confirm_"):
                 said = f"yes, {said}"
         self.fail(f"{said} was not understood")
-
-    def utter(self, command, seed):
-        pcm = say(command, seed=seed)
-        for at in range(0, len(pcm), RATE // 10):
-            self.audio.publish(Audio(sample_rate=RATE, data=pcm[at : at + RATE // 10].tobytes()))
 
 
 if __name__ == "__main__":

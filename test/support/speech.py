@@ -7,6 +7,7 @@ import subprocess
 import numpy as np
 from scipy.signal import resample_poly
 
+from vb_msgs.msg import Audio
 from vb_voice_wizard.voice.endpointing import Endpointer
 
 RATE = 16000
@@ -26,6 +27,13 @@ def say(text: str, voice: str = "en-us", pause: float = 0.6, snr_db: float = 20.
     clean = np.concatenate([silence, spoken, silence])
     level = np.sqrt(np.mean(spoken**2) / 10 ** (snr_db / 10))
     return (clean + room_noise(len(clean), level, seed)).clip(-32768, 32767).astype(np.int16)
+
+
+def pieces(pcm: np.ndarray) -> list:
+    """A recording as the messages, of a tenth of a second each, that a microphone at a topic sends."""
+    return [
+        Audio(sample_rate=RATE, data=part.tobytes()) for part in np.split(pcm, range(RATE // 10, len(pcm), RATE // 10))
+    ]
 
 
 def room_noise(count: int, level: float, seed: int = 0) -> np.ndarray:
