@@ -31,10 +31,17 @@ def test_everything_is_one_device_and_nothing_has_the_name_of_something_else():
     assert len({config["unique_id"] for config in found.values()}) == len(found)
     assert {tuple(config["device"]["identifiers"]) for config in found.values()} == {("lab1",)}
     assert all(config["name"] for config in found.values())
-    for topic in found:
-        prefix, _, device, key, last = topic.split("/")
+    for topic, config in found.items():
+        prefix, platform, device, key, last = topic.split("/")
         assert (prefix, device, last) == ("homeassistant", "lab1", "config")
         assert key.replace("_", "").replace("-", "").isalnum() and key.isascii()
+        # a border's is better made of its name
+        assert config.get("default_entity_id") == (None if platform == "switch" else f"{platform}.lab1_{key}")
+        shown = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
+        assert {field: config[field] for field in ("state_topic", "image_topic") if field in config} == (
+            {shown: f"lab1/{key}"} if shown else {}
+        )
+        assert config["availability"][0] == {"topic": "lab1/availability"} and config["availability_mode"] == "all"
 
 
 def test_each_thing_of_the_lab_is_there():

@@ -63,7 +63,11 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     border = VirtualBorder(
         kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=[Point(0, 2.5, 0), Point(10, 2.5, 0)]
     )
-    picture = cv2.imdecode(np.frombuffer(states.draw_map(before, after, [border]), np.uint8), cv2.IMREAD_COLOR)
+
+    def drawn(*borders):
+        return cv2.imdecode(np.frombuffer(states.draw_map(before, after, borders), np.uint8), cv2.IMREAD_COLOR)
+
+    picture = drawn(border)
     assert picture.shape == (500, 1000, 3)
 
     def at(x, y):
@@ -76,3 +80,9 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     assert np.ptp(at(8.0, 0.2)) < 10 and 150 < at(8.0, 0.2).mean() < 250  # unknown
     line = at(5.0, 2.5)
     assert line[2] > line[0] + 100
+    border.enabled = False
+    picture = drawn(border)
+    assert np.ptp(at(5.0, 2.5)) < 10  # grey
+    # one that cannot be drawn is left out
+    nowhere = [VirtualBorder(), VirtualBorder(points=[Point(1, float("nan"), 0), Point(2, 2, 0)])]
+    assert np.array_equal(drawn(*nowhere), drawn())

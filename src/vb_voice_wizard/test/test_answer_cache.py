@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -28,24 +29,23 @@ def test_the_same_id_is_carried_out_once_and_gets_the_same_answer():
         assert cache.carry_out("", do).success and do.count == count
 
 
-def test_a_repetition_waits_for_the_first_one():
-    cache, began, go_on = AnswerCache(60.0), threading.Event(), threading.Event()
+@pytest.mark.parametrize("patience, code", [(60.0, "saved"), (0.0, "busy")])
+def test_a_repetition_waits_for_the_first_one_for_a_time(patience, code):
+    cache, began, go_on = AnswerCache(patience), threading.Event(), threading.Event()
 
     def slow():
         began.set()
         assert go_on.wait(60)
         return Answer(True, "saved")
 
-    answers = []
-    threads = [threading.Thread(target=lambda: answers.append(cache.carry_out("a", slow))) for _ in range(2)]
-    threads[0].start()
-    assert began.wait(60)
-    threads[1].start()
-    go_on.set()
-    for thread in threads:
-        thread.join()
-    assert answers == [Answer(True, "saved")] * 2
-    assert AnswerCache(0.0).carry_out("a", lambda: Answer(True, "saved")).success
+    with ThreadPoolExecutor() as pool:
+        first = pool.submit(cache.carry_out, "a", slow)
+        assert began.wait(60)
+        second = pool.submit(cache.carry_out, "a", slow)
+        if patience == 0.0:
+            assert second.result(60).code == code
+        go_on.set()
+    assert (first.result().code, second.result().code) == ("saved", code)
 
 
 def test_a_fault_is_not_an_answer():

@@ -74,5 +74,9 @@ def test_a_neighbour_that_is_away_is_asked_again():
 def test_previews_take_no_more_than_their_share(took):
     moved = changed(seed=places(SEED + 1.0))
     pause = shown(took=took).delay(moved, 100.0 + took)
-    assert took <= MAX_TIME_SHARE * (took + pause) + 1e-6
-    assert took + pause >= PERIOD - 1e-6
+    assert took + pause == pytest.approx(max(PERIOD, took / MAX_TIME_SHARE))
+
+
+@pytest.mark.parametrize("missing", ["interaction_id", "chain", "seed"])
+def test_nothing_is_previewed_before_there_are_border_and_seed(missing):
+    assert DRAWN.complete and not changed(**{missing: PreviewInputs.__dataclass_fields__[missing].default}).complete
