@@ -6,7 +6,7 @@ import threading
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Mapping
+from typing import Dict, List, Mapping
 
 import rospy
 from vb_core import names
@@ -109,8 +109,7 @@ class InteractionManagerNode:
         # a save calls two services, undo calls one three times
         self._timeout = 3.0 * (params.service_timeout + params.response_timeout)
         self._answer_cache = AnswerCache(self._timeout)
-        self._cameras: List[str] = []
-        self._cameras_of = ""
+        self._cameras: Dict[str, List[str]] = {}  # that contributed, by the interaction that was heard of last
 
         self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout)
         self._preview = Previewer(self._services, NoticeListener().current)
@@ -139,7 +138,7 @@ class InteractionManagerNode:
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
-            self._cameras, self._cameras_of = list(message.cameras), message.interaction_id
+            self._cameras = {message.interaction_id: list(message.cameras)}
             if message.interaction_id == self._interaction.interaction_id:
                 # in Guide the fusion ignores all spots, and yet a person holds the laser
                 self._interaction.count_spots(
@@ -263,7 +262,7 @@ class InteractionManagerNode:
         self._publish()
         ended = self._interaction.take_record()
         if ended is not None:
-            cameras = self._cameras if self._cameras_of == ended.interaction_id else []
+            cameras = self._cameras.get(ended.interaction_id, [])
             rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
             try:
                 append_line(self._log_file, ended.line(self._params.method, cameras), private=True)

@@ -28,7 +28,7 @@ class PreviewInputs:
         interaction_id: of the current interaction; "": none.
         chain, seed: `places` of the border and the seed so far, map frame.
         borders: changes with every change of the map or the borders in it.
-        code, message, values: why there is no border or no seed, if known.
+        missing: why there is no border or no seed, if known.
         warnings: what else makes the drawing doubtful (drawing_warnings.py).
     """
 
@@ -36,9 +36,7 @@ class PreviewInputs:
     chain: bytes = b""
     seed: bytes = b""
     borders: Tuple[float, int] = (0.0, 0)
-    code: str = ""
-    message: str = ""
-    values: Tuple[Tuple[str, str], ...] = ()
+    missing: Notice = Notice("")
     warnings: Tuple[Notice, ...] = ()
 
     @property

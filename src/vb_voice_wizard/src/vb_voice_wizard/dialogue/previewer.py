@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from typing import Any, Callable, List, Mapping, Optional
+from typing import Callable, List, Optional
 
 import numpy as np
 import rospy
 from vb_core import names, sentences
 from vb_core.errors import CodedError
-from vb_core.notices import Notice
+from vb_core.notices import Notice, Severity
 from vb_core.ros import node
 from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
@@ -86,14 +86,14 @@ class Previewer:
         message = self._progress
         if message is None or not message.interaction_id or message.interaction_id != self._inputs.interaction_id:
             return
-        refused = message.code != "ok"
+        missing = Notice("seed_not_drawn", message=sentences.translate("seed_not_drawn"))
+        if message.code != "ok":
+            missing = Notice(message.code, values=mapping_from_values(message.values), message=message.message)
         self._inputs = dataclasses.replace(
             self._inputs,
             chain=places(array_from_points(message.chain)),
             seed=places(array_from_points([message.seed] if message.has_seed else [])),
-            code=message.code if refused else "seed_not_drawn",
-            message=message.message if refused else sentences.translate("seed_not_drawn"),
-            values=tuple(mapping_from_values(message.values).items()) if refused else (),
+            missing=missing,
         )
 
     # ------------------------------------------------------------------ work
@@ -115,13 +115,13 @@ class Previewer:
 
     def _make(self, inputs: PreviewInputs) -> None:
         started, answered = time.monotonic(), True
-        preview = self._empty(inputs, inputs.code, inputs.message, dict(inputs.values))
+        preview = self._empty(inputs, inputs.missing)
         if inputs.complete:
             try:
                 preview = self._compute(inputs)
             except CodedError as error:
                 answered = error.code not in UNANSWERED
-                preview = self._empty(inputs, error.code, error.message, error.values)
+                preview = self._empty(inputs, Notice.from_error(error, Severity.INFO))
         with self._condition:
             # an interaction that ended or is being saved meanwhile has nothing to show any more
             if self._inputs.interaction_id == inputs.interaction_id and not self._held:
@@ -145,7 +145,7 @@ class Previewer:
         border = self._services.fetch_drawn_border(inputs.interaction_id)
         answer = self._services.preview(border)
         border.area_m2 = answer.area_m2
-        preview = self._empty(inputs, answer.code, answer.message)
+        preview = self._empty(inputs, Notice(answer.code, message=answer.message))
         preview.values = answer.values
         preview.available, preview.success = True, answer.success
         preview.issues = [*answer.issues, *map(_issue, inputs.warnings)]
@@ -154,9 +154,9 @@ class Previewer:
         return preview
 
     @staticmethod
-    def _empty(inputs: PreviewInputs, code: str, message: str, values: Mapping[str, Any] = {}) -> BorderPreviewArray:
-        preview = BorderPreviewArray(interaction_id=inputs.interaction_id, code=code, message=message)
-        preview.values = values_from_mapping(values)
+    def _empty(inputs: PreviewInputs, said: Notice) -> BorderPreviewArray:
+        preview = BorderPreviewArray(interaction_id=inputs.interaction_id, code=said.code, message=said.message)
+        preview.values = values_from_mapping(said.values)
         preview.header.stamp = rospy.Time.now()
         preview.header.frame_id = names.MAP_FRAME
         preview.region.data = np.zeros(0, np.int8)
