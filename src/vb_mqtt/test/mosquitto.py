@@ -10,7 +10,7 @@ from pathlib import Path
 import paho.mqtt.client as paho
 
 from vb_evaluation.processes import free_port, spawn
-from vb_testing import is_listening, wait_until
+from vb_testing import TIMEOUT, is_listening, wait_until
 
 PROGRAM = "/usr/sbin/mosquitto"  # where Debian has it, which is in nobody's PATH but root's
 
@@ -64,8 +64,8 @@ class Hub:
         """The JSON on a topic; None if there is nothing."""
         return json.loads(self.messages[topic]) if self.messages.get(topic) else None
 
-    def wait(self, topic, condition, what):
-        wait_until(lambda: self.value(topic) is not None and condition(self.value(topic)), what)
+    def wait(self, topic, condition, what, timeout=TIMEOUT):
+        wait_until(lambda: self.value(topic) is not None and condition(self.value(topic)), what, timeout)
         return self.value(topic)
 
     def send(self, topic, payload, retain=False, qos=1):

@@ -21,7 +21,7 @@ import rostest
 from geometry_msgs.msg import Point
 
 from mosquitto import Hub, Mosquitto
-from vb_testing import Process, wait_until
+from vb_testing import TIMEOUT, Process, wait_until
 from vb_core import names
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
@@ -81,32 +81,29 @@ class MqttTest(unittest.TestCase):
     def shown(self, key):
         return self.hub.value(f"home/{key}")
 
-    def wait(self, key, condition, what):
-        return self.hub.wait(f"home/{key}", condition, what)
+    def wait(self, key, condition, what, timeout=TIMEOUT):
+        return self.hub.wait(f"home/{key}", condition, what, timeout)
 
-    def send(self, **fields):
+    def send(self, timeout=TIMEOUT, **fields):
         """Sends a message and waits for its answer."""
         fields = {"at": time.time(), "id": f"{random.getrandbits(64):x}", **fields}
         self.hub.send("home/command", fields)
-        return self.wait("answer", lambda answer: answer["id"] == fields["id"], f"an answer to {fields}")
+        return self.wait("answer", lambda answer: answer["id"] == fields["id"], f"an answer to {fields}", timeout)
 
     def give(self, command, **fields):
         return self.send(command=command, **fields)
 
     def is_done(self, command, **fields):
         """Gives a command and waits a second; one that a flood covers gets no answer."""
-        identity = f"{random.getrandbits(64):x}"
-        self.hub.send("home/command", {"command": command, "at": time.time(), "id": identity, **fields})
         try:
-            wait_until(lambda: (self.shown("answer") or {}).get("id") == identity, "an answer", 1.0)
+            return self.give(command, timeout=1.0, **fields)["event_type"] == "done"
         except AssertionError:
             return False
-        return self.shown("answer")["event_type"] == "done"
 
-    def refusal(self, payload, retain=False):
+    def refusal(self, payload):
         """Sends what is to be refused without being understood; returns the code."""
         self.hub.messages.pop("home/answer", None)
-        self.hub.send("home/command", payload, retain)
+        self.hub.send("home/command", payload)
         return self.wait("answer", lambda answer: answer["id"] == "", "a refusal")["code"]
 
     def add_border(self, name):
