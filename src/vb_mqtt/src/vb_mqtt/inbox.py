@@ -96,22 +96,20 @@ class Inbox:
         found = _read(payload)
         given = found.get("id", "")
         given = given if isinstance(given, str) and _TEXT.fullmatch(given) else ""
-        try:
-            return self._take(found, given, f"mqtt:{hashlib.blake2b(payload, digest_size=12).hexdigest()}", now)
-        except Refusal as refusal:
-            refusal.sender_id = given
-            raise
-
-    def _take(self, found: Dict[str, Any], given: str, digest: str, now: float) -> Optional[Request]:
+        digest = f"mqtt:{hashlib.blake2b(payload, digest_size=12).hexdigest()}"
         if found.get("command") == STOP:
             # a sender that gives each of its stops the same id must be obeyed all the same
             return Request(digest if {"id", "at"} <= set(found) else f"mqtt:{uuid.uuid4().hex}", given, STOP)
-        # a message without an id is told from the next one alike by its time
-        request = self._checked(found, f"mqtt:{given}" if given else digest, given, now)
-        if request.id in self._taken:
-            return None
-        if not self._limiter.allows("", now):
-            raise Refusal("mqtt_too_fast")
+        try:
+            # a message without an id is told from the next one alike by its time
+            request = self._checked(found, f"mqtt:{given}" if given else digest, given, now)
+            if request.id in self._taken:
+                return None
+            if not self._limiter.allows("", now):
+                raise Refusal("mqtt_too_fast")
+        except Refusal as refusal:
+            refusal.sender_id = given
+            raise
         self._taken.append(request.id)
         return request
 
