@@ -22,15 +22,9 @@ import numpy as np
 
 from bench.frame import Table, arguments, share
 from bench.voice.room import HALVES, RATE, Clip, Room, load, read_people, trimmed
-from vb_core.sounds import SOUNDS
+from vb_core.sounds import SOUNDS, TICK
 from vb_voice_wizard.confirmation import ANSWERS
-from vb_voice_wizard.recognizer import CommandRecognizer
-from vb_voice_wizard.voice.listener import Heard
-
-
-def commands(found: List[Heard]) -> List[str]:
-    """Lists the commands that were taken."""
-    return [heard.result.command for heard in found if heard.result.command]
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
 
 
 class Tally:
@@ -40,15 +34,14 @@ class Tally:
         self.figures: Dict[str, List[bool]] = defaultdict(list)
         self.wrong: List[str] = []
 
-    def other(self, where: str, clip: Clip, found: List[Heard]) -> None:
+    def other(self, where: str, clip: Clip, taken: List[RecognitionResult]) -> None:
         """Counts something that is no command, and whether it would be done at once or was only asked about."""
-        taken = [heard.result for heard in found if heard.result.command]
+        matters = [one for one in taken if one.certain and one.command in ANSWERS.values()]
         self.figures[f"other speech taken, {where}"].append(bool(taken))
-        self.figures["other speech done at once, that matters"].append(
-            any(one.certain and one.command in ANSWERS.values() for one in taken)
-        )
-        for one in taken:
-            self.wrong.append(f"{clip.kind}/{clip.name}, {where}: {one.command}, confidence {one.confidence:.2f}")
+        self.figures["other speech done at once, that matters"].append(bool(matters))
+        self.wrong += [
+            f"{clip.kind}/{clip.name}, {where}: {one.command}, confidence {one.confidence:.2f}" for one in taken
+        ]
 
 
 def judge_people(folder: Path, half: str, tally: Tally) -> None:
@@ -62,30 +55,30 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
     quiet, noisy, crowd = (Room(recognizer, noise) for noise in ([], [kitchen], talk[:4]))
     for number, clip in enumerate(stops):
         between = others[number % len(others)]
+        after = [trimmed(between.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
         for where, room in (("quiet", quiet), ("kitchen", noisy)):
-            tally.other(where, between, room.hear([between.pcm]))
-            tally.figures[f"stop, {where}"].append("stop" in commands(room.hear([clip.pcm])))
-            after = [trimmed(between.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
-            tally.figures[f"stop, 0.1 s after other speech, {where}"].append("stop" in commands(room.hear(after)))
-        sound, at = str(random.choice([name for name in SOUNDS if name != "tick"])), float(random.uniform(-0.8, 1.2))
-        beside = "stop" in commands(quiet.hear([clip.pcm], before=1.0, sound=sound, at=at))
-        if "stop" in commands(quiet.hear([clip.pcm], before=1.0)):
+            tally.other(where, between, room.hear(between.pcm))
+            tally.figures[f"stop, {where}"].append(room.hears_stop(clip.pcm))
+            tally.figures[f"stop, 0.1 s after other speech, {where}"].append(room.hears_stop(*after))
+        sound, at = str(random.choice([name for name in SOUNDS if name != TICK])), float(random.uniform(-0.8, 1.2))
+        beside = quiet.hears_stop(clip.pcm, before=1.0, sound=sound, at=at)
+        if quiet.hears_stop(clip.pcm, before=1.0):
             tally.figures["stop, beside a sound of ours"].append(beside)
         if number % 5 == 0:
-            quiet.hear([talk[(number + index) % len(talk)] for index in range(20)])
-            tally.figures["stop, after a minute of talk"].append("stop" in commands(quiet.hear([clip.pcm], before=2.0)))
-        tally.figures["stop, four people talking"].append("stop" in commands(crowd.hear([clip.pcm])))
+            quiet.hear(*(talk[(number + index) % len(talk)] for index in range(20)))
+            tally.figures["stop, after a minute of talk"].append(quiet.hears_stop(clip.pcm, before=2.0))
+        tally.figures["stop, four people talking"].append(crowd.hears_stop(clip.pcm))
     for clip in others[len(stops) :]:
-        tally.other("quiet", clip, quiet.hear([clip.pcm]))
-        tally.other("kitchen", clip, noisy.hear([clip.pcm]))
+        tally.other("quiet", clip, quiet.hear(clip.pcm))
+        tally.other("kitchen", clip, noisy.hear(clip.pcm))
 
 
 def judge_talk(folder: Path, tally: Tally) -> float:
     """Plays recordings one after the other, with short pauses; returns how long they are [h]."""
     room, random = Room(CommandRecognizer()), np.random.default_rng(1)
     for path in sorted(path for path in folder.rglob("*") if path.suffix in (".g722", ".flac", ".wav", ".ogg")):
-        clip = Clip(path.parent.name, path.stem, "", load(path))
-        tally.other("talk", clip, room.hear([clip.pcm], before=float(random.uniform(0.0, 0.5))))
+        clip = Clip(path.parent.name, path.stem, load(path))
+        tally.other("talk", clip, room.hear(clip.pcm, before=float(random.uniform(0.0, 0.5))))
     return room.seconds / 3600.0
 
 

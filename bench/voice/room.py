@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zlib
 from pathlib import Path
-from typing import Iterable, List, NamedTuple
+from typing import Any, Iterable, List, NamedTuple
 
 import av
 import numpy as np
@@ -13,8 +13,9 @@ import soxr
 
 from vb_feedback.sound.tone_synthesis import RATE as TONE_RATE
 from vb_feedback.sound.tone_synthesis import synthesize
-from vb_voice_wizard.recognizer import CommandRecognizer
-from vb_voice_wizard.voice.listener import CommandListener, Heard
+from vb_core.vocabulary import STOP
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
+from vb_voice_wizard.voice.listener import CommandListener
 
 RATE = 16000
 PIECE = RATE // 20  # a microphone's samples come in such pieces
@@ -29,7 +30,6 @@ class Clip(NamedTuple):
 
     kind: str
     name: str
-    speaker: str
     pcm: np.ndarray
 
 
@@ -50,11 +50,10 @@ def speaker(path: Path) -> str:
 
 def read_people(folder: Path, half: str) -> List[Clip]:
     """Reads the recordings of one half of the speakers."""
-    number = HALVES.index(half)
     return [
-        Clip(path.parent.name, path.stem, speaker(path), load(path))
+        Clip(path.parent.name, path.stem, load(path))
         for path in sorted(folder.glob("*/*"))
-        if zlib.crc32(speaker(path).encode()) % 2 == number
+        if zlib.crc32(speaker(path).encode()) % 2 == HALVES.index(half)
     ]
 
 
@@ -75,14 +74,16 @@ def power(pcm: np.ndarray) -> float:
 class Room:
     """A place with a background, in which one listener hears one thing after the other."""
 
-    def __init__(self, recognizer: CommandRecognizer, noise: Iterable[np.ndarray] = (), seed: int = 1) -> None:
+    def __init__(self, recognizer: CommandRecognizer, noise: Iterable[np.ndarray] = ()) -> None:
         self._listener = CommandListener(recognizer)
         self._noise = list(noise)
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(1)
         self._now = self.seconds = 0.0  # of what was played, without pauses between
 
-    def hear(self, clips: Iterable[np.ndarray], before: float = 0.5, sound: str = "", at: float = 0.0) -> List[Heard]:
-        """Streams recordings without a pause between them, then quiet; returns what became of each utterance.
+    def hear(
+        self, *clips: np.ndarray, before: float = 0.5, sound: str = "", at: float = 0.0
+    ) -> List[RecognitionResult]:
+        """Streams recordings without a pause between them, then quiet; returns what was taken for commands.
 
         Args:
             before: [s] of quiet before.
@@ -92,20 +93,22 @@ class Room:
         self.seconds += len(spoken) / RATE
         pcm = np.concatenate([np.zeros(int(before * RATE)), spoken, np.zeros(int(AFTER * RATE))])
         pcm += self._background(len(pcm), power(spoken))
-        plays = {}
+        begin = max(0, int((before + at) * RATE))
         if sound:
-            begin = max(0, int((before + at) * RATE))
             tone = soxr.resample(synthesize(sound).astype(float), TONE_RATE, RATE)[: len(pcm) - begin]
             pcm[begin : begin + len(tone)] += tone * (0.5 * PEAK / np.abs(tone).max())
-            plays[begin // PIECE] = sound
         found = []
         whole = np.pad(pcm, (0, -len(pcm) % PIECE)).clip(-32768, 32767).astype(np.int16)
         for number, piece in enumerate(whole.reshape(-1, PIECE)):
-            if number in plays:
-                self._listener.play(plays[number], self._now)
+            if sound and number == begin // PIECE:
+                self._listener.play(sound, self._now)
             self._now += PIECE / RATE
-            found += self._listener.push(piece, self._now)
+            found += [heard.result for heard in self._listener.push(piece, self._now) if heard.result.command]
         return found
+
+    def hears_stop(self, *clips: np.ndarray, **more: Any) -> bool:
+        """Returns whether a *stop* was heard in them."""
+        return any(one.command == STOP for one in self.hear(*clips, **more))
 
     def _background(self, count: int, loudness: float) -> np.ndarray:
         sound = self._random.normal(size=count) * 12.0  # the microphone's own
