@@ -88,6 +88,7 @@ def test_every_state_and_command_pair_is_answered(way, command):
         entered = ENTERING[command].collects if command in ENTERING else ""
         assert record is None and interaction.missing() == [part for part in missing if part != entered]
         assert interaction.interaction_id == identity or (not way and command in ENTERING)
+    assert bool(interaction.interaction_id) == (interaction.state != DEFAULT)
 
 
 @pytest.mark.parametrize("way", list(situations()))
@@ -95,7 +96,7 @@ def test_sensible_commands_are_accepted_and_lead_on(way):
     for command in after(*way).suggested_commands():
         assert after(*way).command(command, "test", 10.0).success
     sensible = after(*way).suggested_commands()
-    assert len(set(sensible)) == len(sensible)
+    assert len(set(sensible)) == len(sensible) and sensible[-1] == STOP
     assert (CANCEL in sensible) == bool(way)
     assert (SAVE in sensible) == (DEFINE_BORDER in way and DEFINE_SEED in way)
 
@@ -169,6 +170,8 @@ def test_time_that_jumps_back_takes_nothing_off():
     interaction.command(DEFINE_SEED, "a", 8.0)
     assert interaction.durations(9.0) == {GUIDE: 0.0, BORDER: 13.0, SEED: 1.0}
     assert interaction.started <= 5.0 and interaction.entered == 8.0
+    interaction.advance(2.0)
+    assert interaction.last_answered == 2.0 and not interaction.end_if_idle(301.0) and interaction.end_if_idle(303.0)
 
 
 steps = st.lists(
