@@ -97,13 +97,6 @@ class InputMethods(unittest.TestCase):
         self.set_time(begin + len(points) * FRAME_S)
         self.wait_for_manager()
 
-    def manager_has_the_time(self):
-        """Returns whether the manager knows the time: a command that changes nothing makes it say so at once."""
-        del self.state.all[:]
-        rospy.ServiceProxy(names.COMMAND, Command)(command="cancel", source="test")
-        stamp = self.state.wait(lambda message: True, "the state").header.stamp
-        return abs(stamp.to_sec() - self.now) < 1e-6
-
     def wait_for_manager(self):
         """Waits until the manager knows the time: it reaches each node by itself, and the next command counts from then."""
         self.state.wait(lambda message: abs(message.header.stamp.to_sec() - self.now) < 1e-6, "the manager's clock")
@@ -111,7 +104,7 @@ class InputMethods(unittest.TestCase):
     def interact(self, way, give):
         """Draws the carpet with commands given by `give`; keeps border and map, and takes the border out again."""
         self.set_time(1000.0 * (2 + len(self.found)))
-        wait_until(self.manager_has_the_time, "the manager's clock")
+        self.wait_for_manager()
         give(COMMANDS[0])
         identity = self.state.wait(lambda message: message.name == "border", f"{way}: the border state").interaction_id
         # spots count from when the border fusion knows the state too
