@@ -12,14 +12,14 @@ from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import COMMANDS
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
-from vb_voice_wizard.console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, keys_in, printable
+from vb_voice_wizard.console import COMMAND_KEYS, QUIT_KEY, WRONG, ConsoleContent, keys_in, printable
 
 
 def drawing(language="en"):
     return ConsoleContent(
         InteractionState(name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3),
         BorderProgress(
-            interaction_id="ab12", border_spots=120, seed_spots=3, ignored_spots=7, cameras_seeing_spot=["red"]
+            interaction_id="ab12", border_spots=120, seed_spots=3, ignored_spots=7, cameras_seeing_spot=["south"]
         ),
         BorderPreview(
             available=True,
@@ -44,11 +44,14 @@ def test_what_holds_is_said():
         "BORDER",
         "1:13",
         "120 border, 3 seed, 7 ignored",
-        "red",
+        "south",
         "restrict 2.50 m\u00b2",
         "! The robot stands",
     ):
         assert word in found, word
+    for view.preview.free_parts in (0, 1, 2):
+        split = view.words("preview_parts", parts=view.preview.free_parts)
+        assert (split in text(view)) == (view.preview.free_parts == 2)
     view.state.stopped, view.state.stopped_by, view.state.confirm_save = True, "voice", True
     view.state.ends_at = rospy.Time(145)
     view.notices = (Notice("stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
@@ -77,7 +80,10 @@ def test_a_refused_preview_is_not_said_twice():
     view = drawing()
     why = BorderIssue(severity=BorderIssue.ERROR, message="It separates nothing.")
     view.preview = BorderPreview(available=True, message="It separates nothing.", issues=[why])
-    assert text(view).count("It separates nothing.") == 1
+    assert text(view).count("It separates nothing.") == 1 and "restrict" not in text(view)
+    # an error that the sentence does not tell is told, as an error
+    why.message = "The seed lies in a wall."
+    assert [line.style for line in view.lines() if why.message in str(line)] == [WRONG]
 
 
 @pytest.mark.parametrize("escape", ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\x08\x08", "\r", "\n"])
