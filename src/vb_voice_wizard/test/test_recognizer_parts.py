@@ -17,20 +17,23 @@ from speech import RATE, room_noise, say, utterances
 STEP = CHUNK / RATE
 
 
-def spoken_at(spans):
-    """A detector of speech that knows where it is: [(start, end) s]; tells its chunks by counting."""
+def spoken_at(spans, faint=()):
+    """A detector of speech that knows where it is: [(start, end) s], and where it may be; tells its chunks by counting."""
     count = itertools.count()
 
     def probability(data):
         assert len(data) == 2 * CHUNK
         middle = (next(count) + 0.5) * STEP
-        return 0.9 if any(start <= middle < end for start, end in spans) else 0.1
+        levels = [0.9] * len(spans) + [0.4] * len(faint)
+        return max(
+            [level for (start, end), level in zip([*spans, *faint], levels) if start <= middle < end], default=0.1
+        )
 
     return probability
 
 
-def cut(spans, total, size=RATE // 20):
-    endpointer, pcm = Endpointer(spoken_at(spans)), numbered(total)
+def cut(spans, total, size=RATE // 20, faint=()):
+    endpointer, pcm = Endpointer(spoken_at(spans, faint)), numbered(total)
     found = [one for at in range(0, len(pcm), size) for one in endpointer.push(pcm[at : at + size])]
     return found
 
@@ -64,6 +67,11 @@ def test_a_click_is_no_utterance():
 
 def test_a_pause_within_a_phrase_does_not_end_it():
     assert len(cut([(1.0, 1.4), (1.55, 2.0)], 2.5)) == 1
+
+
+def test_speech_goes_on_where_it_is_too_faint_to_begin():
+    (found,) = cut([(1.0, 1.5)], 5.0, faint=[(1.5, 2.5), (3.5, 4.5)])
+    assert (found.start, found.end) == (pytest.approx(1.0, abs=STEP), pytest.approx(2.5, abs=STEP))
 
 
 def test_a_voice_is_found_and_noise_is_not():
