@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
 from vb_core.geometry import resample_chain
+from vb_core.grid_layers import sample
 from vb_core.grid_map import GridMap
 
 # move_base plans through no cell at or above this value (costmap_2d: inscribed obstacle)
@@ -112,13 +113,23 @@ def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
     """Returns whether a path (N, 2) [m] meets a region, (H, W) bool in the grid's geometry."""
+    return bool(_is_within(path, grid, region).any())
+
+
+def enters(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
+    """Returns whether a path (N, 2) [m] comes into a region from outside; one that begins within may leave it."""
+    within = _is_within(path, grid, region)
+    return bool((within[1:] & ~within[:-1]).any())
+
+
+def _is_within(path: np.ndarray, grid: GridMap, region: np.ndarray) -> np.ndarray:
+    """Returns (M,) bool: which places along a path are in a region; off the map none is."""
     path = np.asarray(path, dtype=float).reshape(-1, 2)
     if len(path) == 0:
-        return False
+        return np.zeros(0, dtype=bool)
     # half a cell: no cell wider than a sliver at its corner is stepped over
-    cells = grid.world_to_cell(resample_chain(path, grid.resolution / 2.0))
-    cells = cells[grid.contains_cells(cells)]
-    return bool(np.asarray(region, bool)[cells[:, 0], cells[:, 1]].any())
+    places = resample_chain(path, grid.resolution / 2.0)
+    return sample(grid, np.asarray(region, bool), places, outside=0.0) > 0
 
 
 def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -33,10 +33,11 @@ class Observer:
         self.prior: Optional[GridMap] = None
         self.posterior: Optional[GridMap] = None
         self.lab: Optional[LabState] = None
+        self.lab_at_save: Optional[LabState] = None  # of the first border that was saved
         self.detectors: Dict[str, DetectorStatus] = {}
         self.outcome: Optional[dict] = None
         self._subscribers = [
-            rospy.Subscriber(names.STATE, InteractionState, lambda m: setattr(self, "state", m)),
+            rospy.Subscriber(names.STATE, InteractionState, self._on_state),
             rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
             rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
             rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("prior", m)),
@@ -47,6 +48,11 @@ class Observer:
             rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.detectors.update({m.camera: m})),
             rospy.Subscriber("/sim/participant_done", String, self._on_done),
         ]
+
+    def _on_state(self, message: InteractionState) -> None:
+        self.state = message
+        if message.last_outcome == "saved" and self.lab_at_save is None:
+            self.lab_at_save = self.lab
 
     def _on_map(self, which: str, message) -> None:
         try:
