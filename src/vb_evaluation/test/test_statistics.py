@@ -32,7 +32,7 @@ def test_spss_as_in_fields_textbook(sunday_wednesday, z, r):
 
 def test_ecstasy_has_two_ties_with_zero_that_are_left_out():
     test = statistics.compare_paired(*ECSTASY).test
-    assert (test.n, test.zeros, test.w_plus, test.w_minus) == (8, 2, 0.0, 36.0)
+    assert (test.w_plus, test.w_minus) == (0.0, 36.0)  # the ranks 1 to 8
 
 
 def test_hollander_and_wolfe_exact_p_estimate_and_interval():
@@ -49,7 +49,7 @@ def test_rank_biserial_of_a_worked_example():
     found = statistics.compare_paired(
         [125, 115, 130, 140, 140, 115, 140, 125, 140, 135], [110, 122, 125, 120, 140, 124, 123, 137, 135, 145]
     )
-    assert (found.test.w_plus, found.test.w_minus, found.test.n) == (27.0, 18.0, 9)
+    assert (found.test.w_plus, found.test.w_minus) == (27.0, 18.0)
     assert found.rank_biserial == pytest.approx(0.2)
 
 

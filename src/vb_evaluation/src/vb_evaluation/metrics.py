@@ -55,7 +55,12 @@ def restricted_cells(prior: GridMap, posterior: GridMap) -> np.ndarray:
     """
     if not prior.same_geometry(posterior):
         raise CodedError("bad_map", "physical and posterior map differ in size, resolution or origin")
-    return (prior.data >= 0) & (prior.data < RESTRICTED) & (posterior.data >= RESTRICTED)
+    return free_cells(prior) & (posterior.data >= RESTRICTED)
+
+
+def free_cells(grid: GridMap) -> np.ndarray:
+    """Returns which cells of a map move_base plans through: (H, W) bool."""
+    return (grid.data >= 0) & (grid.data < RESTRICTED)
 
 
 @dataclass(frozen=True)
@@ -82,8 +87,7 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
     Returns:
         None if one of the two areas has no boundary on free floor.
     """
-    free = (prior.data >= 0) & (prior.data < RESTRICTED)
-    edges = [_edges(np.asarray(area, bool), free) * prior.resolution for area in (truth, restricted)]
+    edges = [_edges(np.asarray(area, bool), free_cells(prior)) * prior.resolution for area in (truth, restricted)]
     if not len(edges[0]) or not len(edges[1]):
         return None
     there, back = (cKDTree(edges[to]).query(edges[of])[0] for of, to in ((0, 1), (1, 0)))

@@ -9,7 +9,7 @@ import io
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import pandas
@@ -37,12 +37,10 @@ _FLAGS = {
 
 
 class Cell(NamedTuple):
-    """The runs of one scenario with one method; `published` are the paper's figures if it has them."""
+    """The runs of one scenario with one method; `published` are the paper's (Jaccard index, completeness), or nan."""
 
-    method: str
-    title: str
     runs: pandas.DataFrame
-    published: Optional[paper.PaperFigures]
+    published: Tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -94,24 +92,30 @@ class StudyResults:
         """(method, baseline) that are compared; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
 
-    def cells(self, **where: object) -> Iterator[Tuple[str, List[Cell]]]:
-        """Groups runs by scenario and method: (scenario's title, its runs by method) of each scenario; only the runs
-        with these values.
-        """
+    def by_scenario(self) -> Iterator[Tuple[str, pandas.DataFrame]]:
+        """Yields each scenario's title and runs."""
         for scenario in self.scenarios:
-            published = paper.PAPER.get(scenario)
-            yield (
-                self.scenario_title(scenario),
-                [
+            yield self.scenario_title(scenario), select(self.runs, scenario=scenario)
+
+    def rows(self, measure: Callable[[Cell], Mapping[str, Any]], **where: object) -> List[Dict[str, Any]]:
+        """Makes a table's rows, one for each scenario and method: both titles, and what is measured of its runs.
+
+        Args:
+            where: only the runs with these values are measured.
+        """
+        return [
+            {
+                "scenario": self.scenario_title(scenario),
+                "method": paper.method_title(method),
+                **measure(
                     Cell(
-                        method,
-                        paper.method_title(method),
-                        select(self.runs, scenario=scenario, method=method, **where),
-                        published if published is not None and method in published.jaccard else None,
+                        select(self.runs, scenario=scenario, method=method, **where), paper.published(scenario, method)
                     )
-                    for method in self.methods
-                ],
-            )
+                ),
+            }
+            for scenario in self.scenarios
+            for method in self.methods
+        ]
 
     @property
     def missing(self) -> List[str]:
@@ -232,9 +236,10 @@ def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
     return _FLAGS.get(text.lower())
 
 
-def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Writes a CSV file with a header; inverse of `read_sheet`."""
-    pandas.DataFrame(list(rows), columns=list(columns), dtype=object).to_csv(path, index=False, lineterminator="\n")
+def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], mode: str = "w") -> None:
+    """Writes a CSV file with a header; inverse of `read_sheet`. `mode` is that of `open`: "x" overwrites nothing."""
+    table = pandas.DataFrame(list(rows), columns=list(columns), dtype=object)
+    table.to_csv(path, index=False, lineterminator="\n", mode=mode)
 
 
 def read_meta(path: Path) -> Dict[str, Any]:
