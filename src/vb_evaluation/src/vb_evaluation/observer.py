@@ -46,7 +46,7 @@ class Observer:
             ),
             rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
             rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.detectors.update({m.camera: m})),
-            rospy.Subscriber("/sim/participant_done", String, self._on_done),
+            rospy.Subscriber("/sim/participant_done", String, lambda m: setattr(self, "outcome", json.loads(m.data))),
         ]
 
     def _on_state(self, message: InteractionState) -> None:
@@ -59,12 +59,6 @@ class Observer:
             setattr(self, which, messages.grid_from_message(message))
         except CodedError as error:
             rospy.logwarn("%s: %s", which, error)
-
-    def _on_done(self, message: String) -> None:
-        try:
-            self.outcome = json.loads(message.data)
-        except ValueError:
-            self.outcome = {"outcome": message.data}
 
     def plan(self, start: Tuple[float, float, float], goal: Tuple[float, float, float], service: str) -> np.ndarray:
         """Asks move_base for a plan between two poses [m, m, rad]: (N, 2) [m], empty if there is none.
