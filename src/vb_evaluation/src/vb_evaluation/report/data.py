@@ -164,7 +164,7 @@ def read_study(folder: Path) -> StudyResults:
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
     tables = {
-        name: read_table(folder / name, REQUIRED, conditions)
+        name: read_table(folder / name, conditions)
         for name, conditions in CONDITIONS.items()
         if (folder / name).is_file()
     }
@@ -204,17 +204,17 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
     return sheet[(sheet != "").any(axis=1)]
 
 
-def read_table(path: Path, required: Sequence[str], conditions: Sequence[str] = ()) -> pandas.DataFrame:
+def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
     """Reads a study's CSV file; measures that it lacks are unknown.
 
     Args:
-        conditions: columns that it must have too; of these "draw" is a number in every row.
+        conditions: columns that it must have too, a number in every row.
 
     Raises:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
-    table = read_sheet(path, (*required, *conditions))
-    for column in (*MEASURES, *_FURTHER, *({"draw"} & set(conditions))):
+    table = read_sheet(path, (*REQUIRED, *conditions))
+    for column in (*MEASURES, *_FURTHER, *conditions):
         text = table.get(column, pandas.Series("", table.index))
         numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(
             float
