@@ -10,23 +10,12 @@ import numpy as np
 
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
+from vb_evaluation.report.data import KEY, MEASURES
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
 WORLD = Path(__file__).resolve().parents[2] / "vb_sim" / "worlds" / "lab.yaml"
-MEASURES = [
-    "completed",
-    "time_guide_s",
-    "time_border_s",
-    "time_seed_s",
-    "time_total_s",
-    "jaccard",
-    "error_mean_cm",
-    "error_p95_cm",
-    "error_max_cm",
-    "order",
-]
-RUN_COLUMNS = ["participant", "scenario", "method", "seed", *MEASURES, "map"]
+RUN_COLUMNS = [*KEY, *MEASURES, "order", "map"]
 _BORDER_M = {"room": 0.7, "carpet": 6.5, "corner": 3.6}
 _PATH_M = {"room": 5.4, "carpet": 2.5, "corner": 3.0}
 

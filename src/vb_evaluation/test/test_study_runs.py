@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,20 +39,20 @@ def test_the_same_whatever_was_run_before():
     first = run(study, task)
     run(moments(0.1), RunTask(5, "corner", "nrs"))
     again = run(study, task)
-    assert [(spot.camera, spot.stamp) for spot in first.spots] == [(spot.camera, spot.stamp) for spot in again.spots]
+    seen = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]
+    assert seen[0] == seen[1]
     # the last bits of what OpenCV works out depend on where its arrays lie in memory
-    assert np.allclose([spot.position for spot in first.spots], [spot.position for spot in again.spots], atol=1e-6)
+    places = [[(spot.position.x, spot.position.y) for spot in result.spots] for result in (first, again)]
+    assert np.allclose(*places, atol=1e-6)
     assert len(first.spots) > 10 and np.allclose(first.path, again.path, atol=1e-6)
 
 
 def make_row(document, sources, job):
     """What a worker of these tests does instead of a run: a row that depends on job and configuration."""
     study = config.study_from_mapping(document, sources)
-    varied = study.changed(job.changes) if job.changes else study
-    row = {name: 0 for name in campaign.columns(job.file) if name != "revision"}
-    row.update(job.columns(study.design.seed), spots=int(varied.hash, 16) % 10**6)
-    row.update({"map": ""} if "map" in row else {})
-    return campaign.Outcome(job, row)
+    row = {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(study.design.seed)}
+    row["spots"] = int((study.changed(job.changes) if job.changes else study).hash, 16) % 10**6
+    return campaign.Outcome(job, {**row, "map": ""} if "map" in row else row)
 
 
 def test_the_same_with_any_number_of_processes(tmp_path):
@@ -64,13 +65,14 @@ def test_the_same_with_any_number_of_processes(tmp_path):
 
 INTERRUPTED = """
 import os, signal, sys, threading
+from test_study_runs import make_row
 from vb_evaluation.study import __main__ as command, campaign
 
 def work(document, sources, job):
     if job.order > 4:
         os.kill(int(os.environ["CONDUCTOR"]), signal.SIGINT)
         threading.Event().wait()  # a run that would never end
-    return campaign.Outcome(job, {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": ""})
+    return make_row(document, sources, job)
 
 os.environ["CONDUCTOR"] = str(os.getpid())
 campaign._work = work
@@ -86,6 +88,7 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         universal_newlines=True,
+        cwd=str(Path(__file__).parent),
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     )
     assert cut.returncode == 130, cut.stdout
@@ -93,11 +96,8 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout and done < 6
     assert "Traceback" not in cut.stdout and "failed" not in cut.stdout
 
-    def work(document, sources, job):
-        return campaign.Outcome(job, {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": ""})
-
     for folder in ("cut", "whole"):
-        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, console=QUIET, work=work) == 0
+        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, console=QUIET, work=make_row) == 0
     assert (tmp_path / "cut" / "runs.csv").read_bytes() == (tmp_path / "whole" / "runs.csv").read_bytes()
 
 
@@ -107,9 +107,9 @@ def test_indices_are_recomputed_from_the_areas_alone(tmp_path):
     shifted = np.roll(truth, 3, axis=1)
     prior = floor_plan.physical_map(STUDY.world)
 
-    def work(document, sources, job):
-        row = {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": "maps/p01_carpet.yaml"}
-        return campaign.Outcome(job, row, prior.with_data(np.where(shifted, np.int8(100), prior.data)))
+    def work(*given):
+        made, grid = make_row(*given), prior.with_data(np.where(shifted, np.int8(100), prior.data))
+        return campaign.Outcome(job, {**made.row, "map": "maps/p01_carpet.yaml"}, grid)
 
     assert campaign.run_jobs(moments(1.0), [job], tmp_path, console=QUIET, work=work) == 0
     areas = np.load(tmp_path / "areas.npz")

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
 from vb_core.geometry import resample_chain
+from vb_core.grid_layers import sample
 from vb_core.grid_map import GridMap
 
 # move_base plans through no cell at or above this value (costmap_2d: inscribed obstacle)
@@ -54,7 +55,12 @@ def restricted_cells(prior: GridMap, posterior: GridMap) -> np.ndarray:
     """
     if not prior.same_geometry(posterior):
         raise CodedError("bad_map", "physical and posterior map differ in size, resolution or origin")
-    return (prior.data >= 0) & (prior.data < RESTRICTED) & (posterior.data >= RESTRICTED)
+    return free_cells(prior) & (posterior.data >= RESTRICTED)
+
+
+def free_cells(grid: GridMap) -> np.ndarray:
+    """Returns which cells of a map move_base plans through: (H, W) bool."""
+    return (grid.data >= 0) & (grid.data < RESTRICTED)
 
 
 @dataclass(frozen=True)
@@ -81,8 +87,7 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
     Returns:
         None if one of the two areas has no boundary on free floor.
     """
-    free = (prior.data >= 0) & (prior.data < RESTRICTED)
-    edges = [_edges(np.asarray(area, bool), free) * prior.resolution for area in (truth, restricted)]
+    edges = [_edges(np.asarray(area, bool), free_cells(prior)) * prior.resolution for area in (truth, restricted)]
     if not len(edges[0]) or not len(edges[1]):
         return None
     there, back = (cKDTree(edges[to]).query(edges[of])[0] for of, to in ((0, 1), (1, 0)))
@@ -112,13 +117,23 @@ def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
     """Returns whether a path (N, 2) [m] meets a region, (H, W) bool in the grid's geometry."""
+    return bool(_is_within(path, grid, region).any())
+
+
+def enters(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
+    """Returns whether a path (N, 2) [m] comes into a region from outside; one that begins within may leave it."""
+    within = _is_within(path, grid, region)
+    return bool((within[1:] & ~within[:-1]).any())
+
+
+def _is_within(path: np.ndarray, grid: GridMap, region: np.ndarray) -> np.ndarray:
+    """Returns (M,) bool: which places along a path are in a region; off the map none is."""
     path = np.asarray(path, dtype=float).reshape(-1, 2)
     if len(path) == 0:
-        return False
+        return np.zeros(0, dtype=bool)
     # half a cell: no cell wider than a sliver at its corner is stepped over
-    cells = grid.world_to_cell(resample_chain(path, grid.resolution / 2.0))
-    cells = cells[grid.contains_cells(cells)]
-    return bool(np.asarray(region, bool)[cells[:, 0], cells[:, 1]].any())
+    places = resample_chain(path, grid.resolution / 2.0)
+    return sample(grid, np.asarray(region, bool), places, outside=0.0) > 0
 
 
 def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -33,10 +33,11 @@ class Observer:
         self.prior: Optional[GridMap] = None
         self.posterior: Optional[GridMap] = None
         self.lab: Optional[LabState] = None
+        self.lab_at_save: Optional[LabState] = None  # of the first border that was saved
         self.detectors: Dict[str, DetectorStatus] = {}
         self.outcome: Optional[dict] = None
         self._subscribers = [
-            rospy.Subscriber(names.STATE, InteractionState, lambda m: setattr(self, "state", m)),
+            rospy.Subscriber(names.STATE, InteractionState, self._on_state),
             rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
             rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
             rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("prior", m)),
@@ -45,20 +46,19 @@ class Observer:
             ),
             rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
             rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.detectors.update({m.camera: m})),
-            rospy.Subscriber("/sim/participant_done", String, self._on_done),
+            rospy.Subscriber("/sim/participant_done", String, lambda m: setattr(self, "outcome", json.loads(m.data))),
         ]
+
+    def _on_state(self, message: InteractionState) -> None:
+        self.state = message
+        if message.last_outcome == "saved" and self.lab_at_save is None:
+            self.lab_at_save = self.lab
 
     def _on_map(self, which: str, message) -> None:
         try:
             setattr(self, which, messages.grid_from_message(message))
         except CodedError as error:
             rospy.logwarn("%s: %s", which, error)
-
-    def _on_done(self, message: String) -> None:
-        try:
-            self.outcome = json.loads(message.data)
-        except ValueError:
-            self.outcome = {"outcome": message.data}
 
     def plan(self, start: Tuple[float, float, float], goal: Tuple[float, float, float], service: str) -> np.ndarray:
         """Asks move_base for a plan between two poses [m, m, rad]: (N, 2) [m], empty if there is none.

@@ -26,15 +26,11 @@ class SignedRank:
     """Wilcoxon signed-rank test of paired differences, two-sided.
 
     Attributes:
-        n: differences that are not zero, the ones that are ranked.
-        zeros: differences of zero, dropped.
-        w_plus, w_minus: sums of the ranks of positive and of negative differences.
+        w_plus, w_minus: sums of the ranks of positive and of negative differences; those of zero are dropped.
         z: of the smaller sum, at most 0; nan if nothing can be ranked.
         p_exact: by the distribution of all 2^n signs, ties included ("Exact Sig.").
     """
 
-    n: int
-    zeros: int
     w_plus: float
     w_minus: float
     z: float
@@ -110,9 +106,8 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
     """Tests differences (N,) by Wilcoxon's signed ranks; equal ones must be equal to the last bit to be ties."""
     differences = _sample(differences)
     ranked = differences[differences != 0.0]
-    n, zeros = len(ranked), len(differences) - len(ranked)
-    if n == 0:
-        return SignedRank(0, zeros, 0.0, 0.0, math.nan, 1.0 if zeros else math.nan)
+    if not len(ranked):
+        return SignedRank(0.0, 0.0, math.nan, 1.0 if len(differences) else math.nan)
     ranks = stats.rankdata(np.abs(ranked))
     w_plus, w_minus = float(ranks[ranked > 0].sum()), float(ranks[ranked < 0].sum())
     with warnings.catch_warnings():
@@ -121,7 +116,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
         found = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
     tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
     p_exact = min(1.0, 2.0 * float(tail))
-    return SignedRank(n, zeros, w_plus, w_minus, float(found.zstatistic), p_exact)
+    return SignedRank(w_plus, w_minus, float(found.zstatistic), p_exact)
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:

@@ -19,7 +19,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rosgraph
@@ -46,6 +46,17 @@ DRIVE_TIMEOUT = 120.0  # [s] for one goal; move_base gives up one that is out of
 READY_TIMEOUT = 90.0  # [s]
 INTERACTION_TIMEOUT = 900.0  # [s]
 PAGE_PORT = 8420  # of the page, if it is free
+# what is said of a result, by its code; the first two are those of a border that is respected
+VERDICTS = {
+    "went_round": "the robot went round the border",
+    "out_of_reach": "no way crosses the border: the goal is out of reach now",
+    "no_border": "no border came out",
+    "way_crosses": "the way still crosses the border",
+    "robot_entered": "the robot entered the border",
+    "saved_over_robot": "the robot stood where the border was saved, and did not leave: it proves nothing",
+    "goal_not_reached": "the robot did not get to the goal: {drive_outcome}",
+}
+RESPECTED = ("went_round", "out_of_reach")
 _LAUNCH = Path(__file__).resolve().parents[5] / "launch"
 
 
@@ -123,7 +134,7 @@ class Demo:
         before = observer.plan(start, goal, "/move_base/make_plan")
         self._follow(observer)
         saved = observer.state is not None and observer.state.last_outcome == "saved"
-        after, driven = np.zeros((0, 2)), GoalOutcome("not_sent")
+        after, drives = np.zeros((0, 2)), []
         if saved:
             # the map with the border was published before the state said "saved"; move_base's
             # costmap takes it a little later
@@ -135,10 +146,10 @@ class Demo:
                 5.0,
                 0.25,
             )
-            after, driven = plans[-1], self._drive(start, goal)
+            after, drives = plans[-1], self._drive(start, goal)
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
-        return self._conclude(observer, {"before": before, "after": after}, driven, saved)
+        return self._conclude(observer, {"before": before, "after": after}, drives)
 
     # ------------------------------------------------------------- starting
     def _launch(self) -> None:
@@ -250,8 +261,8 @@ class Demo:
                 if words:
                     self._print(words)
 
-    def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> GoalOutcome:
-        """Sends the robot to where the proof begins, and from there to its goal; returns the second drive."""
+    def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> List[GoalOutcome]:
+        """Sends the robot to where the proof begins, and from there to its goal; returns both drives."""
         runner = GoalRunner()
         first = runner.drive(start, DRIVE_TIMEOUT)
         if first.outcome != "reached":
@@ -262,7 +273,7 @@ class Demo:
         self._print(
             f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip()
         )
-        return driven
+        return [first, driven]
 
     def _save_map(self) -> None:
         try:
@@ -276,15 +287,21 @@ class Demo:
             self._print(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], driven: GoalOutcome, saved: bool) -> int:
-        """Writes summary and picture, and says whether the border is respected; returns what `main` does."""
+    def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
+        """Writes summary and picture, and says whether the border is respected; returns what `main` does.
+
+        Args:
+            plans: (N, 2) [m] the ways "before" and "after" the border.
+            drives: to where the proof begins, and to its goal; none if no border was saved.
+        """
         options, state, prior = self.options, observer.state, observer.prior
         region = metrics.restricted_cells(prior, observer.posterior)
         truth: Optional[np.ndarray] = floor_plan.ground_truth(options.world, options.scenario)
         if truth.shape != region.shape:
             truth = None
-        score = metrics.jaccard(truth, region) if saved and truth is not None else 0.0
+        score = metrics.jaccard(truth, region) if drives and truth is not None else 0.0
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
+        driven = drives[-1] if drives else GoalOutcome("not_sent")
         ways = {**plans, "driven": driven.path}
         summary = {
             "scenario": options.scenario.key,
@@ -292,7 +309,7 @@ class Demo:
             "world": options.world.name,
             "seed": options.seed,
             "navigation": options.navigation,
-            "completed": bool(saved),
+            "completed": bool(drives),
             "jaccard": round(score, 4),
             "time_s": {key: round(value, 2) for key, value in {**times, "total": sum(times.values())}.items()},
             **{f"path_{key}_m": round(chain_length(way), 3) if len(way) else None for key, way in ways.items()},
@@ -300,29 +317,39 @@ class Demo:
             "drive_outcome": driven.outcome,
             "drive_s": round(driven.seconds, 1),
         }
+        # from where it was when the border was saved: by that a robot that drove in differs from one that stood there
+        place = [(pose.x, pose.y) for pose in observer.lab_at_save.robot_poses[:1]] if observer.lab_at_save else []
+        way = np.vstack([np.reshape(place, (-1, 2)), *(drive.path for drive in drives)])
+        stays = metrics.crosses(way[-1:], prior, region)
+        verdict = summary["verdict"] = _verdict(summary, metrics.enters(way, prior, region), stays)
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
             for part, entry in value.items() if isinstance(value, dict) else [("", value)]:
                 table.add_row(f"{key} {part}".strip().replace("_", " "), "none" if entry is None else str(entry))
         self.console.print(table, f"written to {options.out}")
-        fault, gone = _fault(summary), "no way crosses the border: the goal is out of reach now"
-        praise = gone if summary["path_after_m"] is None else "the robot went round the border"
-        self.console.print(fault or praise, style="bold red" if fault else "bold green")
-        return 1 if fault else 0
+        respected = verdict in RESPECTED
+        self.console.print(VERDICTS[verdict].format(**summary), style="bold green" if respected else "bold red")
+        return 0 if respected else 1
 
 
-def _fault(summary: Dict[str, Any]) -> str:
-    """Says what is wrong with a result; empty if the border is respected."""
+def _verdict(summary: Dict[str, Any], entered: bool, stays: bool) -> str:
+    """Says what a result proves, one of VERDICTS.
+
+    Args:
+        entered: the robot came into the border from outside after it was saved; stays: it ended within.
+    """
     if not summary["completed"]:
-        return "no border came out"
+        return "no_border"
     if summary["path_after_crosses_border"]:
-        return "the way still crosses the border"
-    if summary["path_driven_crosses_border"]:
-        return "the robot entered the border"
-    if summary["path_after_m"] is not None and summary["drive_outcome"] != "reached":
-        return f"the robot did not get to the goal: {summary['drive_outcome']}"
-    return ""
+        return "way_crosses"
+    if entered:
+        return "robot_entered"
+    if stays:
+        return "saved_over_robot"
+    if summary["path_after_m"] is None:
+        return "out_of_reach"
+    return "went_round" if summary["drive_outcome"] == "reached" else "goal_not_reached"
 
 
 if __name__ == "__main__":

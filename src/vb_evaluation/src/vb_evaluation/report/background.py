@@ -7,7 +7,7 @@ from typing import List
 import pandas
 
 from vb_evaluation.report import effect_sizes, questionnaire
-from vb_evaluation.report.blocks import Block, Grid, Text
+from vb_evaluation.report.blocks import Block, Grid, Text, columns
 from vb_evaluation.report.data import WARNINGS, StudyResults, read_sheet
 
 
@@ -20,7 +20,7 @@ def participants_section(study: StudyResults) -> List[Block]:
         blocks.append(
             Grid(
                 "demographics",
-                {"question": "Question", "answers": f"Answers of {len(asked)} people"},
+                columns("question", "answers", answers=f"Answers of {len(asked)} people"),
                 [
                     {"question": column, "answers": _summary(answers[answers != ""])}
                     for column, answers in asked.items()
@@ -40,23 +40,15 @@ def participants_section(study: StudyResults) -> List[Block]:
         ]
         effect_sizes.add_holm(rows[: len(questionnaire.STATEMENTS)])
         effect_sizes.add_holm(rows[len(questionnaire.STATEMENTS) :])
-        columns = {
-            "statement": "Statement",
-            "nrs": "Network robot system",
-            "robot_only": "Robot only",
-            "shift": "Difference",
-            "z": "Z",
-            "p": "exact p",
-            "holm": "p (Holm)",
-            "r": "r",
-            "n": "People",
-        }
+        heads = columns(
+            "statement", "nrs", "robot_only", "shift", "z", "p", "holm", "r", "n", shift="Difference", n="People"
+        )
         blocks += [
             Text(
                 "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
                 "Wilcoxon signed-rank test; Holm over the statements and over the scales."
             ),
-            Grid("questionnaire", columns, rows, {"z": 3}),
+            Grid("questionnaire", heads, rows, {"z": 3}),
             Text(f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}."),
         ]
     return blocks

@@ -23,6 +23,25 @@ class Figure:
     images: Sequence[Tuple[str, str]]
 
 
+# headings that are not the column's key with a capital
+HEADINGS = {
+    "n": "Pairs",
+    "nrs": "Network robot system",
+    "p": "exact p",
+    "holm": "p (Holm)",
+    "z": "Z",
+    "r": "r",
+    "rank_biserial": "rank-biserial",
+    "speedup": "Speed-up",
+}
+
+
+def columns(*keys: str, **headings: str) -> Dict[str, str]:
+    """Returns a table's columns with their headings: those given here, those of HEADINGS, or the key with a capital."""
+    known = {**HEADINGS, **headings}
+    return {key: known.get(key, key.replace("_", " ").capitalize()) for key in keys}
+
+
 @dataclass(frozen=True)
 class Grid:
     """A table.

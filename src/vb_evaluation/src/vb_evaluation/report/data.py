@@ -9,7 +9,7 @@ import io
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import pandas
@@ -37,12 +37,10 @@ _FLAGS = {
 
 
 class Cell(NamedTuple):
-    """The runs of one scenario with one method; `published` are the paper's figures if it has them."""
+    """The runs of one scenario with one method; `published` are the paper's (Jaccard index, completeness), or nan."""
 
-    method: str
-    title: str
     runs: pandas.DataFrame
-    published: Optional[paper.PaperFigures]
+    published: Tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -94,24 +92,30 @@ class StudyResults:
         """(method, baseline) that are compared; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
 
-    def cells(self, **where: object) -> Iterator[Tuple[str, List[Cell]]]:
-        """Groups runs by scenario and method: (scenario's title, its runs by method) of each scenario; only the runs
-        with these values.
-        """
+    def by_scenario(self) -> Iterator[Tuple[str, pandas.DataFrame]]:
+        """Yields each scenario's title and runs."""
         for scenario in self.scenarios:
-            published = paper.PAPER.get(scenario)
-            yield (
-                self.scenario_title(scenario),
-                [
+            yield self.scenario_title(scenario), select(self.runs, scenario=scenario)
+
+    def rows(self, measure: Callable[[Cell], Mapping[str, Any]], **where: object) -> List[Dict[str, Any]]:
+        """Makes a table's rows, one for each scenario and method: both titles, and what is measured of its runs.
+
+        Args:
+            where: only the runs with these values are measured.
+        """
+        return [
+            {
+                "scenario": self.scenario_title(scenario),
+                "method": paper.method_title(method),
+                **measure(
                     Cell(
-                        method,
-                        paper.method_title(method),
-                        select(self.runs, scenario=scenario, method=method, **where),
-                        published if published is not None and method in published.jaccard else None,
+                        select(self.runs, scenario=scenario, method=method, **where), paper.published(scenario, method)
                     )
-                    for method in self.methods
-                ],
-            )
+                ),
+            }
+            for scenario in self.scenarios
+            for method in self.methods
+        ]
 
     @property
     def missing(self) -> List[str]:
@@ -160,7 +164,7 @@ def read_study(folder: Path) -> StudyResults:
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
     tables = {
-        name: read_table(folder / name, REQUIRED, conditions)
+        name: read_table(folder / name, conditions)
         for name, conditions in CONDITIONS.items()
         if (folder / name).is_file()
     }
@@ -200,17 +204,17 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
     return sheet[(sheet != "").any(axis=1)]
 
 
-def read_table(path: Path, required: Sequence[str], conditions: Sequence[str] = ()) -> pandas.DataFrame:
+def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
     """Reads a study's CSV file; measures that it lacks are unknown.
 
     Args:
-        conditions: columns that it must have too; of these "draw" is a number in every row.
+        conditions: columns that it must have too, a number in every row.
 
     Raises:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
-    table = read_sheet(path, (*required, *conditions))
-    for column in (*MEASURES, *_FURTHER, *({"draw"} & set(conditions))):
+    table = read_sheet(path, (*REQUIRED, *conditions))
+    for column in (*MEASURES, *_FURTHER, *conditions):
         text = table.get(column, pandas.Series("", table.index))
         numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(
             float
@@ -232,9 +236,10 @@ def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
     return _FLAGS.get(text.lower())
 
 
-def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Writes a CSV file with a header; inverse of `read_sheet`."""
-    pandas.DataFrame(list(rows), columns=list(columns), dtype=object).to_csv(path, index=False, lineterminator="\n")
+def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], mode: str = "w") -> None:
+    """Writes a CSV file with a header; inverse of `read_sheet`. `mode` is that of `open`: "x" overwrites nothing."""
+    table = pandas.DataFrame(list(rows), columns=list(columns), dtype=object)
+    table.to_csv(path, index=False, lineterminator="\n", mode=mode)
 
 
 def read_meta(path: Path) -> Dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report.blocks import Block, Grid
+from vb_evaluation.report.blocks import Block, Grid, columns
 from vb_evaluation.report.data import StudyResults, known, pairs, select
 from vb_evaluation.statistics import Interval
 
@@ -47,26 +47,18 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
     if not study.people or len(study.methods) < 2:
         return []
     rows = []
-    for scenario in study.scenarios:
-        samples = pairs(select(study.runs, scenario=scenario), column, study.comparison, completed)
+    for title, here in study.by_scenario():
+        samples = pairs(here, column, study.comparison, completed)
         if len(samples[0]):
-            rows.append({"scenario": study.scenario_title(scenario), **test_row(statistics.compare_paired(*samples))})
+            rows.append({"scenario": title, **test_row(statistics.compare_paired(*samples))})
     add_holm(rows)
-    columns = {
-        "scenario": "Scenario",
-        "n": "Pairs",
-        "z": "Z",
-        "p": "exact p",
-        "holm": "p (Holm)",
-        "r": "r",
-        "rank_biserial": "rank-biserial",
-        "shift": f"Difference {f'[{unit}]' if unit else ''}",
-    }
+    keys = ("scenario", "n", "z", "p", "holm", "r", "rank_biserial", "shift")
     words = (
         "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), "
         "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Holm: corrected over this table."
     )
-    return [Grid(f"test_{column}", columns, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
+    heads = columns(*keys, shift=f"Difference {f'[{unit}]' if unit else ''}")
+    return [Grid(f"test_{column}", heads, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
 
 
 def test_row(found: statistics.PairedComparison) -> dict:

@@ -9,15 +9,14 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, maps, paper
-from vb_evaluation.report.blocks import Block, Figure, Grid, Text
-from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs, select
+from vb_evaluation.report.blocks import Block, Figure, Grid, Text, columns
+from vb_evaluation.report.data import ERRORS, STATES, Cell, StudyResults, known, pairs, select
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 # measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
 # that the paper calls not notable in practice
 MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
 POINTS = 10  # of completeness [percentage points]
-_WHICH = {"scenario": "Scenario", "method": "Method"}
 _WHY = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
@@ -54,30 +53,28 @@ def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str)
                 "completed": effect_sizes.completed_more(here, both),
             }
         )
-    columns = {
-        "scenario": "Scenario",
-        "pairs": "Pairs",
-        "error": "Mean boundary error [cm]",
-        "time": "Time [s]",
-        "speedup": "Speed-up",
-        "jaccard": "Jaccard index",
-        "completed": "Completed [points]",
-    }
-    return Grid(name, columns, rows, {"error": 1, "time": 1, "jaccard": 3, "completed": 0}, words=words)
+    keys = ("scenario", "pairs", "error", "time", "speedup", "jaccard", "completed")
+    heads = columns(
+        *keys,
+        error="Mean boundary error [cm]",
+        time="Time [s]",
+        jaccard="Jaccard index",
+        completed="Completed [points]",
+    )
+    return Grid(name, heads, rows, {"error": 1, "time": 1, "jaccard": 3, "completed": 0}, words=words)
 
 
 def not_worse_blocks(study: StudyResults) -> List[Block]:
     """Says whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
     rows: List[Dict[str, Any]] = []
-    for scenario in study.scenarios:
-        here = select(study.runs, scenario=scenario)
+    for title, here in study.by_scenario():
         for column, (words, margin, sign, digits) in MARGINS.items():
             first, second = pairs(here, column, study.comparison, True)
             interval = effect_sizes.shift(here, column, study.comparison, True, 0.9).scaled(sign)
             low, high = sorted((interval.low, interval.high))
             rows.append(
                 {
-                    "scenario": study.scenario_title(scenario),
+                    "scenario": title,
                     "measure": words,
                     "gain": statistics.Interval(interval.estimate, low, high, interval.confidence).text(digits),
                     "margin": f"{margin:g}",
@@ -95,107 +92,75 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
     rows[-1].update(
         reading=reading, equivalent="yes" if reading == "not worse" and points.high < POINTS else "no", n=""
     )
-    columns = {"scenario": "Scenario", "measure": "Measure", "gain": "Gain [90 %]", "margin": "Margin"}
-    columns.update(reading="Reading", equivalent="Equivalent", n="Pairs")
-    if study.people:
-        columns["holm"] = "p (Holm)"
+    keys = ["scenario", "measure", "gain", "margin", "reading", "equivalent", "n", *(["holm"] if study.people else [])]
     words = (
         "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
         "5 %; equivalent: within both margins (two one-sided tests). Accuracy: who completed both."
     )
-    return [Grid("not_worse", columns, rows, words=words)]
+    return [Grid("not_worse", columns(*keys, gain="Gain [90 %]"), rows, words=words)]
 
 
 def error_section(study: StudyResults) -> List[Block]:
     """Reports the boundary error in centimetres."""
-    rows = []
-    for title, cells in study.cells(completed=1):
-        for cell in cells:
-            worst = known(cell.runs, "error_max_cm")
-            rows.append(
-                {
-                    "scenario": title,
-                    "method": cell.title,
-                    "worst": float(worst.max()) if len(worst) else math.nan,
-                    "runs": len(worst),
-                    **{column: statistics.median(known(cell.runs, column)) for column in ERRORS},
-                }
-            )
+
+    def measure(cell: Cell) -> Dict[str, Any]:
+        worst = known(cell.runs, "error_max_cm")
+        medians = {column: statistics.median(known(cell.runs, column)) for column in ERRORS}
+        return {**medians, "worst": float(worst.max()) if len(worst) else math.nan, "runs": len(worst)}
+
+    rows = study.rows(measure, completed=1)
     if not any(row["runs"] for row in rows):
         return []
-    columns = {
-        **_WHICH,
-        **{key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS},
-        "worst": "worst run's largest [cm]",
-        "runs": "Runs",
-    }
+    errors = {key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS}
+    heads = columns("scenario", "method", *ERRORS, "worst", "runs", **errors, worst="worst run's largest [cm]")
     return [
         Text(
             "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
             "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
             "over runs with bootstrap intervals."
         ),
-        Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
+        Grid("error", heads, rows, {key: 1 for key in (*ERRORS, "worst")}),
         *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True),
     ]
 
 
 def time_section(study: StudyResults) -> List[Block]:
     """Reports interaction time by state."""
-    rows: List[Dict[str, Any]] = []
-    for title, cells in study.cells():
-        rows += [
-            {
-                "scenario": title,
-                "method": cell.title,
-                "total": statistics.mean(known(cell.runs, "time_total_s")),
-                "runs": len(cell.runs),
-                **{state: float(cell.runs[f"time_{state}_s"].mean()) for state in STATES},
-            }
-            for cell in cells
-        ]
-    columns = {
-        **_WHICH,
-        **{state: f"{state.capitalize()} [s]" for state in STATES},
-        "total": "Total, mean [s]",
-        "runs": "Runs",
-    }
+
+    def measure(cell: Cell) -> Dict[str, Any]:
+        states = {state: float(cell.runs[f"time_{state}_s"].mean()) for state in STATES}
+        return {**states, "total": statistics.mean(known(cell.runs, "time_total_s")), "runs": len(cell.runs)}
+
+    states = {state: f"{state.capitalize()} [s]" for state in STATES}
+    heads = columns("scenario", "method", *STATES, "total", "runs", **states, total="Total, mean [s]")
     return [
         Text(
             "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
             "attempts that were cancelled included (paper, Sect. 5.5)."
         ),
-        Grid("time", columns, rows, {key: 1 for key in (*STATES, "total")}),
+        Grid("time", heads, study.rows(measure), {key: 1 for key in (*STATES, "total")}),
         *effect_sizes.test_blocks(study, "time_total_s", "s", False),
     ]
 
 
 def accuracy_section(study: StudyResults) -> List[Block]:
     """Reports the paper's Jaccard index, with representative maps."""
-    rows = []
-    for title, cells in study.cells(completed=1):
-        for cell in cells:
-            done = known(cell.runs, "jaccard")
-            published = cell.published.jaccard[cell.method] if cell.published else math.nan
-            rows.append(
-                {
-                    "scenario": title,
-                    "method": cell.title,
-                    "runs": len(done),
-                    "median": statistics.median(done),
-                    "least": float(done.min()) if len(done) else math.nan,
-                    "paper": published,
-                }
-            )
+
+    def measure(cell: Cell) -> Dict[str, Any]:
+        done = known(cell.runs, "jaccard")
+        least = float(done.min()) if len(done) else math.nan
+        return {"median": statistics.median(done), "least": least, "paper": cell.published[0], "runs": len(done)}
+
+    rows = study.rows(measure, completed=1)
     images, notes = maps.representatives(study)
-    columns = {**_WHICH, "median": "Median", "least": "Smallest", "paper": "Paper", "runs": "Runs"}
+    heads = columns("scenario", "method", "median", "least", "paper", "runs", least="Smallest")
     blocks: List[Block] = [
         Text("Restricted cells against those that were asked for, over completed runs."),
         Text(
             "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
             "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart."
         ),
-        Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
+        Grid("accuracy", heads, rows, {"median": 3, "least": 3, "paper": 3}),
         *effect_sizes.test_blocks(study, "jaccard", "", True),
     ]
     if images:
@@ -211,23 +176,16 @@ def accuracy_section(study: StudyResults) -> List[Block]:
 
 def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
-    rows: List[Dict[str, Any]] = []
-    for title, cells in study.cells():
-        for cell in cells:
-            done = known(cell.runs, "completed")
-            rows.append(
-                {
-                    "scenario": title,
-                    "method": cell.title,
-                    "completed": f"{int(done.sum())} of {len(done)}",
-                    "share": statistics.proportion(int(done.sum()), len(done)).scaled(100.0),
-                    "paper": 100 * cell.published.completeness if cell.published else math.nan,
-                }
-            )
-    columns = {**_WHICH, "completed": "Completed", "share": "Share [%]", "paper": "Paper [%]"}
+
+    def measure(cell: Cell) -> Dict[str, Any]:
+        done = known(cell.runs, "completed")
+        share = statistics.proportion(int(done.sum()), len(done)).scaled(100.0)
+        return {"completed": f"{int(done.sum())} of {len(done)}", "share": share, "paper": 100 * cell.published[1]}
+
+    heads = columns("scenario", "method", "completed", "share", "paper", share="Share [%]", paper="Paper [%]")
     return [
         Text("Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals."),
-        Grid("completeness", columns, rows, {"share": 0, "paper": 1}),
+        Grid("completeness", heads, study.rows(measure), {"share": 0, "paper": 1}),
         *_who_completed(study),
         *_what_became(study),
     ]
@@ -238,22 +196,16 @@ def _who_completed(study: StudyResults) -> List[Block]:
     if len(study.methods) < 2:
         return []
     rows: List[Dict[str, Any]] = []
-    for scenario in study.scenarios:
-        found = statistics.compare_completed(
-            *pairs(select(study.runs, scenario=scenario), "completed", study.comparison)
-        )
-        p = found.pop("p")
-        rows.append({"scenario": study.scenario_title(scenario), **found, "p": statistics.format_p(p), "p_value": p})
-    columns = {
-        "scenario": "Scenario",
-        "both": "With both",
-        "first": f"Only {paper.method_title(study.methods[0]).lower()}",
-    }
-    columns.update(second=f"Only {paper.method_title(study.methods[-1]).lower()}", neither="With neither")
+    for title, here in study.by_scenario():
+        found = statistics.compare_completed(*pairs(here, "completed", study.comparison))
+        rows.append({"scenario": title, **found, "p": statistics.format_p(found["p"]), "p_value": found["p"]})
+    titles = [f"Only {paper.method_title(method).lower()}" for method in study.comparison]
     if study.people:
         effect_sizes.add_holm(rows)
-        columns.update(p="p (McNemar, exact)", holm="p (Holm)")
-    return [Grid("who_completed", columns, rows)]
+    keys = ("scenario", "both", "first", "second", "neither", *(("p", "holm") if study.people else ()))
+    titles = dict(zip(("first", "second"), titles), both="With both", neither="With neither")
+    heads = columns(*keys, **titles, p="p (McNemar, exact)")
+    return [Grid("who_completed", heads, rows)]
 
 
 def _what_became(study: StudyResults) -> List[Block]:
@@ -261,15 +213,13 @@ def _what_became(study: StudyResults) -> List[Block]:
     if "outcome" not in study.runs:
         return []
     there = list(dict.fromkeys(study.runs.outcome))
-    rows = []
-    for title, cells in study.cells():
-        for cell in cells:
-            counts = {name: int((cell.runs.outcome == name).sum()) for name in there}
-            noted = {name: int((cell.runs[name] > 0).sum()) for name in ("helped", "problems")}
-            rows.append({"scenario": title, "method": cell.title, **counts, **noted})
-    columns = {**_WHICH, **{name: name.replace("_", " ").capitalize() for name in there}}
-    if study.people:
-        columns.update(helped="With help", problems="With a problem of the system")
+
+    def measure(cell: Cell) -> Dict[str, Any]:
+        counts = {name: int((cell.runs.outcome == name).sum()) for name in there}
+        return {**counts, **{name: int((cell.runs[name] > 0).sum()) for name in ("helped", "problems")}}
+
+    keys = ("scenario", "method", *there, *(("helped", "problems") if study.people else ()))
+    heads = columns(*keys, helped="With help", problems="With a problem of the system")
     failed = study.runs[study.runs.completed == 0]
     why = [name for name in _WHY if name in failed and failed[name].notna().any()]
     listed = [
@@ -281,5 +231,5 @@ def _what_became(study: StudyResults) -> List[Block]:
         }
         for row in failed.to_dict("records")
     ]
-    names = {"participant": "Person", **_WHICH, **{name: name.replace("_", " ").capitalize() for name in why}}
-    return [Grid("outcomes", columns, rows), Grid("not_completed", names, listed)]
+    names = columns("participant", "scenario", "method", *why, participant="Person")
+    return [Grid("outcomes", heads, study.rows(measure)), Grid("not_completed", names, listed)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Dict, Mapping, NamedTuple, Optional
+import math
+from typing import Dict, Mapping, NamedTuple, Optional, Tuple
 
 CITATION = (
     "D. Sprute, K. Tönnies, M. König: Interactive Restriction of a Mobile Robot's Workspace in a Smart Home "
@@ -34,6 +35,12 @@ PAPER: Dict[str, PaperFigures] = {
 }
 METHOD_TITLES = {"nrs": "Network robot system", "robot_only": "Robot only"}
 METHODS = ("nrs", "robot_only")
+
+
+def published(scenario: str, method: str) -> Tuple[float, float]:
+    """Returns the paper's (Jaccard index, completeness) of a scenario with a method; nan where it has none."""
+    found = PAPER.get(scenario)
+    return (found.jaccard[method], found.completeness) if found and method in found.jaccard else (math.nan, math.nan)
 
 
 def scenario_title(key: str) -> str:

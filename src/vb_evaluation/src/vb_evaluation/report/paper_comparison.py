@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper
-from vb_evaluation.report.blocks import Block, Grid, Text
+from vb_evaluation.report.blocks import Block, Grid, Text, columns
 from vb_evaluation.report.data import StudyResults, known, pairs, select
 from vb_evaluation.report.paper import METHODS, PAPER
 from vb_evaluation.statistics import Interval
@@ -23,14 +23,16 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
     if not rows:
         return []
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
-    columns = {
-        "scenario": "Scenario",
-        "quantity": "Quantity",
-        "paper": "Paper",
-        "here": "Here [95 %]",
-        "difference": "Here minus paper",
-        "reading": "Reading",
-    }
+    heads = columns(
+        "scenario",
+        "quantity",
+        "paper",
+        "here",
+        "difference",
+        "reading",
+        here="Here [95 %]",
+        difference="Here minus paper",
+    )
     return [
         Text(f"{paper.CITATION}. It measured 15 people in a real lab."),
         Text(
@@ -38,7 +40,7 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
             "people do better than real people is wrong in that figure, too. "
             f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
         ),
-        Grid("beside_the_paper", columns, rows),
+        Grid("beside_the_paper", heads, rows),
     ]
 
 

@@ -8,7 +8,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import paper
-from vb_evaluation.report.blocks import Block, Grid, Text
+from vb_evaluation.report.blocks import Block, Grid, Text, columns
 from vb_evaluation.report.data import DRAWS, WORLDS, StudyResults, read_sheet, select
 
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exactly
@@ -33,7 +33,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         ),
         Grid(
             "worlds",
-            {"conclusion": "Conclusion", "worlds": "Worlds", "holds": "holds in [%] of worlds", "n": "Number"},
+            columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number"),
             conclusions(study, both),
             {"holds": 0},
             words="Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "

@@ -14,7 +14,7 @@ import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
 
 import joblib
 import numpy as np
@@ -103,8 +103,9 @@ def run_jobs(
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
     failed = 0
     made_with = revision()
-    outcomes = _carry_out(study, waiting, processes, work or _work)
+    parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
     try:
+        outcomes = parallel(joblib.delayed(work or _work)(study.document, study.sources, job) for job in waiting)
         for outcome in track(outcomes, "study", len(waiting), console=console):
             job = outcome.job
             if outcome.row is None:
@@ -132,12 +133,6 @@ def run_jobs(
 def _row(folder: Path, job: Job) -> Path:
     """Returns the file of a run's row: there is one once the run is done, so that nothing is ever half written."""
     return folder / ROWS / f"{job.name}.json"
-
-
-def _carry_out(study: Study, jobs: Sequence[Job], processes: int, work: Work) -> Iterator[Outcome]:
-    """Yields the outcomes, as they come."""
-    parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
-    yield from parallel(joblib.delayed(work)(study.document, study.sources, job) for job in jobs)
 
 
 def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:

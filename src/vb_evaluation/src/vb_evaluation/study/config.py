@@ -17,7 +17,7 @@ import rospkg
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
+from vb_evaluation.study.people import KINDS, Streams, Traits, draw, draw_traits
 from vb_sim.models import Models, read_document, read_models
 from vb_sim.room.world import World, world_from_mapping
 
@@ -73,7 +73,7 @@ class Study:
 
     def traits(self, participant: int) -> Traits:
         """Draws a participant, numbered from 1."""
-        return Population(self.document["participants"], self.models.participant).draw(self.streams(participant))
+        return draw_traits(self.document["participants"], self.models.participant, self.streams(participant))
 
     def marks(self, participant: int, scenario: str) -> Tuple[float, float, float]:
         """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map.

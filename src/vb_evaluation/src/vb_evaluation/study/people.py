@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Callable, Dict, Mapping, Tuple, Type
 
 import numpy as np
@@ -77,8 +77,8 @@ _KINDS: Dict[str, Callable[[np.random.Generator, float, float], float]] = {
 KINDS = {"mixture", "scaled", *_KINDS}
 
 
-class Population:
-    """Draws participants: each trait from its own distribution.
+def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: Streams) -> Traits:
+    """Draws a participant, each trait from its own distribution; the same for the same streams.
 
     Args:
         settings: the section `participants` of the configuration. `traits` and `body`: a key of that section of
@@ -88,40 +88,32 @@ class Population:
     Raises:
         ParameterError: names the key.
     """
-
-    def __init__(self, settings: Mapping[str, Any], model: ParticipantModel) -> None:
-        for key in settings:
-            if key not in ("traits", "body", "stand_offset", "margin"):
-                raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
-        self._model, self._settings = model, settings
-        self._traits, self._body = (settings.get(part) or {} for part in ("traits", "body"))
-        for part, specs, kind in (("traits", self._traits, ParticipantModel), ("body", self._body, BodyProportions)):
-            for key in specs:
-                if key not in [field.name for field in fields(kind)]:
-                    raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
-
-    def draw(self, streams: Streams) -> Traits:
-        """Draws a participant; the same for the same streams."""
-        values: Dict[str, Any] = {
-            key: draw(f"participants/traits/{key}", spec, streams(key)) for key, spec in self._traits.items()
+    for key in settings:
+        if key not in ("traits", "body", "stand_offset", "margin"):
+            raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
+    drawn: Dict[str, Dict[str, Any]] = {}
+    for part, kind, stream in (("traits", ParticipantModel, ""), ("body", BodyProportions, "body ")):
+        specs = settings.get(part) or {}
+        for key in specs:
+            if key not in [field.name for field in fields(kind)]:
+                raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
+        drawn[part] = {
+            key: draw(f"participants/{part}/{key}", spec, streams(stream + key)) for key, spec in specs.items()
         }
-        for key in ("drawing_speed", "tremor_band"):
-            # models.yaml gives these as ranges; a person has one speed
-            if key in values:
-                values[key] = (values[key], values[key])
-        mapping = {**{field.name: getattr(self._model, field.name) for field in fields(self._model)}, **values}
-        body = {key: draw(f"participants/body/{key}", spec, streams(f"body {key}")) for key, spec in self._body.items()}
-        stand = streams("stand")
-        offset = tuple(self._length("stand_offset", stand) for _ in range(2))
-        return Traits(
-            ParticipantModel(**_possible(ParticipantModel, mapping)),
-            BodyProportions(**_possible(BodyProportions, body)),
-            offset,
-            self._length("margin", streams("margin")),
-        )
+    traits = drawn["traits"]
+    # models.yaml gives these as ranges; a person has one speed
+    traits.update({key: (traits[key],) * 2 for key in ("drawing_speed", "tremor_band") if key in traits})
 
-    def _length(self, key: str, rng: np.random.Generator) -> float:
-        return draw(f"participants/{key}", self._settings.get(key, 0.0), rng)
+    def length(key: str, rng: np.random.Generator) -> float:
+        return draw(f"participants/{key}", settings.get(key, 0.0), rng)
+
+    stand = streams("stand")
+    return Traits(
+        replace(model, **_possible(ParticipantModel, traits)),
+        BodyProportions(**_possible(BodyProportions, drawn["body"])),
+        (length("stand_offset", stand), length("stand_offset", stand)),
+        length("margin", streams("margin")),
+    )
 
 
 def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:

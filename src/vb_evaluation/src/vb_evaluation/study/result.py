@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 from shapely.geometry import Point, Polygon
@@ -11,8 +11,7 @@ from shapely.geometry import Point, Polygon
 from vb_core.grid_map import FREE, GridMap
 from vb_evaluation import metrics
 from vb_evaluation.report.data import MEASURES, STATES, TIMES
-from vb_evaluation.study.people import Traits
-from vb_sim.room.world import Scenario, World
+from vb_sim.room.world import Scenario
 
 FURTHER = tuple(
     "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
@@ -29,37 +28,24 @@ class RunTask:
     method: str
 
 
-class SeenSpot(NamedTuple):
-    """One spot as a camera reported it."""
-
-    stamp: float
-    position: Tuple[float, float]
-    camera: str
-    mobile: bool
-
-
 @dataclass(frozen=True)
 class Result:
     """The results of a run.
 
     Attributes:
-        task, traits: what was run, and who it was.
-        world, scenario: as they were, with this person's place to stand.
+        scenario: as it was, with this person's place to stand.
         prior, posterior: the map without and with borders.
         truth: (H, W) bool, the cells to restrict.
         records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
         seed: (x, y) [m] of the border that was saved; None if none was.
         pointed: (x, y) [m] where the person meant to point at the seed, if it came so far; a drawn mistake is in it.
         outcome, reason, tries: how it went for the person.
-        spots: every spot that a camera reported.
+        spots: LaserSpot messages, every spot that a camera reported.
         path: (N, 2) [m] where the first robot was.
         collisions: of all robots.
         too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
     """
 
-    task: RunTask
-    traits: Traits
-    world: World
     scenario: Scenario
     prior: GridMap
     posterior: GridMap
@@ -70,7 +56,7 @@ class Result:
     outcome: str
     reason: str
     tries: int
-    spots: Tuple[SeenSpot, ...]
+    spots: Tuple[Any, ...]
     path: np.ndarray
     collisions: int
     too_bright: bool

@@ -23,7 +23,7 @@ from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.lab_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.people import Traits
-from vb_evaluation.study.result import Result, RunTask, SeenSpot
+from vb_evaluation.study.result import Result, RunTask
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -37,7 +37,6 @@ from vb_sim.lab import Lab
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
-from vb_sim.models import Models
 from vb_sim.participant_node import ParticipantNode, ParticipantParams
 from vb_sim.robot.planner import Planner
 from vb_sim.room.world import Scenario, World
@@ -47,7 +46,6 @@ START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that the
 WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
 # nothing acts on what these publish or store
 WITHOUT = ("display_markers", "feedback", "camera_poses")
-LAB_NODES = ("lab_simulator", "ceiling_cameras", "robot_camera", "map_server")  # of this run's own making
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
 
@@ -58,11 +56,11 @@ class _RunRecorder:
     def __init__(self) -> None:
         self.posterior: Optional[GridMap] = None
         self.seed: Optional[Tuple[float, float]] = None
-        self.spots: List[SeenSpot] = []
+        self.spots: List[LaserSpot] = []
         self.path: List[Tuple[float, float]] = []
         rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
-        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self.spots.append)
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab)
 
     def _on_map(self, message: OccupancyGrid) -> None:
@@ -76,12 +74,6 @@ class _RunRecorder:
         place = (message.robot_poses[0].x, message.robot_poses[0].y)
         if not self.path or np.hypot(self.path[-1][0] - place[0], self.path[-1][1] - place[1]) > 0.02:
             self.path.append(place)
-
-    def _on_spot(self, message: LaserSpot) -> None:
-        spot = SeenSpot(
-            message.header.stamp.to_sec(), (message.position.x, message.position.y), message.camera, message.mobile
-        )
-        self.spots.append(spot)
 
 
 class LiveRun:
@@ -100,16 +92,14 @@ class LiveRun:
             self._prior,
             study.marks(task.participant, task.scenario),
         )
-        self._models: Models = replace(study.models, body=self._traits.body)
         self._cache = _kept_cache()
         self._lab = Lab(self._world, study.models, self._seed)
-        self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
         self._too_bright = False
         self._participant: Optional[ParticipantNode] = None
 
     def run(self) -> Result:
         """Runs until the person is done, or time is up."""
-        self._cache.enter(self._world, self._models)
+        self._cache.enter(self._world, replace(self._study.models, body=self._traits.body))
         timing = self._study.timing
         scheduler = Scheduler(START_NS)
         graph = Graph(
@@ -121,12 +111,13 @@ class LiveRun:
             "world": "study",
             "cameras": " ".join(cameras) or "none",
             "method": self._task.method,
-            "robots": " ".join(filter(None, self._robots)),
+            "robots": " ".join(filter(None, (robot.namespace.strip("/") for robot in self._world.robots))),
             "rviz": "false",
             "page": "false",
             "state": "",
         }
-        import_nodes(repository_top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
+        lab_nodes = self._lab_nodes(cameras)
+        import_nodes(repository_top() / LAUNCH, arguments, (*WITHOUT, *lab_nodes))
         extracted = live_extraction.extract_chain
 
         def chain(*drawn: Any) -> Any:
@@ -140,9 +131,7 @@ class LiveRun:
         ):
             watching: List[_RunRecorder] = []
             graph.start(Node("/study", {}), lambda: watching.append(_RunRecorder()))
-            start_launch(
-                graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras)
-            )
+            start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, lab_nodes)
             graph.start(Node("/participant", {}), self._participant_comes)
             until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
             scheduler.run(lambda: self._outcome() != "", until)
@@ -160,16 +149,17 @@ class LiveRun:
         rospy.rostime.wallsleep(0.5)
         return True
 
+    @property
+    def _script(self) -> Any:
+        """What the person does; None before the person has come."""
+        return self._participant._script if self._participant is not None else None
+
     def _outcome(self) -> str:
-        script = self._participant._script if self._participant is not None else None
-        return script.outcome if script is not None else ""
+        return self._script.outcome if self._script else ""
 
-    # ------------------------------------------------------------- the simulated lab's nodes
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
+        """What stands for the scripts of the simulated lab's nodes: of this run's own making."""
         idle_every = self._study.timing.idle_every
-
-        def lab_simulator() -> None:
-            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams))
 
         def ceiling_cameras() -> None:
             shown = [self._world.camera(name) for name in cameras]
@@ -180,14 +170,11 @@ class LiveRun:
             robot = self._world.robot(name) if name else self._world.robots[0]
             StudyRobotCamera(self._cache, robot, self._seed, prefix, idle_every)
 
-        def map_server() -> None:
-            MapServerNode(self._prior)
-
         return {
-            "lab_simulator": lab_simulator,
+            "lab_simulator": lambda: LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams)),
             "ceiling_cameras": ceiling_cameras,
             "robot_camera": robot_camera,
-            "map_server": map_server,
+            "map_server": lambda: MapServerNode(self._prior),
         }
 
     def _participant_comes(self) -> None:
@@ -196,11 +183,8 @@ class LiveRun:
         self._participant = ParticipantNode(self._world, self.scenario, self._traits.model, params)
 
     def _result(self, seen: _RunRecorder, records: Tuple[Dict[str, Any], ...]) -> Result:
-        script = self._participant._script if self._participant is not None else None
+        script = self._script
         return Result(
-            self._task,
-            self._traits,
-            self._world,
             self.scenario,
             self._prior,
             seen.posterior or self._prior,

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import datetime
 import json
-from dataclasses import dataclass, replace
+import os
+import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, Mapping, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Tuple
 
 import yaml
 
@@ -61,18 +63,6 @@ class NextRun:
     last: bool = False
     questionnaire: str = ""
 
-    def describe(self) -> Dict[str, Any]:
-        """Returns what run.yaml says of the run."""
-        return {
-            "participant": self.entry.participant,
-            "order": self.entry.order,
-            "method": self.entry.method,
-            "scenario": self.entry.scenario,
-            "cameras": list(self.cameras),
-            "revision": revision(),
-            "command": list(self.command),
-        }
-
 
 def write_template(folder: Path) -> None:
     """Puts kit.yaml beside a protocol, unless there is one."""
@@ -117,41 +107,35 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
         if not waiting:
             raise CodedError("all_done", f"{participant} has done all runs", participant=participant)
         entry = waiting[0]
-    return replace(_planned(path, entry), last=entry == mine[-1], questionnaire=mine[0].method)
-
-
-def _planned(path: Path, entry: protocol.Entry) -> NextRun:
-    try:
-        settings = yaml.safe_load((path.parent / SETTINGS).read_text(encoding="utf-8"))
-        chosen = {**(settings.get("arguments") or {}), **settings["methods"][entry.method]}
-        launch = [str(part) for part in settings["launch"]]
-    except (OSError, yaml.YAMLError) as error:
-        raise CodedError("bad_protocol", f"cannot read {path.parent / SETTINGS}: {error}") from None
-    except (KeyError, TypeError, AttributeError):
-        raise CodedError(
-            "bad_protocol", f"{path.parent / SETTINGS} does not say how to start the method '{entry.method}'"
-        ) from None
     folder, number = _folder(path, entry), 2
     while folder.exists():
         folder = _folder(path, entry).with_name(f"{_folder(path, entry).name}_{number}")
         number += 1
-    words = {
-        key: str(value).lower()
-        if isinstance(value, bool)
-        else str(Path(value).expanduser() if str(value).startswith("~") else value)
+    launch, arguments = _settings(path.parent / SETTINGS, entry.method)
+    cameras = tuple(name for name in arguments.get("cameras", "").split() if name != "none")
+    given = (f"{key}:={value}" for key, value in sorted(arguments.items()))
+    command = ("roslaunch", *launch, f"record:={folder}", *given)
+    return NextRun(entry, folder, command, cameras, last=entry == mine[-1], questionnaire=mine[0].method)
+
+
+def _settings(path: Path, method: str) -> Tuple[List[str], Dict[str, str]]:
+    """Reads from kit.yaml what is launched, and with which arguments for a method."""
+    try:
+        settings = yaml.safe_load(path.read_text(encoding="utf-8"))
+        chosen = {**(settings.get("arguments") or {}), **settings["methods"][method]}
+        launch = [str(part) for part in settings["launch"]]
+    except (OSError, yaml.YAMLError) as error:
+        raise CodedError("bad_protocol", f"cannot read {path}: {error}") from None
+    except (KeyError, TypeError, AttributeError):
+        raise CodedError("bad_protocol", f"{path} does not say how to start the method '{method}'") from None
+    return launch, {
+        key: str(value).lower() if isinstance(value, bool) else os.path.expanduser(str(value))
         for key, value in chosen.items()
     }
-    cameras = tuple(name for name in words.get("cameras", "").split() if name != "none")
-    command = ("roslaunch", *launch, f"record:={folder}", *(f"{key}:={value}" for key, value in sorted(words.items())))
-    return NextRun(entry, folder, command, cameras)
 
 
 def conduct_run(
-    planned: NextRun,
-    start: Callable[[NextRun], Callable[[], None]],
-    keys: Iterator[str],
-    say: Callable[[str], None],
-    clock: Callable[[], datetime.datetime] = lambda: datetime.datetime.now().astimezone(),
+    planned: NextRun, start: Callable[[NextRun], Callable[[], None]], keys: Iterator[str], say: Callable[[str], None]
 ) -> Mapping[str, Any]:
     """Starts the system, notes events by key press, and ends with "completed" or "not completed".
 
@@ -163,11 +147,13 @@ def conduct_run(
         What run.yaml says.
     """
     planned.folder.mkdir(parents=True)
-    run: Dict[str, Any] = {**planned.describe(), "started": clock().isoformat(timespec="seconds")}
+    entry = planned.entry
+    run: Dict[str, Any] = {name: getattr(entry, name) for name in ("participant", "order", "method", "scenario")}
+    run.update(cameras=list(planned.cameras), revision=revision(), command=list(planned.command), started=_now())
     _write(planned.folder, run)
     stop = start(planned)
     say(
-        f"{planned.entry.participant}, run {planned.entry.order}: {planned.entry.scenario} with {planned.entry.method}, cameras "
+        f"{entry.participant}, run {entry.order}: {entry.scenario} with {entry.method}, cameras "
         f"{' '.join(planned.cameras) or 'none'}"
     )
     say("keys: " + ", ".join(f"{key} {words}" for key, words in KEYS.items()))
@@ -176,17 +162,12 @@ def conduct_run(
             if key not in KEYS:
                 say(f"'{key}' means nothing")
                 continue
-            event = {
-                "time": clock().timestamp(),
-                "key": key,
-                "event": KEYS[key],
-                "text": next(keys, "") if key == "n" else "",
-            }
+            event = {"time": time.time(), "key": key, "event": KEYS[key], "text": next(keys, "") if key == "n" else ""}
             with open(str(planned.folder / EVENTS), "a", encoding="utf-8") as stream:
                 stream.write(json.dumps(event) + "\n")
             say(f"noted: {KEYS[key]}")
             if key in ENDS:
-                run.update(completed=ENDS[key], ended=clock().isoformat(timespec="seconds"))
+                run.update(completed=ENDS[key], ended=_now())
                 break
     finally:
         stop()
@@ -195,9 +176,13 @@ def conduct_run(
         _write(planned.folder, run)
     if not run["recorded"]:
         say(f"nothing was recorded: see {planned.folder / 'launch.log'}")
-    for words in deviations(planned.entry, Recording(planned.folder)):
+    for words in deviations(entry, Recording(planned.folder)):
         say(f"not as planned: {words}")
     return run
+
+
+def _now() -> str:
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
 
 
 def _folder(path: Path, entry: protocol.Entry) -> Path:

@@ -35,9 +35,7 @@ def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
         )
     chroma = np.ptp(image.astype(int), axis=2)[::-1]
     # half of the strongest colour: cuts the soft edge that an editor gives an area in its middle
-    marked = (
-        (chroma >= max(MIN_COLOR, chroma.max() / 2.0)) & (physical.data >= 0) & (physical.data < metrics.RESTRICTED)
-    )
+    marked = (chroma >= max(MIN_COLOR, chroma.max() / 2.0)) & metrics.free_cells(physical)
     if not marked.any():
         raise CodedError("bad_ground_truth", f"{path}: no free floor is marked: fill the area with a strong colour")
     return marked

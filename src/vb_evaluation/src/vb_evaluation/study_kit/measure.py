@@ -10,15 +10,17 @@ from typing import Any, Dict, List, Optional, Tuple
 import numpy as np
 
 from vb_core.errors import CodedError
+from vb_core.grid_layers import nearest_cell
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
 from vb_evaluation.study_kit import blind, protocol
 from vb_evaluation.study_kit.ground_truth import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
-from vb_evaluation.report.data import META, REQUIRED, RUNS, WARNINGS, read_meta, write_table
+from vb_evaluation.report.data import META, REQUIRED, RUNS, STATES, WARNINGS, read_meta, write_table
 
-_TIMES = ("guide", "border", "seed", "total")
+_TIMES = (*STATES, "total")
+SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
 COLUMNS = (
     *REQUIRED,
     *metrics.ERRORS,
@@ -203,10 +205,7 @@ def _row(
     return row, notes
 
 
-def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray, reach_m: float = 0.2) -> bool:
+def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray) -> bool:
     """Returns whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
-    rows, columns = np.nonzero((physical.data >= 0) & (physical.data < metrics.RESTRICTED))
-    centers = physical.cell_to_world(np.column_stack([rows, columns]))
-    distance = np.hypot(*(centers - np.asarray(seed, dtype=float)).T)
-    nearest = int(np.argmin(distance)) if len(distance) else 0
-    return bool(len(distance)) and bool(distance[nearest] <= reach_m) and bool(truth[rows[nearest], columns[nearest]])
+    cell, _ = nearest_cell(physical, metrics.free_cells(physical), seed, SEED_REACH)
+    return cell is not None and bool(truth[cell])

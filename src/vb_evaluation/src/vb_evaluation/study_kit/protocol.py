@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
 from vb_core.errors import CodedError
 from vb_evaluation.design import order_runs
-from vb_evaluation.report.data import read_sheet, yes_or_no
+from vb_evaluation.report.data import read_sheet, write_table, yes_or_no
 
 COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed", "note")
 
@@ -57,10 +56,7 @@ def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(str(path), "x", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_table(path, COLUMNS, rows, mode="x")
     except OSError as error:
         raise CodedError("cannot_write", what=str(path), reason=error.strerror) from None
 

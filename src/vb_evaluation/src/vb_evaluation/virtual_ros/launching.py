@@ -86,8 +86,9 @@ def _given(arguments: Mapping[str, str]) -> Tuple[str, ...]:
     return tuple(f"{name}:={_STATE if name == 'state' else value}" for name, value in sorted(arguments.items()))
 
 
+@lru_cache(maxsize=None)
 def _path(package: str, kind: str) -> Path:
-    return _package(package) / "scripts" / kind
+    return Path(rospkg.RosPack().get_path(package)) / "scripts" / kind
 
 
 def _script(package: str, kind: str) -> Callable[[], Any]:
@@ -96,8 +97,3 @@ def _script(package: str, kind: str) -> Callable[[], Any]:
     # not runpy: it puts the script in the place of this process's own __main__, until the node ends, and what
     # multiprocessing starts meanwhile would start the node once more
     return lambda: exec(code, {"__name__": "__main__", "__file__": str(path)})
-
-
-@lru_cache(maxsize=None)
-def _package(name: str) -> Path:
-    return Path(rospkg.RosPack().get_path(name))

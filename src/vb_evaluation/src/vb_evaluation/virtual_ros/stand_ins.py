@@ -27,11 +27,15 @@ class StandIns:
 
     Args:
         scheduler: whose time and tasks they are.
+
+    Attributes:
+        restore: restores the modules' original contents.
     """
 
     def __init__(self, scheduler: Scheduler) -> None:
-        self._replaced: list = []
-        self._stand_ins = {"threading": _Threading(scheduler), "time": _Time(scheduler), "queue": _Queues(scheduler)}
+        made = {"threading": _Threading(scheduler), "time": _Time(scheduler), "queue": _Queues(scheduler)}
+        self._stand_ins, self._undone = made, contextlib.ExitStack()
+        self.restore = self._undone.close
 
     def replace(self) -> None:
         """Puts them into every module of nodes that has been imported so far."""
@@ -42,13 +46,7 @@ class StandIns:
             for attribute, real in _REAL.items():
                 if module is not None and module.__dict__.get(attribute) is real:
                     setattr(module, attribute, self._stand_ins[attribute])
-                    self._replaced.append((module, attribute, real))
-
-    def restore(self) -> None:
-        """Restores the modules' original contents."""
-        for module, attribute, real in self._replaced:
-            setattr(module, attribute, real)
-        self._replaced.clear()
+                    self._undone.callback(setattr, module, attribute, real)
 
 
 class _Module:
