@@ -11,9 +11,9 @@ from hostile import GOOD_DRAFT, hostile_messages
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_web import action_requests
-from vb_web.action_requests import ACTIONS, Bounds, Draft
+from vb_web.action_requests import ACTIONS, Draft
 
-BOUNDS = Bounds((0.0, 0.0), (8.0, 5.0))
+BOUNDS = (0.0, 0.0), (8.0, 5.0)
 TARGET = {"border": "b1", "revision": 3}
 GOOD = {
     "command": {"command": "save", "seen_stop": "5a", "age": 0.1},

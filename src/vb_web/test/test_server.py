@@ -15,14 +15,14 @@ from hostile import GOOD_DRAFT
 from refusals import refused
 from vb_core.limiter import Limiter
 from vb_core.errors import CodedError, ParameterError
-from vb_web import access, action_requests
+from vb_web import access
 from vb_web.access import AccessCodes, Places, Role, Sessions
 from vb_web.images import ImageCache, EncodedImage
 from vb_web.server import PageServer, ServerParams
 from vb_web.view import View
 
 CODES = AccessCodes("view-er22", "oper-at33")
-BOUNDS = action_requests.Bounds((0.0, 0.0), (8.0, 5.0))
+BOUNDS = (0.0, 0.0), (8.0, 5.0)
 CERTIFICATE = (
     "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
     " -addext subjectAltName=IP:127.0.0.1 -keyout page.key -out page.crt"

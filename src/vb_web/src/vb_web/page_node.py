@@ -13,7 +13,7 @@ from typing import Any, Deque, Dict, List, Optional
 import numpy as np
 import rospy
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
-from vb_msgs.msg import RobotStatusArray, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.border_changes import border_changes
@@ -213,26 +213,22 @@ class PageNode:
 
     def _show_robots(self) -> None:
         """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""
-        known = self._robots.current()
-        found = known[1] if known is not None else None
+        message, found = self._robots.current() or (None, None)
         with self._lock:
             changed, self._offer = found != self._offer, found
-            if known is not None:
-                self._frames = {robot.robot: robot.frame for robot in known[0].robots}
-        if known is not None:
-            self._offer_to_browsers(*known)
+            if message is not None:
+                self._frames = {robot.robot: robot.frame for robot in message.robots}
+        if message is not None and found is not None:
+            # a Stop does not go from under a finger because a driver is just being started again
+            self._stoppable = self._stoppable or "stop" in found.commands
+            stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
+            self._view.put("offer", ros_view.offer_section(found, message, stop))
+            self._view.put("drives", ros_view.drives_section(message))
         elif changed:
             self._view.put("offer", None)
             self._view.put("drives", {})
         if changed:
             self._show_borders()
-
-    def _offer_to_browsers(self, message: RobotStatusArray, found: Offer) -> None:
-        # a Stop does not go from under a finger because a driver is just being started again
-        self._stoppable = self._stoppable or "stop" in found.commands
-        stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
-        self._view.put("offer", ros_view.offer_section(found, message, stop))
-        self._view.put("drives", ros_view.drives_section(message))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         known = {border.id: border for border in message.borders}
@@ -362,11 +358,8 @@ class PageNode:
 
     # ------------------------------------------------------------- for the server
     def _bounds(self) -> Optional[Bounds]:
-        grid = self._grid
-        if grid is None:
-            return None
-        corners = grid.corners()
-        return Bounds(tuple(corners.min(axis=0)), tuple(corners.max(axis=0)))
+        corners = None if self._grid is None else self._grid.corners()
+        return None if corners is None else (corners.min(axis=0), corners.max(axis=0))
 
     def _invitation(self) -> Dict[str, Any]:
         if self._codes is None:
