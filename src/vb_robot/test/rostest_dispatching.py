@@ -5,7 +5,6 @@ import math
 import os
 import signal
 import unittest
-from xmlrpc.client import ServerProxy
 
 import numpy as np
 import rospy
@@ -15,7 +14,7 @@ from faulty_move_base import FaultyMoveBase
 from move_base_msgs.msg import MoveBaseActionGoal
 from plain_rooms import room
 from stimulus import Body, Stimulus
-from vb_testing import wait_until
+from vb_testing import process_of, wait_until
 
 from vb_core import names
 from vb_core.poses import to_base
@@ -126,7 +125,7 @@ class DispatcherTest(unittest.TestCase):
         self.bases["ada"].behavior = "hold"
         self.draw()
         self.stimulus.spot = None
-        os.kill(ServerProxy(rospy.get_master().lookupNode("/robot_monitor")[2]).getPid("/test")[2], signal.SIGKILL)
+        os.kill(process_of("/robot_monitor"), signal.SIGKILL)
         self.stimulus.set_state(DEFAULT)
         wait_until(lambda: self.bases["ada"].stopped, "a dispatcher that comes back and cancels its goal", 120.0)
 
