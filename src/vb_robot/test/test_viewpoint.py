@@ -169,7 +169,7 @@ def check_invariants(clearance_map, found, drawing, robot):
         assert planner.shows_target(viewpoint.pose)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.floats(0.1, 7.9), st.floats(0.1, 4.9), st.floats(0, 6.28), st.integers(0, 3))
 def test_every_viewpoint_is_sound(x, y, angle, length):
     spot = np.array([x, y])
@@ -229,7 +229,7 @@ def test_seed_side_is_left():
 CARPET = np.array([[5.1, 1.6], [7.1, 1.6], [7.1, 2.9], [5.1, 2.9]])
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.floats(5.15, 7.05), st.floats(1.65, 2.85), st.floats(0, 6.28), st.booleans())
 def test_a_robot_goes_nowhere_where_the_border_would_lock_it_in(x, y, yaw, seeding):
     # three sides are drawn; while the seed is shown a robot within them has to leave
@@ -261,7 +261,7 @@ def test_a_robot_is_not_sent_over_the_area_that_is_being_drawn(robot, drawn):
     assert crossed(robot, best) < 0.65  # it may cut a corner
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(4.5, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28))
 def test_while_the_seed_is_shown_a_robot_that_need_not_come_crosses_no_area(x, y, yaw):
     assume(Polygon(CARPET).distance(Point(x, y)) > CLEARANCE_MAP.radius + 0.05)

@@ -133,20 +133,10 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     running = Running(Sessions(CODES), params)
     try:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
-        answer = running.ask(
-            "/session",
-            "POST",
-            json.dumps({"code": CODES.viewer}),
-            scheme="https",
-            options=trusted,
-            Origin=f"https://{running.host}",
-            Content_Type="application/json",
-        )
-        assert (
-            answer.code == 200
-            and "Secure" in answer.headers["Set-Cookie"]
-            and "Strict-Transport-Security" in answer.headers
-        )
+        given = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
+        answer = log_in(running, CODES.viewer, **given)
+        assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"]
+        assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # http: no answer at all
             running.ask("/session")
     finally:
@@ -186,16 +176,11 @@ def test_this_computer_needs_no_code(local):
     assert local.ask("/").headers["Content-Security-Policy"]
 
 
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {"Host": "evil.example"},
-        {"Host": "localhost.evil.example:8420"},
-        {"X_Forwarded_For": "127.0.0.1"},
-        {"Forwarded": "for=1.2.3.4"},
-        {"Via": "1.1 proxy"},
-    ],
-)
+FOREIGN = [{"Host": "evil.example"}, {"Host": "localhost.evil.example:8420"}]
+FOREIGN += [{"X_Forwarded_For": "127.0.0.1"}, {"Forwarded": "for=1.2.3.4"}, {"Via": "1.1 proxy"}]
+
+
+@pytest.mark.parametrize("headers", FOREIGN)
 def test_a_foreign_name_or_a_proxy_is_not_this_computer(local, headers):
     assert json.loads(local.ask("/session", **headers).body)["role"] == "nobody"
     assert [local.ask(path, **headers).code for path in PRIVATE] == [401, 401, 401]
@@ -264,14 +249,8 @@ def test_nothing_else_can_be_done_with_it(local, path, method, body):
 def test_a_body_that_is_large_or_a_form_is_never_parsed(network):
     big = network.ask("/session", "POST", "x" * 100000, Origin=f"http://{network.host}")
     assert big.code in (400, 413, 599)
-    form = network.ask(
-        "/session",
-        "POST",
-        "--b\r\n\r\nx\r\n--b--",
-        Origin=f"http://{network.host}",
-        Content_Type="multipart/form-data; boundary=b",
-    )
-    assert form.code == 400
+    given = {"Origin": f"http://{network.host}", "Content_Type": "multipart/form-data; boundary=b"}
+    assert network.ask("/session", "POST", "--b\r\n\r\nx\r\n--b--", **given).code == 400
 
 
 def test_pictures_are_kept_by_browsers_and_pages_are_asked_for(local):
