@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plain_rooms import empty
+from plain_rooms import VIEW, empty
 
 from vb_core.poses import to_base
 from vb_core.robot_profile import RobotProfile
@@ -25,10 +25,9 @@ from vb_robot.driving.spot_follower import (
     VelocityRequest,
 )
 from vb_robot.driving.workspace import MIN_UNCERTAINTY, PoseUncertainty, Workspace
-from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting, Sightings
 
-DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
+DT, PROFILE = 0.05, RobotProfile()
 
 
 def with_border(grid, x0, y0, x1, y1):

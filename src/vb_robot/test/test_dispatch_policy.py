@@ -66,7 +66,7 @@ class Fleets:
             if goal is not None:
                 robot.sent.append(goal)
                 robot.goal = SentGoalState.ACTIVE
-            elif status.running:
+            elif status.goal.under_way:
                 robot.goal = SentGoalState.NONE
         return {name: goal for name, goal in new.items() if goal is not None}
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
-from plain_rooms import room
+from plain_rooms import VIEW, room
 
 from vb_core import geometry
 from vb_core.grid_layers import clearance_grid
@@ -16,9 +16,6 @@ from vb_core.poses import to_base, to_map
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing import MAX_LOOKAHEAD, MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState
 from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, ViewpointPlanner
-from vb_robot.floor_view import FloorView
-
-VIEW = FloorView.usual()
 
 
 def two_rooms(door=True):
