@@ -66,22 +66,15 @@ def test_clearance_never_says_more_than_there_is():
         assert true - 0.1 <= clearance[row, column] <= true + 1e-5
 
 
-def test_paths_lead_through_the_doorway_and_nowhere_without_one():
+@pytest.mark.parametrize("closed", [range(0), range(146, 160), range(146, 174)])
+def test_paths_lead_through_a_doorway_that_is_wide_enough_and_nowhere_else(closed):
+    grid = two_rooms()
+    grid.data[closed, 158:162] = 100  # of half of it 0.35 m are left, the robot needs 0.42 m
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
-    way = CLEARANCE_MAP.path_lengths(start, goal)[0]
+    way = ClearanceMap(grid, 0.18).path_lengths(start, goal)[0]
     least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
     # eight-connected ways are up to 8 % too long, and they keep off the doorposts
-    assert least <= way <= 1.15 * least
-    shut = ClearanceMap(two_rooms(door=False), 0.18)
-    assert shut.path_lengths(start, goal)[0] == np.inf
-
-
-def test_narrow_doorway_is_no_path():
-    grid = two_rooms()
-    data = grid.data.copy()
-    data[146:160, 158:162] = 100  # 0.35 m are left, the robot needs 0.42 m
-    narrow = ClearanceMap(grid.with_data(data), 0.18)
-    assert narrow.path_lengths((1.0, 1.0), np.array([[7.0, 1.0]]))[0] == np.inf
+    assert way == np.inf if closed else least <= way <= 1.15 * least
 
 
 def test_borders_hide_nothing_but_walls_do():

@@ -91,12 +91,15 @@ class Running:
 
         return asyncio.run(fetch())
 
+    async def connect(self, **headers):
+        given = {"Origin": f"http://{self.host}", **headers}
+        return await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
+
     def link(self, work, **headers):
         """Runs work(socket) over a WebSocket; gives its result."""
 
         async def run():
-            given = {"Origin": f"http://{self.host}", **headers}
-            connection = await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
+            connection = await self.connect(**headers)
             try:
                 return await work(connection)
             finally:
@@ -310,8 +313,7 @@ def test_previews_of_one_person_wait_for_each_other_and_not_for_those_of_others(
 
     async def work(first):
         loop = asyncio.get_event_loop()
-        given = {"Origin": f"http://{network.host}", "Cookie": cookie(network, Role.OPERATOR)}
-        other = await websocket_connect(HTTPRequest(f"ws://{network.host}/link", headers=given))
+        other = await network.connect(Cookie=cookie(network, Role.OPERATOR))
         preview = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
         for number in range(4):
             await first.write_message(json.dumps({**preview, "id": f"p{number}"}))
@@ -381,8 +383,7 @@ def test_viewers_take_no_operators_place(network):
     viewer = cookie(network, Role.VIEWER)
 
     async def work(operator):
-        given = {"Origin": f"http://{network.host}", "Cookie": viewer}
-        links = [await websocket_connect(HTTPRequest(f"ws://{network.host}/link", headers=given)) for _ in range(6)]
+        links = [await network.connect(Cookie=viewer) for _ in range(6)]
         for link in links[:3]:  # its own older ones give way
             while await asyncio.wait_for(link.read_message(), 60.0) is not None:
                 pass
