@@ -18,7 +18,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_web import access
 from vb_web.access import AccessCodes, Places, Role, Sessions
 from vb_web.images import ImageCache, EncodedImage
-from vb_web.server import PageServer, ServerParams
+from vb_web.server import PageServer, ServerParams, addresses
 from vb_web.view import View
 
 CODES = AccessCodes("view-er22", "oper-at33")
@@ -126,13 +126,14 @@ def network():
 
 def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path):
     params = ServerParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
-    assert params.certificate is None and params.scheme == "http"
+    assert addresses(params, 8420, ["lab"]) == ["http://lab:8420/"]
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
-        ServerParams.scheme.fget(params)
+        addresses(params, 8420, ["lab"])
     subprocess.run(CERTIFICATE.split(), cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
-    assert params.scheme == "https"
-    assert ServerParams(codes_file=params.codes_file).scheme == "http"  # this computer's own browser
+    assert addresses(params, 8420, ["lab"]) == ["https://lab:8420/"]
+    own = ServerParams(codes_file=params.codes_file)  # this computer's own browser
+    assert addresses(own, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
     running = Running(Sessions(CODES), params)
     try:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}

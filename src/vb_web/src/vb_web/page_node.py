@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import time
@@ -98,6 +99,7 @@ class PageNode:
         self._frames: Dict[str, str] = {}  # of the robots, by name
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
+        self._idle = True  # whether nobody draws
         self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}  # by robot
@@ -255,7 +257,8 @@ class PageNode:
         section = ros_view.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
-        if section["name"] == DEFAULT.name:
+        self._idle = section["name"] == DEFAULT.name
+        if self._idle:
             self._view.put("progress", None)
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
@@ -270,8 +273,7 @@ class PageNode:
         self._answered = answered
 
     def _on_progress(self, message: BorderProgress) -> None:
-        idle = (self._view.get("state") or {}).get("name", DEFAULT.name) == DEFAULT.name
-        self._view.put("progress", None if idle else ros_view.progress_section(message))
+        self._view.put("progress", None if self._idle else ros_view.progress_section(message))
 
     def _on_preview(self, message: BorderPreview) -> None:
         self._view.put("preview", ros_view.preview_section(message))
@@ -362,20 +364,15 @@ class PageNode:
         return None if corners is None else (corners.min(axis=0), corners.max(axis=0))
 
     def _invitation(self) -> Dict[str, Any]:
-        if self._codes is None:
-            return {"addresses": self._addresses}
-        return {"addresses": self._addresses, "viewer": self._codes.viewer, "operator": self._codes.operator}
+        return {"addresses": self._addresses, **({} if self._codes is None else vars(self._codes))}
 
 
 def _own_addresses() -> List[str]:
     """This computer's address towards the network, and its name."""
     found: List[str] = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # an address for documentation: a datagram socket sends nothing here
-            found.append(probe.getsockname()[0])
-        except OSError:
-            pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+        probe.connect(("192.0.2.1", 9))  # an address for documentation: a datagram socket sends nothing here
+        found.append(probe.getsockname()[0])
     return [*found, socket.gethostname()]
 
 
