@@ -420,6 +420,17 @@ def test_goes_back_to_the_first_when_the_second_fails_too():
     assert order[:3] == [("ada", 0.0), ("bob", 20.0), ("ada", 1.0)], "each place is tried once"
 
 
+def test_one_that_has_failed_comes_after_one_that_has_not():
+    bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
+    bench.step()
+    bench.robots["ada"].goal = SentGoalState.FAILED
+    for knows, steps in ((False, 20), (True, 1)):  # until ada need not rest any more
+        for robot in bench.robots.values():
+            robot.knows = knows
+        bench.run(steps)
+    assert bench.fleet.serving == "bob"
+
+
 def test_two_that_are_about_equally_near_do_not_take_turns():
     bench = Fleets(ada=Robot(2.0), bob=Robot(2.2, x0=20.0))
     bench.step()
