@@ -47,7 +47,7 @@ class Rig:
         self.camera, self.fov, self.state, self.latch = camera, fov, (DEFAULT, "", 0.0), StopLatch()
         self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
         self.ranges = np.full(fov, math.inf)
-        self.commands, self.cancelled, self.listeners = [], 0, 1
+        self.commands, self.cancelled = [], 0
         self.goal = False  # whether navigation has one
         self.off = 0.0  # [m] by which the localisation believes to be farther back than it is
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
@@ -94,7 +94,7 @@ class Rig:
         self.arbiter.gate.clock_age = self._stood
         if "goal" not in self.silent and self.goal:
             self.arbiter.set_goal(True, self.now)
-        command = self.arbiter.step(self.now, self.listeners)
+        command = self.arbiter.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
         middle = self.pose[2] + 0.5 * command.w * DT

@@ -382,32 +382,31 @@ def test_a_free_robot_comes_before_one_that_somebody_else_sent():
     assert alone.run(20) == {"ada": 1}, "if there is no other, the person comes first"
 
 
-@pytest.mark.parametrize("fault", ["aborts", "navigation dies", "lost", "never accepts", "stuck", "preempted"])
-def test_another_takes_over_when_one_fails(fault):
+@pytest.mark.parametrize(
+    "fault, limit",
+    [
+        ({"goal": SentGoalState.FAILED}, 0.0),
+        ({"goal": SentGoalState.PREEMPTED}, 0.0),
+        ({"server": False}, 0.0),
+        ({"localized": False}, 0.0),
+        ({"goal": SentGoalState.SENT}, PROGRESS_TIMEOUTS["sent"]),  # its navigation never accepts it
+        ({}, PROGRESS_TIMEOUTS["active"]),  # it is stuck
+    ],
+)
+def test_another_takes_over_when_one_fails(fault, limit):
     bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
     bench.serve("ada")
     bench.serve("bob")
     bench.step()
     ada, bob = bench.robots["ada"], bench.robots["bob"]
     assert len(ada.sent) == 1 and not bob.sent
-    if fault == "aborts":
-        ada.goal = SentGoalState.FAILED
-    elif fault == "navigation dies":
-        ada.server = False
-    elif fault == "lost":
-        ada.localized = False
-    elif fault == "never accepts":
-        ada.goal = SentGoalState.SENT
-    elif fault == "preempted":
-        ada.goal = SentGoalState.PREEMPTED
-    limit = {"never accepts": PROGRESS_TIMEOUTS["sent"], "stuck": PROGRESS_TIMEOUTS["active"]}.get(fault, 0.0)
+    vars(ada).update(fault)
     steps = 0
     while not bob.sent and steps < 400:
         bench.step()
         steps += 1
     assert bob.sent and 0.25 * steps <= limit + 1.0, "at once, or when the time is up"
-    assert len(ada.sent) == 1
-    assert bench.fleet.serving == "bob"
+    assert len(ada.sent) == 1 and bench.fleet.serving == "bob"
 
 
 def test_goes_back_to_the_first_when_the_second_fails_too():

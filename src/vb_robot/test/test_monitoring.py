@@ -170,14 +170,8 @@ def test_a_robot_is_inside_where_only_a_border_forbids_to_be():
     unknown = plain.data.copy()
     unknown[30:40] = -1
     physical = plain.with_data(unknown)
-    for place, inside in [
-        ((2.5, 1.2), True),
-        ((2.5, 1.8), True),
-        ((2.5, 2.7), False),
-        ((1.9, 1.2), False),
-        ((50, 1), False),
-    ]:
-        assert is_inside(plain.with_data(data), physical, place) == inside, place
+    places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
+    assert [is_inside(plain.with_data(data), physical, place) for place in places] == [True, True, False, False, False]
     assert not is_inside(plain.with_data(data), physical, (0.03, 2.0)), "a wall is no border"
 
 
