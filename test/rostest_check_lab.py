@@ -2,19 +2,16 @@
 """check_lab beside a newcomer's lab: real nodes tell what is wrong with it, and every mistake in it is named."""
 
 import json
-import os
 import subprocess
 import unittest
-import xmlrpc.client
-from pathlib import Path
 
-import rosgraph
+import psutil
 import rosnode
 import rospy
 import rostest
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import CameraInfo, Image
-from vb_testing import wait_until
+from vb_testing import process_of, wait_until
 
 from vb_core import names
 from vb_core.ros.notices import NoticeListener
@@ -23,20 +20,8 @@ from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 def listening_beyond_loopback(pid):
     """Finds (address, port) of a process's listening IPv4 sockets that other computers reach."""
-    own = set()
-    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
-        try:
-            own.add(os.readlink(str(descriptor)))
-        except OSError:
-            continue  # closed meanwhile
-    found = []
-    for line in Path(f"/proc/{pid}/net/tcp").read_text().splitlines()[1:]:
-        fields = line.split()
-        address, port = fields[1].split(":")
-        listens = fields[3] == "0A"
-        if listens and f"socket:[{fields[9]}]" in own and not address.endswith("7F"):
-            found.append((address, int(port, 16)))
-    return found
+    listening = [one.laddr for one in psutil.Process(pid).net_connections("tcp4") if one.status == psutil.CONN_LISTEN]
+    return [(ip, port) for ip, port in listening if not ip.startswith("127.")]
 
 
 class CheckLab(unittest.TestCase):
@@ -97,8 +82,7 @@ class CheckLab(unittest.TestCase):
     def test_nothing_listens_beyond_this_machine(self):
         nodes = rosnode.get_node_names()
         for name in nodes:
-            pid = xmlrpc.client.ServerProxy(rosgraph.Master("/check_lab").lookupNode(name)).getPid("/check_lab")[2]
-            self.assertEqual(listening_beyond_loopback(pid), [], name)
+            self.assertEqual(listening_beyond_loopback(process_of(name)), [], name)
         self.assertGreaterEqual(len(nodes), 4)
 
 

@@ -164,12 +164,6 @@ class Browser:
         """Taps a point of the floor [m]."""
         self.stroke([point])
 
-    def wait_click(self):
-        """Waits until the browser has clicked where a finger tapped, if it does."""
-        self.driver.execute_async_script(
-            "requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0])))"
-        )
-
     def faults(self):
         """What the browser's console has of faults in the page itself; a server that is away is none."""
         return [

@@ -8,7 +8,9 @@ from __future__ import annotations
 import socket
 import subprocess
 import time
+from xmlrpc.client import ServerProxy
 
+import rosgraph
 import rospy
 
 from vb_evaluation.processes import spawn
@@ -40,6 +42,14 @@ def is_listening(port):
     """Returns whether something on this computer takes connections at a port."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def process_of(node):
+    """Returns the id of a node's process; None while there is none."""
+    try:
+        return ServerProxy(rosgraph.Master("/test").lookupNode(node)).getPid("/test")[2]
+    except (OSError, rosgraph.MasterException):
+        return None
 
 
 class Newest:

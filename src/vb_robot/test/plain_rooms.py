@@ -1,8 +1,21 @@
-"""Rooms that several tests of this package share."""
+"""Rooms that several tests of this package share, and what a usual robot sees of them."""
+
+import math
 
 import numpy as np
 
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
+from vb_robot.floor_view import FloorView
+
+# an ideal camera of 58 degrees, 0.45 m above the floor and 30 degrees downwards
+VIEW = FloorView(
+    CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(29.0))),
+    geometry.transform(
+        geometry.rotation_from_rpy(0.0, math.radians(30.0), 0.0) @ geometry.optical_rotation(), (0.10, 0.0, 0.45)
+    ),
+)
 
 
 def empty(width=8.0, height=5.0, resolution=0.025):

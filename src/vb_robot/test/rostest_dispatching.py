@@ -5,7 +5,6 @@ import math
 import os
 import signal
 import unittest
-from xmlrpc.client import ServerProxy
 
 import numpy as np
 import rospy
@@ -13,16 +12,15 @@ import rostest
 
 from faulty_move_base import FaultyMoveBase
 from move_base_msgs.msg import MoveBaseActionGoal
-from plain_rooms import room
+from plain_rooms import VIEW, room
 from stimulus import Body, Stimulus
-from vb_testing import wait_until
+from vb_testing import process_of, wait_until
 
 from vb_core import names
 from vb_core.poses import to_base
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray
-from vb_robot.floor_view import FloorView
 
 SPOT = (2.0, 2.5)
 
@@ -110,7 +108,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(sent, [[], []], "neither for a robot's own camera alone, nor for a place in another frame")
         self.stimulus.spot_frame = "map"
         pose = self.is_sent("ada")
-        self.assertTrue(FloorView.usual().sees(to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")
+        self.assertTrue(VIEW.sees(to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")
         self.hear_spots(30)
         self.assertEqual([len(self.goals(name)) for name in self.bases], [1, 0], "a spot that stays needs one goal")
         self.stimulus.set_state(GUIDE)
@@ -126,7 +124,7 @@ class DispatcherTest(unittest.TestCase):
         self.bases["ada"].behavior = "hold"
         self.draw()
         self.stimulus.spot = None
-        os.kill(ServerProxy(rospy.get_master().lookupNode("/robot_monitor")[2]).getPid("/test")[2], signal.SIGKILL)
+        os.kill(process_of("/robot_monitor"), signal.SIGKILL)
         self.stimulus.set_state(DEFAULT)
         wait_until(lambda: self.bases["ada"].stopped, "a dispatcher that comes back and cancels its goal", 120.0)
 

@@ -4,10 +4,8 @@
 import os
 import signal
 import unittest
-from xmlrpc.client import ServerProxy
 
 import numpy as np
-import rosgraph
 import rospy
 import rostest
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -17,21 +15,13 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from plain_rooms import room
 from stimulus import Body, Stimulus
-from vb_testing import wait_until
+from vb_testing import process_of, wait_until
 
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.vocabulary import DEFAULT, GUIDE
 from vb_msgs.msg import DriverState, NoticeArray, Stop
 from vb_robot import robot_driver_node
-
-
-def process_of(node):
-    """The id of a node's process; None while there is none."""
-    try:
-        return ServerProxy(rosgraph.Master("/test").lookupNode(node)).getPid("/test")[2]
-    except (OSError, rosgraph.MasterException):
-        return None
 
 
 class DriverTest(unittest.TestCase):

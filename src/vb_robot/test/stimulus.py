@@ -9,7 +9,7 @@ import tf2_ros
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, LaserScan
 
-from plain_rooms import room
+from plain_rooms import VIEW, room
 
 from vb_core import geometry, names
 from vb_core.ros.cameras import info_from_camera
@@ -17,7 +17,6 @@ from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_
 from vb_core.stop_latch import StopLatch
 from vb_core.vocabulary import DEFAULT
 from vb_msgs.msg import DriverState, InteractionState, LaserSpot
-from vb_robot.floor_view import FloorView
 
 
 class Body:
@@ -27,7 +26,7 @@ class Body:
         self.lock = threading.Lock()
         self.name, self.prefix = name, f"{name}/" if name else ""
         self.pose, self.velocity = pose, (0.0, 0.0)
-        self.view = FloorView.usual()
+        self.view = VIEW
         self.info = rospy.Publisher(f"{self.prefix}camera/rgb/camera_info", CameraInfo, queue_size=1)
         self._time = None
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plain_rooms import empty
+from plain_rooms import VIEW, empty
 
 from vb_core.poses import to_base
 from vb_core.robot_profile import RobotProfile
@@ -25,10 +25,9 @@ from vb_robot.driving.spot_follower import (
     VelocityRequest,
 )
 from vb_robot.driving.workspace import MIN_UNCERTAINTY, PoseUncertainty, Workspace
-from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting, Sightings
 
-DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
+DT, PROFILE = 0.05, RobotProfile()
 
 
 def with_border(grid, x0, y0, x1, y1):
@@ -48,7 +47,7 @@ class Rig:
         self.camera, self.fov, self.state, self.latch = camera, fov, (DEFAULT, "", 0.0), StopLatch()
         self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
         self.ranges = np.full(fov, math.inf)
-        self.commands, self.cancelled, self.listeners = [], 0, 1
+        self.commands, self.cancelled = [], 0
         self.goal = False  # whether navigation has one
         self.off = 0.0  # [m] by which the localisation believes to be farther back than it is
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
@@ -95,7 +94,7 @@ class Rig:
         self.arbiter.gate.clock_age = self._stood
         if "goal" not in self.silent and self.goal:
             self.arbiter.set_goal(True, self.now)
-        command = self.arbiter.step(self.now, self.listeners)
+        command = self.arbiter.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
         middle = self.pose[2] + 0.5 * command.w * DT
@@ -104,6 +103,12 @@ class Rig:
             self.pose[1] + command.v * DT * math.sin(middle),
             self.pose[2] + command.w * DT,
         )
+
+    def drives(self, v=0.3, w=0.0):
+        """On its way as navigation wishes."""
+        self.navigation = (v, w)
+        assert self.step(1.0).v == v
+        return self
 
     def follows(self, distance=1.6):
         """Guided, and on its way to a spot ahead."""
@@ -142,9 +147,7 @@ def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
 
 
 def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
-    rig = Rig()
-    rig.navigation = (0.3, 0.0)
-    rig.step(0.5)
+    rig = Rig().drives()
     rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
     assert rig.step().code == "other_cmd_vel_publisher"
     assert (rig.commands[-1].v, rig.commands[-1].w) == (0.0, 0.0)
@@ -187,9 +190,7 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 
 def test_what_is_dated_ahead_grows_old_all_the_same():
     """AMCL dates its poses 0.1 s ahead, and clocks of two computers differ a little."""
-    rig = Rig()
-    rig.navigation = (0.5, 0.0)
-    rig.step(1.0)
+    rig = Rig().drives(0.4)
     rig.silent.add("pose")
     rig.arbiter.gate.set_pose(rig.pose, rig.now + 0.3)
     assert rig.step(INPUT_TIMEOUT).v == 0.0
@@ -241,10 +242,8 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
         rig.off = off
         if who == "follow":
             rig.follows(2.0)
-        elif who == "navigation":
-            rig.navigation = (0.5, 0.0)
         else:
-            rig.teleop = (0.5, 0.0)
+            setattr(rig, who, (0.5, 0.0))
         rig.step(0.5)
         edge = rig.pose[0] + PROFILE.radius + gap
         rig.set_grid(with_border(empty(), edge, 0.0, 8.0, 5.0))
@@ -258,9 +257,7 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
 
 
 def test_a_jump_of_the_localisation_stops_it_for_a_moment():
-    rig = Rig()
-    rig.navigation = (0.3, 0.0)
-    rig.step(0.5)
+    rig = Rig().drives()
     rig.pose = (rig.pose[0], rig.pose[1] + 0.6, 0.0)
     assert rig.step(0.2).code == "pose_jumped" and rig.commands[-1].v == 0.0
     assert rig.step(1.2).v == 0.3
@@ -273,7 +270,7 @@ def test_numbers_that_are_none_stop_it():
 
 
 # ------------------------------------------------------------ one policy for spots
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     st.sampled_from([BORDER, SEED]),
     st.lists(st.tuples(st.sampled_from(["red", "robot"]), st.floats(0.0, 1.0)), min_size=1, max_size=30),
@@ -291,7 +288,6 @@ def test_somebody_always_acts_and_never_two(state, seen):
     assert sum(acting) == bool(certain)
 
 
-@settings(deadline=None)
 @given(*(st.lists(st.integers(0, 80), min_size=1, max_size=20, unique=True).map(sorted),) * 2)
 def test_all_drivers_agree_on_who_follows_in_whichever_order_they_hear_the_robots_cameras(one, other):
     seen = [[Sighting(0.1 * k, (1.0, 1.0), name, True) for k in at] for name, at in (("a", one), ("b", other))]

@@ -1,7 +1,6 @@
 """The dispatch policy, and what is known about the spot."""
 
 import math
-from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -10,8 +9,6 @@ from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, PROGRESS_TIMEOUTS, Fleet, RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spots import Sighting, Sightings
-
-Decision = namedtuple("Decision", "kind viewpoint")  # what a change of a robot's goal means for navigation
 
 
 def place(x, y=0.0):
@@ -47,37 +44,31 @@ class Robot:
 
 
 class Fleets:
-    """Steps a fleet at 4 Hz; goals that are given begin at once."""
+    """Steps a fleet at 4 Hz; goals that are given begin at once, and end when they are cancelled."""
 
     def __init__(self, **robots):
         self.robots, self.fleet = robots, Fleet(robots)
         self.now, self.wanted, self.key, self.silent = 100.0, True, ("a", 1), 0.0
 
     def step(self):
+        """Returns what was sent to whom."""
         self.now += 0.25
         seeing = {}
         for name, robot in self.robots.items():
             status = RobotStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             seeing[name] = (status, robot if robot.knows else None)
         goals = self.fleet.step(self.now, self.key if self.wanted else None, self.silent, seeing)
-        assert set(goals) == set(self.robots)
-        decisions = {}
-        running = [
-            name for name, robot in self.robots.items() if robot.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
-        ]
-        for name, goal in goals.items():
-            robot = self.robots[name]
-            kind = "keep" if goal is robot.given else "cancel" if goal is None else "send"
+        assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
+        new = {name: goal for name, goal in goals.items() if goal is not self.robots[name].given}
+        for name, goal in new.items():
+            robot, (status, _) = self.robots[name], seeing[name]
             robot.given = goal
-            if kind == "send":
+            if goal is not None:
                 robot.sent.append(goal)
                 robot.goal = SentGoalState.ACTIVE
-                assert all(goals[other] is None for other in running if other != name), "one goes at a time"
-            elif kind == "cancel":
-                kind = "cancel" if name in running else "keep"
-                robot.goal = SentGoalState.NONE if name in running else robot.goal
-            decisions[name] = Decision(kind, goal)
-        return decisions
+            elif status.goal.under_way:
+                robot.goal = SentGoalState.NONE
+        return {name: goal for name, goal in new.items() if goal is not None}
 
     def run(self, steps):
         for _ in range(steps):
@@ -91,7 +82,7 @@ class Fleets:
 
 
 class Bench(Fleets):
-    """A fleet of one."""
+    """A fleet of one; what was sent is a viewpoint, or None."""
 
     def __init__(self, candidates, seen=lambda pose: False):
         self.robot = Robot(candidates=candidates, seen=seen)
@@ -104,34 +95,31 @@ class Bench(Fleets):
     def step(self, **changes):
         for name, value in changes.items():
             setattr(self.robot if hasattr(self.robot, name) else self, name, value)
-        return super().step()["robot"]
+        return super().step().get("robot")
 
     def run(self, steps, **changes):
-        return [self.step(**changes) for _ in range(steps)]
-
-
-def sent(decisions):
-    return [decision.viewpoint for decision in decisions if decision.kind == "send"]
+        """Returns all that was sent."""
+        return [sent for sent in (self.step(**changes) for _ in range(steps)) if sent]
 
 
 def test_sends_the_best_once_and_keeps_it_while_it_is_fit():
     bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] == 1)
-    assert sent(bench.run(40)) == [place(1)]
+    assert bench.run(40) == [place(1)]
     assert bench.asked == 1, "nothing is worked out while the goal is fit"
 
 
 @pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localized=False)])
 def test_sends_nothing_without(missing):
-    assert not sent(Bench([place(1)]).run(10, **missing))
+    assert not Bench([place(1)]).run(10, **missing)
 
 
 def test_next_candidate_after_failure_and_longer_pauses_after_many():
     bench = Bench([place(i) for i in range(1, 20)])
     tried = []
     for _ in range(40):
-        decision = bench.step()
-        if decision.kind == "send":
-            tried.append((bench.now, decision.viewpoint.pose[0]))
+        goal = bench.step()
+        if goal:
+            tried.append((bench.now, goal.pose[0]))
             bench.robot.goal = SentGoalState.FAILED
     assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
     assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
@@ -143,18 +131,17 @@ def test_a_place_that_failed_is_tried_again_after_a_while():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     failed, bench.robot.goal = bench.now, SentGoalState.FAILED
-    assert not sent(bench.run(int(4 * (FAILED_MEMORY - 1.0))))
-    assert sent(bench.run(20)) == [place(1)] and bench.now > failed + FAILED_MEMORY
+    assert not bench.run(int(4 * (FAILED_MEMORY - 1.0)))
+    assert bench.run(20) == [place(1)] and bench.now > failed + FAILED_MEMORY
 
 
 def test_goal_is_replaced_only_after_patience_and_for_another_place():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.robot.candidates, bench.robot.sees = [place(1.1), place(1)], lambda pose: False
-    assert not sent(bench.run(20)), "0.1 m away is not another place"
+    assert not bench.run(20), "0.1 m away is not another place"
     bench.robot.candidates = [place(3)]
-    decisions = bench.run(20)
-    assert sent(decisions) == [place(3)]
+    assert bench.run(20) == [place(3)]
 
 
 def test_a_robot_that_has_arrived_is_not_sent_to_about_the_same_place_again():
@@ -162,16 +149,16 @@ def test_a_robot_that_has_arrived_is_not_sent_to_about_the_same_place_again():
     bench.step()
     bench.robot.goal, bench.robot.pose = SentGoalState.REACHED, (1.0, 0.0, 0.0)
     bench.robot.candidates, bench.robot.sees = [place(1.1)], lambda pose: False
-    assert not sent(bench.run(20))
+    assert not bench.run(20)
     bench.robot.candidates = [place(1.3)]
-    assert sent(bench.run(20))
+    assert bench.run(20)
 
 
 def test_a_goal_that_a_new_border_takes_is_replaced():
     bench = Bench([place(1), place(3)], seen=lambda pose: pose[0] in (1, 3))
     bench.step()
     bench.robot.room, bench.robot.candidates = lambda pose: pose[0] != 1, [place(3)]
-    assert sent(bench.run(12)) == [place(3)]
+    assert bench.run(12) == [place(3)]
 
 
 def test_flicker_at_the_edge_does_not_change_the_goal():
@@ -179,7 +166,7 @@ def test_flicker_at_the_edge_does_not_change_the_goal():
     bench = Bench([place(1)], seen=lambda pose: pose[0] != 9.0 and next(flicker))
     bench.step()
     bench.robot.candidates = [place(5)]
-    assert not sent(bench.run(60))
+    assert not bench.run(60)
 
 
 @pytest.mark.parametrize("seen", [True, False])
@@ -187,15 +174,16 @@ def test_progress_keeps_the_goal_whether_the_spot_is_seen_or_not(seen):
     bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
     bench.step()
     for i in range(200):
-        assert bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0), silent=0.0 if seen else 0.25 * i).kind == "keep"
+        assert not bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0), silent=0.0 if seen else 0.25 * i)
+        assert bench.robot.goal is SentGoalState.ACTIVE
 
 
 def test_leaves_the_robot_to_the_node_that_preempted_the_goal():
     bench = Bench([place(1)])
     bench.step()
     bench.robot.goal = SentGoalState.PREEMPTED
-    assert not sent(bench.run(int(4 * 14)))
-    assert sent(bench.run(20))
+    assert not bench.run(int(4 * 14))
+    assert bench.run(20)
 
 
 def test_time_that_jumps_back_does_not_silence_it():
@@ -204,7 +192,7 @@ def test_time_that_jumps_back_does_not_silence_it():
     bench.robot.goal = SentGoalState.PREEMPTED
     bench.step()
     bench.now, bench.robot.goal = 5.0, SentGoalState.NONE
-    assert sent(bench.run(10))
+    assert bench.run(10)
 
 
 # ------------------------------------------------------------------ sightings
@@ -212,9 +200,15 @@ def seen(stamp, x, y=0.0, camera="red", mobile=False):
     return Sighting(stamp, (x, y), camera, mobile)
 
 
-def test_target_follows_and_a_false_spot_does_not_move_it():
+def drawing_since(stamp):
+    """The record of somebody who has begun to draw at a time [s]."""
     known = Sightings()
-    known.set_state(BORDER, "1", 10.0)
+    known.set_state(BORDER, "1", stamp)
+    return known
+
+
+def test_target_follows_and_a_false_spot_does_not_move_it():
+    known = drawing_since(10.0)
     known.add(seen(10.0, 0.0))
     assert known.target() is None
     for i in range(50):
@@ -225,8 +219,7 @@ def test_target_follows_and_a_false_spot_does_not_move_it():
 
 
 def test_spot_that_rests_has_no_direction():
-    known = Sightings()
-    known.set_state(BORDER, "1", 0.0)
+    known = drawing_since(0.0)
     rng = np.random.default_rng(0)
     for i in range(40):
         known.add(seen(1.0 + 0.04 * i, *(rng.normal(0.0, 0.005, 2))))
@@ -256,8 +249,7 @@ def test_what_is_remembered_for_how_long():
 
 
 def test_who_watches_the_spot():
-    known = Sightings()
-    known.set_state(BORDER, "1", 0.0)
+    known = drawing_since(0.0)
     known.add(seen(1.0, 0.0))
     known.add(seen(2.5, 0.0, camera="robot", mobile=True))
     assert not known.seen_by_stationary(2.5), "only the robot sees it"
@@ -271,8 +263,7 @@ def test_who_watches_the_spot():
 
 
 def test_how_long_nobody_has_seen_the_spot():
-    known = Sightings()
-    known.set_state(BORDER, "1", 0.0)
+    known = drawing_since(0.0)
     assert known.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
     known.add(seen(1.0, 0.0))
     assert known.time_since_seen(1.2) == pytest.approx(0.2)
@@ -283,8 +274,7 @@ def test_how_long_nobody_has_seen_the_spot():
 
 def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
     for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
-        known, straight = Sightings(), {}
-        known.set_state(BORDER, "1", 0.0)
+        known, straight = drawing_since(0.0), {}
         for i in range(200):
             way = 0.04 * speed * i
             known.add(seen(1.0 + 0.04 * i, min(way, 0.6), max(way - 0.6, 0.0)))
@@ -297,8 +287,7 @@ def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
 
 
 def test_cameras_that_differ_are_no_motion():
-    known = Sightings()
-    known.set_state(BORDER, "1", 0.0)
+    known = drawing_since(0.0)
     for i in range(25):
         known.add(seen(1.0 + 0.04 * i, 0.0))
         if i > 12:
@@ -320,11 +309,10 @@ def stand(bench, steps):
     """Steps while the spot stays unseen; a robot that is sent arrives at once. Gives (time since, place) of goals."""
     goals, began = [], bench.now
     for _ in range(steps):
-        decision = bench.step(silent=bench.now + 0.25 - began)
-        if decision.kind == "send":
-            goals.append((bench.now - began, decision.viewpoint))
-            bench.robot.goal = SentGoalState.REACHED
-            bench.robot.pose = decision.viewpoint.pose
+        goal = bench.step(silent=bench.now + 0.25 - began)
+        if goal:
+            goals.append((bench.now - began, goal))
+            bench.robot.goal, bench.robot.pose = SentGoalState.REACHED, goal.pose
     return goals
 
 
@@ -338,7 +326,7 @@ def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken
 
 def test_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
     bench = blind_bench()
-    assert not sent(bench.run(60, silent=0.0))
+    assert not bench.run(60, silent=0.0)
     assert len(stand(bench, 60)) == 2
     bench.run(4, silent=0.0)
     bench.now += FAILED_MEMORY
@@ -350,22 +338,22 @@ def test_lost_spot_is_not_a_matter_of_patience():
     bench.step()
     bench.run(4)
     bench.robot.candidates, bench.robot.sees = [place(3)], lambda pose: pose[0] == 3
-    assert bench.step(silent=1.0).kind == "send"
+    assert bench.step(silent=1.0)
 
 
 def test_next_interaction_begins_from_scratch_even_if_no_decision_fell_between():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.robot.goal = SentGoalState.NONE  # cancelled with the state
-    assert bench.step(key=("b", 1)).kind == "send"
+    assert bench.step(key=("b", 1))
 
 
 def test_robot_that_was_carried_away_comes_back():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.robot.goal = SentGoalState.REACHED
-    assert not sent(bench.run(10, pose=(1.0, 0.0, 0.0)))
-    assert sent(bench.run(10, pose=(5.0, 0.0, 0.0))) == [place(1)]
+    assert not bench.run(10, pose=(1.0, 0.0, 0.0))
+    assert bench.run(10, pose=(5.0, 0.0, 0.0)) == [place(1)]
 
 
 # ------------------------------------------------------------------ several robots
@@ -394,43 +382,52 @@ def test_a_free_robot_comes_before_one_that_somebody_else_sent():
     assert alone.run(20) == {"ada": 1}, "if there is no other, the person comes first"
 
 
-@pytest.mark.parametrize("fault", ["aborts", "navigation dies", "lost", "never accepts", "stuck", "preempted"])
-def test_another_takes_over_when_one_fails(fault):
+@pytest.mark.parametrize(
+    "fault, limit",
+    [
+        ({"goal": SentGoalState.FAILED}, 0.0),
+        ({"goal": SentGoalState.PREEMPTED}, 0.0),
+        ({"server": False}, 0.0),
+        ({"localized": False}, 0.0),
+        ({"goal": SentGoalState.SENT}, PROGRESS_TIMEOUTS["sent"]),  # its navigation never accepts it
+        ({}, PROGRESS_TIMEOUTS["active"]),  # it is stuck
+    ],
+)
+def test_another_takes_over_when_one_fails(fault, limit):
     bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
     bench.serve("ada")
     bench.serve("bob")
     bench.step()
     ada, bob = bench.robots["ada"], bench.robots["bob"]
     assert len(ada.sent) == 1 and not bob.sent
-    if fault == "aborts":
-        ada.goal = SentGoalState.FAILED
-    elif fault == "navigation dies":
-        ada.server = False
-    elif fault == "lost":
-        ada.localized = False
-    elif fault == "never accepts":
-        ada.goal = SentGoalState.SENT
-    elif fault == "preempted":
-        ada.goal = SentGoalState.PREEMPTED
-    limit = {"never accepts": PROGRESS_TIMEOUTS["sent"], "stuck": PROGRESS_TIMEOUTS["active"]}.get(fault, 0.0)
+    vars(ada).update(fault)
     steps = 0
     while not bob.sent and steps < 400:
         bench.step()
         steps += 1
     assert bob.sent and 0.25 * steps <= limit + 1.0, "at once, or when the time is up"
-    assert len(ada.sent) == 1
-    assert bench.fleet.serving == "bob"
+    assert len(ada.sent) == 1 and bench.fleet.serving == "bob"
 
 
 def test_goes_back_to_the_first_when_the_second_fails_too():
     bench = Fleets(ada=Robot(1.0, 1.5, 2.0), bob=Robot(3.0, x0=20.0))
     order = []
     for _ in range(40):
-        for name, decision in bench.step().items():
-            if decision.kind == "send":
-                order.append((name, decision.viewpoint.pose[0]))
-                bench.robots[name].goal = SentGoalState.FAILED
+        for name, goal in bench.step().items():
+            order.append((name, goal.pose[0]))
+            bench.robots[name].goal = SentGoalState.FAILED
     assert order[:3] == [("ada", 0.0), ("bob", 20.0), ("ada", 1.0)], "each place is tried once"
+
+
+def test_one_that_has_failed_comes_after_one_that_has_not():
+    bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
+    bench.step()
+    bench.robots["ada"].goal = SentGoalState.FAILED
+    for knows, steps in ((False, 20), (True, 1)):  # until ada need not rest any more
+        for robot in bench.robots.values():
+            robot.knows = knows
+        bench.run(steps)
+    assert bench.fleet.serving == "bob"
 
 
 def test_two_that_are_about_equally_near_do_not_take_turns():
@@ -470,5 +467,4 @@ def test_all_are_cancelled_when_none_is_wanted():
     bench = Fleets(ada=Robot(2.0), bob=Robot(5.0))
     bench.step()
     bench.wanted, bench.key = False, ("", 0)
-    kinds = {name: decision.kind for name, decision in bench.step().items()}
-    assert kinds == {"ada": "cancel", "bob": "keep"} and bench.fleet.serving is None
+    assert not bench.step() and bench.robots["ada"].goal is SentGoalState.NONE and bench.fleet.serving is None

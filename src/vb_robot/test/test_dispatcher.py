@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon
 
-from plain_rooms import room
+from plain_rooms import VIEW, room
 
 from vb_core.grid_map import GridMap
 from vb_core.poses import to_base
@@ -14,11 +14,9 @@ from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
 from vb_robot.dispatching.drawing import DrawingState
-from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting
 
 PERIOD = 0.25
-VIEW = FloorView.usual()
 EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
 
 

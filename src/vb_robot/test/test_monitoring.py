@@ -118,23 +118,38 @@ def reviewed(areas, radius=0.2, physical=None):
     return GoalReview(physical.with_data(data), physical, radius, known)
 
 
-RUG = {"rug": (2.0, 1.0, 3.0, 2.0)}
-START = (0.5, 0.5)
+WALLED = room(8.0, 4.0)
+WALLED.data[:, 80:82] = 100
+RUG, HALL, DOOR = {"rug": (2.0, 1.0, 3.0, 2.0)}, {"hall": (3.0, 0.0, 3.3, 4.0)}, {"door": (5.0, 0.0, 5.3, 4.0)}
+START, FAR = (0.5, 0.5), (7.0, 2.0)
 
 
 @pytest.mark.parametrize(
-    "goal, why",
+    "areas, start, goal, why",
     [
-        ((2.5, 1.5), ("goal_in_border", "rug")),
-        ((1.9, 1.5), ("goal_in_border", "rug")),  # its edge would be inside
-        ((5.0, 1.5), None),
-        ((1.7, 1.5), None),
-        ((0.03, 2.0), ("goal_in_obstacle", "")),
-        ((9.0, 2.0), ("goal_off_map", "")),
+        (RUG, START, (2.5, 1.5), ("goal_in_border", "rug")),
+        (RUG, START, (1.9, 1.5), ("goal_in_border", "rug")),  # its edge would be inside
+        (RUG, START, (5.0, 1.5), None),
+        (RUG, START, (1.7, 1.5), None),
+        (RUG, START, (0.03, 2.0), ("goal_in_obstacle", "")),
+        (RUG, START, (9.0, 2.0), ("goal_off_map", "")),
+        # of borders that cut a goal off the first one on the way is named
+        ({**HALL, **DOOR}, START, FAR, ("goal_behind_border", "hall")),
+        ({**HALL, **DOOR}, FAR, (0.5, 2.0), ("goal_behind_border", "door")),
+        ({**HALL, **DOOR}, START, (1.5, 3.0), None),
+        ({**RUG, **DOOR}, (0.5, 1.5), (7.0, 1.5), ("goal_behind_border", "door")),  # one can go round the rug
+        (RUG, (2.5, 1.5), (5.0, 1.5), ("goal_behind_border", "rug")),  # it is inside
+        # nothing is claimed of a robot whose place is not known
+        (HALL, None, FAR, None),
+        (HALL, None, (3.1, 2.0), ("goal_in_border", "hall")),
     ],
 )
-def test_why_a_goal_will_be_refused(goal, why):
-    assert reviewed(RUG).review(START, np.array(goal)) == why
+def test_why_a_goal_will_be_refused(areas, start, goal, why):
+    assert reviewed(areas).review(start, np.array(goal)) == why
+
+
+def test_what_walls_cut_off_is_not_laid_to_a_border():
+    assert reviewed(RUG, physical=WALLED).review(START, np.array(FAR)) == ("goal_out_of_reach", "")
 
 
 def test_of_borders_that_touch_the_one_that_encloses_a_place_is_named_and_a_curve_if_none_does():
@@ -155,14 +170,8 @@ def test_a_robot_is_inside_where_only_a_border_forbids_to_be():
     unknown = plain.data.copy()
     unknown[30:40] = -1
     physical = plain.with_data(unknown)
-    for place, inside in [
-        ((2.5, 1.2), True),
-        ((2.5, 1.8), True),
-        ((2.5, 2.7), False),
-        ((1.9, 1.2), False),
-        ((50, 1), False),
-    ]:
-        assert is_inside(plain.with_data(data), physical, place) == inside, place
+    places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
+    assert [is_inside(plain.with_data(data), physical, place) for place in places] == [True, True, False, False, False]
     assert not is_inside(plain.with_data(data), physical, (0.03, 2.0)), "a wall is no border"
 
 
@@ -178,35 +187,6 @@ def test_maps_may_come_in_any_order_before_it_is_told_that_a_robot_is_in_a_borde
         told = [notice.code for notice in robot.notices(0.0)]
         complete = robot._maps.keys() >= {"physical", "borders"}
         assert told == ["robot_caught_in_border"] * complete
-
-
-def test_a_goal_that_borders_cut_off_names_the_first_one_on_the_way():
-    both = {"hall": (3.0, 0.0, 3.3, 4.0), "door": (5.0, 0.0, 5.3, 4.0)}
-    assert reviewed(both).review(START, np.array((7.0, 2.0))) == ("goal_behind_border", "hall")
-    assert reviewed(both).review((7.0, 2.0), np.array((0.5, 2.0))) == ("goal_behind_border", "door")
-    assert reviewed(both).review(START, np.array((1.5, 3.0))) is None
-
-
-def test_a_border_that_can_be_gone_round_is_not_blamed():
-    both = {**RUG, "hall": (5.0, 0.0, 5.3, 4.0)}
-    assert reviewed(both).review((0.5, 1.5), np.array((7.0, 1.5))) == ("goal_behind_border", "hall")
-
-
-def test_what_walls_cut_off_is_not_laid_to_a_border():
-    walled = room(8.0, 4.0)
-    walled.data[:, 80:82] = 100
-    assert reviewed(RUG, physical=walled).review(START, np.array((7.0, 2.0))) == ("goal_out_of_reach", "")
-
-
-def test_a_robot_inside_is_told_its_own_border():
-    inside = reviewed(RUG)
-    assert inside.review((2.5, 1.5), np.array((5.0, 1.5))) == ("goal_behind_border", "rug")
-
-
-def test_nothing_is_claimed_of_a_robot_whose_place_is_not_known():
-    both = {"hall": (3.0, 0.0, 3.3, 4.0)}
-    assert reviewed(both).review(None, np.array((7.0, 2.0))) is None
-    assert reviewed(both).review(None, np.array((3.1, 2.0))) == ("goal_in_border", "hall")
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -262,6 +242,7 @@ class Planner:
 
     def __init__(self, monkeypatch):
         self.values = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1}
+        self.usual = dict(self.values)
         self.asked, self.refuses, self.kept, self.heard_by = 0, False, {}, []
         self.answers = threading.Event()
         self.answers.set()
@@ -289,28 +270,29 @@ class Planner:
         return PlannerSpeed("/move_base/DWAPlannerROS", wiring.PLANNERS["DWAPlannerROS"])
 
 
-def test_the_usual_speed_comes_back_behind_a_slow_zone(monkeypatch):
-    planner = Planner(monkeypatch)
-    speed, usual = planner.speed(), dict(planner.values)
+@pytest.fixture
+def planner(monkeypatch):
+    return Planner(monkeypatch)
+
+
+def test_the_usual_speed_comes_back_behind_a_slow_zone(planner):
+    speed = planner.speed()
     speed.apply(math.inf)
     for _ in range(3):
         speed.apply(0.2)
     assert planner.values == {"max_vel_trans": 0.2, "max_vel_x": 0.2, "min_vel_trans": 0.1} and planner.asked == 3
     speed.apply(0.1)
     speed.apply(math.inf)
-    assert planner.values == usual and planner.kept == {}
+    assert planner.values == planner.usual and planner.kept == {}
 
 
-def test_the_usual_speed_comes_back_although_the_node_was_restarted_in_the_zone(monkeypatch):
-    planner = Planner(monkeypatch)
-    usual = dict(planner.values)
+def test_the_usual_speed_comes_back_although_the_node_was_restarted_in_the_zone(planner):
     planner.speed().apply(0.2)
     planner.speed().apply(math.inf)
-    assert planner.values == usual
+    assert planner.values == planner.usual
 
 
-def test_what_a_person_sets_between_zones_is_the_usual_speed_from_then_on(monkeypatch):
-    planner = Planner(monkeypatch)
+def test_what_a_person_sets_between_zones_is_the_usual_speed_from_then_on(planner):
     speed = planner.speed()
     for limit in (0.2, math.inf):
         speed.apply(limit)
@@ -320,8 +302,7 @@ def test_what_a_person_sets_between_zones_is_the_usual_speed_from_then_on(monkey
     assert planner.values["max_vel_x"] == 0.4
 
 
-def test_a_planner_that_keeps_its_speed_does_not_obey_and_is_asked_again(monkeypatch):
-    planner = Planner(monkeypatch)
+def test_a_planner_that_keeps_its_speed_does_not_obey_and_is_asked_again(planner):
     planner.refuses, speed = True, planner.speed()
     for _ in range(2):
         with pytest.raises(CodedError) as caught:
@@ -332,24 +313,22 @@ def test_a_planner_that_keeps_its_speed_does_not_obey_and_is_asked_again(monkeyp
     assert planner.values["max_vel_x"] == 0.2
 
 
-def test_a_higher_speed_that_is_set_in_a_slow_zone_is_limited_again_and_only_that(monkeypatch):
+def test_a_higher_speed_that_is_set_in_a_slow_zone_is_limited_again_and_only_that(planner):
     """So is a planner that was restarted there: it says its values as it starts."""
-    planner = Planner(monkeypatch)
-    speed, usual = planner.speed(), dict(planner.values)
+    speed = planner.speed()
     speed.apply(0.2)
     asked = planner.asked
     planner.set(max_vel_trans=0.15, sim_time=3.0)
     speed.apply(0.2)
     assert planner.asked == asked
-    planner.set(**usual)
+    planner.set(**planner.usual)
     speed.apply(0.2)
     assert planner.values["max_vel_trans"] == planner.values["max_vel_x"] == 0.2
     speed.apply(math.inf)
-    assert {name: planner.values[name] for name in usual} == usual
+    assert {name: planner.values[name] for name in planner.usual} == planner.usual
 
 
-def test_a_planner_that_hangs_keeps_nobody_waiting_and_is_not_said_to_obey(monkeypatch):
-    planner = Planner(monkeypatch)
+def test_a_planner_that_hangs_keeps_nobody_waiting_and_is_not_said_to_obey(planner):
     planner.answers.clear()
     speed = planner.speed()
     speed.ask(0.2)

@@ -18,6 +18,12 @@ def shim_with(path=PATH):
     return shim
 
 
+def align(shim, v, w, yaw, now=NOW):
+    """What becomes of a request [m/s, rad/s] of a robot on the path that faces this way [rad]."""
+    found = shim.align(VelocityRequest(v, w), (1.0, 0.0, yaw), now)
+    return found.v, found.w
+
+
 def turned_round(seed, shim, sweep_s):
     """Returns whether a robot that faces away gets round, with a controller that turns to and fro behind itself.
 
@@ -49,27 +55,24 @@ def test_a_robot_that_faces_away_from_its_path_turns_round(sweep_s):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_it_turns_the_shorter_way_and_keeps_to_it(side):
     shim = shim_with()
-    given = [
-        shim.align(VelocityRequest(0.1, -side * 0.3), (1.0, 0.0, side * math.radians(degrees)), NOW)
-        for degrees in (170, 175, 185, 190, 120, 91, 80, 40)
-    ]
-    assert all(request.v == 0.0 and -side * request.w >= 0.5 for request in given)
-    request = VelocityRequest(0.1, side * 0.3)
-    assert shim.align(request, (1.0, 0.0, side * math.radians(20)), NOW) == request
-    assert shim.align(request, (1.0, 0.0, side * math.radians(80)), NOW) == request, "beside is not behind"
+    for degrees in (170, 175, 185, 190, 120, 91, 80, 40):
+        v, w = align(shim, 0.1, -side * 0.3, side * math.radians(degrees))
+        assert v == 0.0 and -side * w >= 0.5
+    for degrees in (20, 80):  # it is round; and beside is not behind
+        assert align(shim, 0.1, side * 0.3, side * math.radians(degrees)) == (0.1, side * 0.3)
 
 
 def test_a_faster_turn_keeps_its_speed():
-    assert abs(shim_with().align(VelocityRequest(0.0, 1.2), (1.0, 0.0, 3.0), NOW).w) == 1.2
+    assert abs(align(shim_with(), 0.0, 1.2, 3.0)[1]) == 1.2
 
 
 def test_a_stop_is_a_stop():
     shim = shim_with()
-    shim.align(VelocityRequest(0.0, 0.3), (1.0, 0.0, 3.0), NOW)
-    assert shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, 3.0), NOW) == VelocityRequest(0.0, 0.0)
+    align(shim, 0.0, 0.3, 3.0)
+    assert align(shim, 0.0, 0.0, 3.0) == (0.0, 0.0)
     # after it another drive begins, whose path is beside the robot
-    shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, math.radians(-80)), NOW)
-    assert shim.align(VelocityRequest(0.1, 0.2), (1.0, 0.0, math.radians(-80)), NOW) == VelocityRequest(0.1, 0.2)
+    align(shim, 0.0, 0.0, math.radians(-80))
+    assert align(shim, 0.1, 0.2, math.radians(-80)) == (0.1, 0.2)
 
 
 @pytest.mark.parametrize(
@@ -107,15 +110,14 @@ def test_a_path_that_bends_is_followed_from_the_nearest_place():
 
 def test_a_recovery_that_turns_round_is_let_through_until_navigation_drives_on():
     shim = shim_with()
-    assert shim.align(VelocityRequest(0.0, 1.0), (1.0, 0.0, -3.0), NOW).w > 0.0
+    assert align(shim, 0.0, 1.0, -3.0)[1] > 0.0
     shim.recover(NOW)
     for degrees in range(0, 360, 10):  # once round, also over what is behind
-        request = VelocityRequest(0.0, 1.0)
-        assert shim.align(request, (1.0, 0.0, math.radians(degrees)), NOW + 0.04 * degrees) == request
-    assert shim.align(VelocityRequest(0.1, 0.0), (1.0, 0.0, -3.0), NOW + 15.0).v == 0.0, "the controller drives again"
+        assert align(shim, 0.0, 1.0, math.radians(degrees), NOW + 0.04 * degrees) == (0.0, 1.0)
+    assert align(shim, 0.1, 0.0, -3.0, NOW + 15.0)[0] == 0.0, "the controller drives again"
     shim.recover(NOW)
-    assert shim.align(VelocityRequest(0.0, -1.0), (1.0, 0.0, -3.0), NOW + RECOVERY + 0.1).w > 0.0
+    assert align(shim, 0.0, -1.0, -3.0, NOW + RECOVERY + 0.1)[1] > 0.0
 
 
 def test_reverse_is_never_turned_into_a_turn():
-    assert shim_with().align(VelocityRequest(-0.2, 0.0), (1.0, 0.0, 3.0), NOW) == VelocityRequest(-0.2, 0.0)
+    assert align(shim_with(), -0.2, 0.0, 3.0) == (-0.2, 0.0)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
@@ -33,7 +33,11 @@ def scan(ranges, fov=360.0, range_min=0.12, **how):
     return Scan(ranges, -0.5 * step * (len(ranges) - 1), step, range_min, 8.0, np.eye(4), RADIUS, **how)
 
 
-@settings(deadline=None)
+def post_at(x, y):
+    """A scan of one beam, which met something thin."""
+    return Scan([math.hypot(x, y)], math.atan2(y, x), 0.01, 0.1, 8.0, np.eye(4), RADIUS)
+
+
 @given(st.floats(0.0, 2.0))
 def test_safe_speed_stops_in_time(free):
     assert stop_distance(safe_speed(free, LIMITS), LIMITS) == pytest.approx(free, abs=1e-9)
@@ -53,15 +57,7 @@ def test_a_scanner_says_otherwise_that_nothing_came_back_if_its_profile_tells(sa
 def test_what_stands_beside_its_way_is_passed_and_what_stands_in_it_is_not(v, side):
     width = RADIUS + KEEP.sides
     for across, passed in ((0.9 * width, False), (1.1 * width, True)):
-        post = Scan(
-            [math.hypot(0.8, across)],
-            math.atan2(side * across, math.copysign(0.8, v)),
-            0.01,
-            0.1,
-            8.0,
-            np.eye(4),
-            RADIUS,
-        )
+        post = post_at(math.copysign(0.8, v), side * across)
         assert (post.free_distance(v, 0.0, RADIUS, KEEP) == math.inf) == passed
         # on an arc narrower than its limit it counts as driving straight on, on a wider one it turns away or towards it
         narrow = v / (0.8 * MIN_ARC_RADIUS)
@@ -73,8 +69,7 @@ def test_what_stands_beside_its_way_is_passed_and_what_stands_in_it_is_not(v, si
 @pytest.mark.parametrize("w", [0.0, 0.2, -0.2])
 @pytest.mark.parametrize("v", [0.2, -0.2])
 def test_a_post_on_its_arc_is_as_far_as_the_arc_is_long(v, w):
-    (x, y) = arc((0.0, 0.0, 0.0), np.array([math.copysign(0.7, v)]), w / v)[0]
-    post = Scan([math.hypot(x, y)], math.atan2(y, x), 0.01, 0.1, 8.0, np.eye(4), RADIUS)
+    post = post_at(*arc((0.0, 0.0, 0.0), np.array([math.copysign(0.7, v)]), w / v)[0])
     assert post.free_distance(v, w, RADIUS, KEEP) == pytest.approx(0.7 - RADIUS - KEEP.ahead, abs=1e-6)
 
 

@@ -21,13 +21,6 @@ from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.spots import Sighting, Sightings
 
 
-def driving(wish=(0.3, 0.0), **how):
-    rig = Rig(**how)
-    rig.navigation = wish
-    assert rig.step(1.0).v == wish[0]
-    return rig
-
-
 # ------------------------------------------------------------ one way to the wheels
 @pytest.mark.parametrize("situation", ["idle", "stopped", "driving"])
 def test_another_node_that_could_drive_the_base_is_told_in_every_state(situation):
@@ -92,7 +85,7 @@ def test_what_never_came_stops_it(never, code):
 
 
 def test_a_stopped_robot_keeps_its_goal_and_goes_on():
-    rig = driving()
+    rig = Rig().drives()
     rig.goal = True
     rig.latch.stop("a", "test")
     rig.step(5.0)
@@ -129,7 +122,7 @@ def test_amcl_starts_where_a_robot_was_said_to_be_or_the_robot_does_not_know(kno
 
 
 def test_a_localisation_that_slides_away_in_small_steps_is_a_jump_too():
-    rig = driving((0.0, 0.3))
+    rig = Rig().drives(0.0, 0.3)
     codes = set()
     for _ in range(9):
         rig.pose = (rig.pose[0], rig.pose[1] + 0.2, rig.pose[2])  # 1.8 m within 0.45 s
@@ -138,7 +131,7 @@ def test_a_localisation_that_slides_away_in_small_steps_is_a_jump_too():
 
 
 def test_a_jump_over_a_moment_without_a_pose_is_a_jump_too():
-    rig = driving()
+    rig = Rig().drives()
     rig.arbiter.gate.set_pose(None, rig.now)
     rig.silent.add("pose")
     rig.step(0.1)
@@ -157,7 +150,7 @@ def test_a_state_that_is_not_known_moves_no_robot():
 
 # ------------------------------------------------------------ contacts
 def test_a_bumper_that_is_released_does_not_release_another_one():
-    rig = driving()
+    rig = Rig().drives()
     gate = rig.arbiter.gate
     gate.set_contact(("bumper", 0), "forward")
     gate.set_contact(("bumper", 1), "forward")
@@ -168,7 +161,7 @@ def test_a_bumper_that_is_released_does_not_release_another_one():
 
 
 def test_with_a_dropped_wheel_it_does_not_move_at_all():
-    rig = driving()
+    rig = Rig().drives()
     rig.arbiter.gate.set_contact(("wheel_drop", 0), "all")
     for wish in ((0.3, 0.0), (-0.2, 0.0), (0.0, 0.5)):
         rig.navigation = rig.teleop = wish

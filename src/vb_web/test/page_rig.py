@@ -6,15 +6,13 @@ import os
 import unittest
 from contextlib import closing, contextmanager
 from pathlib import Path
-from xmlrpc.client import ServerProxy
 import signal
 
-import rosgraph
 import rospy
 from geometry_msgs.msg import Point
 
 from phone import Browser
-from vb_testing import Process, is_listening, wait_until
+from vb_testing import Process, is_listening, process_of, wait_until
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
 from vb_evaluation.processes import free_port
@@ -109,8 +107,7 @@ class PageTest(unittest.TestCase):
     @contextmanager
     def halted_manager(self, ends_with):
         """A manager that hangs, which the page tells, and then gets a signal."""
-        uri = rosgraph.Master("/page_test").lookupNode("/interaction_manager")
-        process = ServerProxy(uri).getPid("/page_test")[2]
+        process = process_of("/interaction_manager")
         os.kill(process, signal.SIGSTOP)
         try:
             self.browser.wait_text("#banners", "has not responded for more than 0:0")

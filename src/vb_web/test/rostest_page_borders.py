@@ -61,6 +61,7 @@ class BordersTest(PageTest):
         self.browser.click("#borders .switch")
         wait_until(lambda: self.borders()[0].enabled, "the border to be on")
         # what changes nothing is no step of undo
+        self.browser.wait("window.virtualBorders.view.borders.list[0].enabled", what="the page to know it too")
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Edit")

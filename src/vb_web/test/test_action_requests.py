@@ -11,9 +11,9 @@ from hostile import GOOD_DRAFT, hostile_messages
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_web import action_requests
-from vb_web.action_requests import ACTIONS, Bounds, Draft
+from vb_web.action_requests import ACTIONS, Draft
 
-BOUNDS = Bounds((0.0, 0.0), (8.0, 5.0))
+BOUNDS = (0.0, 0.0), (8.0, 5.0)
 TARGET = {"border": "b1", "revision": 3}
 GOOD = {
     "command": {"command": "save", "seen_stop": "5a", "age": 0.1},
@@ -97,23 +97,13 @@ def test_numbers_that_are_none_are_refused(text):
 def test_without_a_map_nothing_can_be_drawn():
     with refused("page_no_map"):
         action_requests.parse(json.dumps({"do": "add", "id": "a", "draft": GOOD_DRAFT}), None)
-    assert (
-        action_requests.parse(
-            json.dumps({"do": "command", "id": "a", "command": "stop", "seen_stop": "", "age": 0}), None
-        ).values["command"]
-        == "stop"
-    )
+    stop = json.dumps({"do": "command", "id": "a", "command": "stop", "seen_stop": "", "age": 0})
+    assert action_requests.parse(stop, None).values["command"] == "stop"
 
 
 def test_a_message_that_is_too_long_or_too_deep_is_refused():
-    for text in (
-        "[" * 60000,
-        json.dumps({"do": "rename", "id": "a", "name": "x" * 70000}),
-        "1" * 60000,
-        b"{}",
-        None,
-        5,
-    ):
+    long = json.dumps({"do": "rename", "id": "a", "name": "x" * 70000})
+    for text in ("[" * 60000, long, "1" * 60000, b"{}", None, 5):
         with pytest.raises(CodedError):
             action_requests.parse(text, BOUNDS)
 
@@ -128,11 +118,7 @@ def test_what_gets_through_of_hostile_messages_is_harmless():
         passed += 1
         draft = request.values.get("draft")
         if isinstance(draft, Draft):
-            assert (
-                np.isfinite(draft.points).all()
-                and (np.abs(draft.points) <= 9.0).all()
-                and math.isfinite(draft.max_speed)
-            )
+            assert (np.abs(draft.points) <= 9.0).all() and math.isfinite(draft.max_speed)
         for value in request.values.values():
             assert not isinstance(value, str) or (len(value) <= 300 and value.isprintable())
     assert 0 < passed < 1000

@@ -15,14 +15,14 @@ from hostile import GOOD_DRAFT
 from refusals import refused
 from vb_core.limiter import Limiter
 from vb_core.errors import CodedError, ParameterError
-from vb_web import access, action_requests
+from vb_web import access
 from vb_web.access import AccessCodes, Places, Role, Sessions
 from vb_web.images import ImageCache, EncodedImage
-from vb_web.server import PageServer, ServerParams
+from vb_web.server import PageServer, ServerParams, addresses
 from vb_web.view import View
 
 CODES = AccessCodes("view-er22", "oper-at33")
-BOUNDS = action_requests.Bounds((0.0, 0.0), (8.0, 5.0))
+BOUNDS = (0.0, 0.0), (8.0, 5.0)
 CERTIFICATE = (
     "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
     " -addext subjectAltName=IP:127.0.0.1 -keyout page.key -out page.crt"
@@ -91,12 +91,15 @@ class Running:
 
         return asyncio.run(fetch())
 
+    async def connect(self, **headers):
+        given = {"Origin": f"http://{self.host}", **headers}
+        return await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
+
     def link(self, work, **headers):
         """Runs work(socket) over a WebSocket; gives its result."""
 
         async def run():
-            given = {"Origin": f"http://{self.host}", **headers}
-            connection = await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
+            connection = await self.connect(**headers)
             try:
                 return await work(connection)
             finally:
@@ -123,30 +126,21 @@ def network():
 
 def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path):
     params = ServerParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
-    assert params.certificate is None and params.scheme == "http"
+    assert addresses(params, 8420, ["lab"]) == ["http://lab:8420/"]
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
-        ServerParams.scheme.fget(params)
+        addresses(params, 8420, ["lab"])
     subprocess.run(CERTIFICATE.split(), cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
-    assert params.scheme == "https"
-    assert ServerParams(codes_file=params.codes_file).scheme == "http"  # this computer's own browser
+    assert addresses(params, 8420, ["lab"]) == ["https://lab:8420/"]
+    own = ServerParams(codes_file=params.codes_file)  # this computer's own browser
+    assert addresses(own, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
     running = Running(Sessions(CODES), params)
     try:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
-        answer = running.ask(
-            "/session",
-            "POST",
-            json.dumps({"code": CODES.viewer}),
-            scheme="https",
-            options=trusted,
-            Origin=f"https://{running.host}",
-            Content_Type="application/json",
-        )
-        assert (
-            answer.code == 200
-            and "Secure" in answer.headers["Set-Cookie"]
-            and "Strict-Transport-Security" in answer.headers
-        )
+        given = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
+        answer = log_in(running, CODES.viewer, **given)
+        assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"]
+        assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # http: no answer at all
             running.ask("/session")
     finally:
@@ -186,16 +180,11 @@ def test_this_computer_needs_no_code(local):
     assert local.ask("/").headers["Content-Security-Policy"]
 
 
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {"Host": "evil.example"},
-        {"Host": "localhost.evil.example:8420"},
-        {"X_Forwarded_For": "127.0.0.1"},
-        {"Forwarded": "for=1.2.3.4"},
-        {"Via": "1.1 proxy"},
-    ],
-)
+FOREIGN = [{"Host": "evil.example"}, {"Host": "localhost.evil.example:8420"}]
+FOREIGN += [{"X_Forwarded_For": "127.0.0.1"}, {"Forwarded": "for=1.2.3.4"}, {"Via": "1.1 proxy"}]
+
+
+@pytest.mark.parametrize("headers", FOREIGN)
 def test_a_foreign_name_or_a_proxy_is_not_this_computer(local, headers):
     assert json.loads(local.ask("/session", **headers).body)["role"] == "nobody"
     assert [local.ask(path, **headers).code for path in PRIVATE] == [401, 401, 401]
@@ -264,14 +253,8 @@ def test_nothing_else_can_be_done_with_it(local, path, method, body):
 def test_a_body_that_is_large_or_a_form_is_never_parsed(network):
     big = network.ask("/session", "POST", "x" * 100000, Origin=f"http://{network.host}")
     assert big.code in (400, 413, 599)
-    form = network.ask(
-        "/session",
-        "POST",
-        "--b\r\n\r\nx\r\n--b--",
-        Origin=f"http://{network.host}",
-        Content_Type="multipart/form-data; boundary=b",
-    )
-    assert form.code == 400
+    given = {"Origin": f"http://{network.host}", "Content_Type": "multipart/form-data; boundary=b"}
+    assert network.ask("/session", "POST", "--b\r\n\r\nx\r\n--b--", **given).code == 400
 
 
 def test_pictures_are_kept_by_browsers_and_pages_are_asked_for(local):
@@ -331,8 +314,7 @@ def test_previews_of_one_person_wait_for_each_other_and_not_for_those_of_others(
 
     async def work(first):
         loop = asyncio.get_event_loop()
-        given = {"Origin": f"http://{network.host}", "Cookie": cookie(network, Role.OPERATOR)}
-        other = await websocket_connect(HTTPRequest(f"ws://{network.host}/link", headers=given))
+        other = await network.connect(Cookie=cookie(network, Role.OPERATOR))
         preview = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
         for number in range(4):
             await first.write_message(json.dumps({**preview, "id": f"p{number}"}))
@@ -402,8 +384,7 @@ def test_viewers_take_no_operators_place(network):
     viewer = cookie(network, Role.VIEWER)
 
     async def work(operator):
-        given = {"Origin": f"http://{network.host}", "Cookie": viewer}
-        links = [await websocket_connect(HTTPRequest(f"ws://{network.host}/link", headers=given)) for _ in range(6)]
+        links = [await network.connect(Cookie=viewer) for _ in range(6)]
         for link in links[:3]:  # its own older ones give way
             while await asyncio.wait_for(link.read_message(), 60.0) is not None:
                 pass

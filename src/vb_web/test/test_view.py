@@ -53,33 +53,18 @@ def test_a_border_keeps_its_mark_while_it_exists():
     assert mark_borders(marks, many[::-1]) == marks
 
 
-def used_words():
-    """Codes that the page's own files name, also those with a variable end, as prefixes."""
-    text = "".join(path.read_text(encoding="utf-8") for path in STATIC.iterdir())
-    return set(re.findall(r"\bpage_[a-z_]+", text))
-
-
-def test_every_word_of_the_page_is_there():
-    words = sentences.catalog()  # the other languages have the same
-    missing = [
-        code
-        for code in used_words()
-        if not any(code == word or (code.endswith("_") and word.startswith(code)) for word in words)
-    ]
-    # page_zone and page_title are words and beginnings of words at once
+def test_the_page_has_every_word_that_it_uses_and_uses_every_word_that_it_has():
+    pages, code = (
+        set(re.findall(r"\bpage_[a-z_]+", "".join(path.read_text(encoding="utf-8") for path in paths)))
+        for paths in (STATIC.iterdir(), STATIC.parent.glob("*.py"))
+    )
+    words = {word for word in sentences.catalog() if word.startswith("page_")}  # the other languages have the same
+    # what ends in _ has a variable end; page_zone and page_title are words and beginnings of words at once
+    missing = [one for one in pages - words if not (one.endswith("_") and any(word.startswith(one) for word in words))]
     assert not missing
-
-
-def test_no_word_of_the_page_is_left_over():
-    sources = "".join(path.read_text(encoding="utf-8") for path in STATIC.parent.glob("*.py"))
-    used = used_words() | set(re.findall(r"\bpage_[a-z_]+", sources))
-    stems = [code for code in used if code.endswith("_")] + ["page_title_", "page_zone_"]
-    left = [
-        word
-        for word in sentences.catalog()
-        if word.startswith("page_") and word not in used and not word.startswith(tuple(stems))
-    ]
-    assert not left
+    used = pages | code
+    stems = ("page_title_", "page_zone_", *(one for one in used if one.endswith("_")))
+    assert not [word for word in words - used if not word.startswith(stems)]
 
 
 def test_the_page_loads_nothing_from_elsewhere():

@@ -12,16 +12,14 @@ import rospy
 from rich.console import Console
 from rich.table import Table
 
-from vb_bringup.lab_checks import CheckLine, CheckState, worst_state
+from vb_bringup.lab_checks import CheckLine
 from vb_bringup.lab_observation import observe_lab
 from vb_core import sentences
+from vb_core.notices import Severity
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
-_MARKS = {
-    CheckState.OK: "[green]ok[/]",
-    CheckState.WARNING: "[yellow]warning[/]",
-    CheckState.ERROR: "[bold red]error[/]",
-}
+_STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
+_STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
 
 
 def print_table(lines: List[CheckLine], language: str, console: Console) -> None:
@@ -30,7 +28,7 @@ def print_table(lines: List[CheckLine], language: str, console: Console) -> None
     for heading in ("", ""):
         table.add_column(heading, overflow="fold")
     for line in sorted(lines, key=lambda line: line.state):
-        table.add_row(_MARKS[line.state], line.sentence(language))
+        table.add_row(f"[{_STYLES[line.state]}]{_STATES[line.state]}[/]", line.sentence(language))
     console.print(table)
 
 
@@ -47,7 +45,7 @@ def print_camera(camera: str) -> None:
 
 def to_json(lines: List[CheckLine], language: str) -> str:
     """Formats the lines for programs: subject, state, code, values, and the sentence for people, of each."""
-    named = [{**vars(line), "state": line.state.name.lower(), "message": line.sentence(language)} for line in lines]
+    named = [{**vars(line), "state": _STATES[line.state], "message": line.sentence(language)} for line in lines]
     return json.dumps(named, indent=1, ensure_ascii=False, default=str)
 
 
@@ -75,13 +73,14 @@ def run(arguments: Optional[List[str]] = None) -> int:
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
     lines = observe_lab(chosen.seconds)
+    faults = [line for line in lines if line.state is Severity.ERROR]
     if chosen.json:
         print(to_json(lines, chosen.language))
     else:
         print_table(lines, chosen.language, Console())
-        for camera in sorted({str(line.values.get("camera", "")) for line in lines if line.state is CheckState.ERROR}):
+        for camera in sorted({str(line.values.get("camera", "")) for line in faults}):
             print_camera(camera)
-    return FAULTS if worst_state(lines) is CheckState.ERROR else READY
+    return FAULTS if faults else READY
 
 
 def main() -> None:

@@ -8,34 +8,25 @@ that does not run, topics that do not meet, a map that was read wrongly.
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass, field
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from vb_core import sentences
-from vb_core.notices import Notice
+from vb_core.notices import Notice, Severity
 
 MIN_DISK_MB = 500  # room for a day of logs and recordings
 MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least what is ahead
 _HARDLY_ANY = 0.01  # share of unknown cells; shades between may be left where all else was read as free
 
 
-class CheckState(enum.IntEnum):
-    """Severity of a line; the worst of all lines decides the exit status."""
-
-    OK = 0
-    WARNING = 1
-    ERROR = 2
-
-
 @dataclass(frozen=True)
 class CheckLine:
-    """The result of one check, or what a node of the lab tells people."""
+    """The result of one check, or what a node of the lab tells people. A `state` of INFO is what is as it should be."""
 
     subject: str
-    state: CheckState
+    state: Severity
     code: str
     values: Mapping[str, Any] = field(default_factory=dict)
     message: str = ""
@@ -58,112 +49,87 @@ def lines_from_notices(notices: Iterable[Notice], others: Iterable[CheckLine] = 
         elif notice.border_id or notice.code.startswith("borders_"):
             subject = "borders"
         if (subject, notice.code) not in known:
-            lines.append(CheckLine(subject, CheckState(notice.severity), notice.code, notice.values, notice.message))
+            lines.append(CheckLine(subject, Severity(notice.severity), notice.code, notice.values, notice.message))
     return lines
 
 
-@dataclass(frozen=True)
-class CameraWiring:
-    """How a camera's images come to its detector.
+def check_camera(
+    name: str,
+    topic: str = "",
+    publishers: Sequence[str] = (),
+    others: Sequence[str] = (),
+    rate: float = 0.0,
+    no_delay: bool = False,
+) -> CheckLine:
+    """Checks how a camera's images come to its detector; whether they can be used the detector tells.
 
-    Attributes:
+    Args:
         topic: of its images; "" if the detector reads the camera itself.
         publishers: nodes that publish it; others: topics of images beside it that its driver does publish.
         rate: [1/s] of images that are searched.
         no_delay: it is a network camera whose delay nobody has measured.
     """
 
-    name: str
-    topic: str = ""
-    publishers: Sequence[str] = ()
-    others: Sequence[str] = ()
-    rate: float = 0.0
-    no_delay: bool = False
+    def line(state: Severity, code: str, **values: Any) -> CheckLine:
+        return CheckLine(f"camera {name}", state, code, {"camera": name, "topic": topic, **values})
+
+    if topic and not publishers and others:
+        shown = {"others": ", ".join(others), "image": others[0].strip("/")}
+        return line(Severity.ERROR, "lab_camera_other_topic", **shown)
+    if topic and not publishers:
+        return line(Severity.ERROR, "lab_camera_no_publisher")
+    if len(publishers) > 1:
+        return line(Severity.ERROR, "lab_camera_many_publishers", nodes=", ".join(publishers))
+    if no_delay:
+        return line(Severity.WARNING, "lab_camera_no_delay")
+    return line(Severity.INFO, "lab_camera_ok", rate=f"{rate:.1f}")
 
 
-def check_camera(camera: CameraWiring) -> CheckLine:
-    """Checks how the images come; whether they can be used its detector tells."""
+def check_robot(
+    name: str, keeps_margin: bool, scan_topic: str, scan_deg: Optional[float], clears_plans: bool
+) -> List[CheckLine]:
+    """Checks the scanner of a robot of somebody's own, and its navigation's costmaps and parameters.
 
-    def line(state: CheckState, code: str, **values: Any) -> CheckLine:
-        return CheckLine(f"camera {camera.name}", state, code, {"camera": camera.name, "topic": camera.topic, **values})
-
-    if camera.topic and not camera.publishers and camera.others:
-        others = {"others": ", ".join(camera.others), "image": camera.others[0].strip("/")}
-        return line(CheckState.ERROR, "lab_camera_other_topic", **others)
-    if camera.topic and not camera.publishers:
-        return line(CheckState.ERROR, "lab_camera_no_publisher")
-    if len(camera.publishers) > 1:
-        return line(CheckState.ERROR, "lab_camera_many_publishers", nodes=", ".join(camera.publishers))
-    if camera.no_delay:
-        return line(CheckState.WARNING, "lab_camera_no_delay")
-    return line(CheckState.OK, "lab_camera_ok", rate=f"{camera.rate:.1f}")
-
-
-@dataclass(frozen=True)
-class RobotWiring:
-    """What a robot of somebody's own is set to; `name` is "" for the only one.
-
-    Attributes:
-        keeps_margin: whether it plans on the driver's keep_out.
-        scan_topic, scan_deg: [deg] what the scan of a robot with a driver covers; 0: no scan arrived, None: it has no driver.
+    Args:
+        name: "" for the only one; keeps_margin: whether it plans on the driver's keep_out.
+        scan_deg: [deg] what the scan of a robot with a driver covers; 0: no scan arrived, None: it has no driver.
         clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
-
-    name: str
-    keeps_margin: bool = True
-    scan_topic: str = "scan"
-    scan_deg: Optional[float] = None
-    clears_plans: bool = False
-
-
-def check_robot(robot: RobotWiring) -> List[CheckLine]:
-    """Checks a robot's scanner, and its navigation's costmaps and parameters."""
     found = []
-    if robot.scan_deg is not None and not robot.keeps_margin:
-        found.append((CheckState.WARNING, "lab_robot_without_margin", {}))
-    if robot.scan_deg == 0.0:
-        found.append((CheckState.WARNING, "lab_robot_no_scan", {"topic": robot.scan_topic}))
-    elif robot.scan_deg is not None and robot.scan_deg < MIN_SCAN_DEG:
-        found.append((CheckState.WARNING, "lab_robot_narrow_scan", {"degrees": f"{robot.scan_deg:.0f}"}))
-    if robot.clears_plans:
-        found.append((CheckState.ERROR, "lab_robot_clears_plans", {}))
-    subject, who = f"robot {robot.name}".strip(), {"robot": sentences.robot_value(robot.name)}
+    if scan_deg is not None and not keeps_margin:
+        found.append((Severity.WARNING, "lab_robot_without_margin", {}))
+    if scan_deg == 0.0:
+        found.append((Severity.WARNING, "lab_robot_no_scan", {"topic": scan_topic}))
+    elif scan_deg is not None and scan_deg < MIN_SCAN_DEG:
+        found.append((Severity.WARNING, "lab_robot_narrow_scan", {"degrees": f"{scan_deg:.0f}"}))
+    if clears_plans:
+        found.append((Severity.ERROR, "lab_robot_clears_plans", {}))
+    subject, who = f"robot {name}".strip(), {"robot": sentences.robot_value(name)}
     return [CheckLine(subject, state, code, {**who, **values}) for state, code, values in found]
 
 
-@dataclass(frozen=True)
-class MapObservation:
-    """What was observed of the map.
+def check_map(
+    size: Optional[Tuple[float, float]], publishers: Sequence[str], with_borders: bool, file: str, all_known: bool
+) -> List[CheckLine]:
+    """Checks whether there is one physical map, and one with the borders.
 
-    Attributes:
+    Args:
         size: (width, height) [m] of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether there is /virtual_borders/map.
         file: what the lab was given as its map; "" if nothing.
         all_known: see `is_all_known`.
     """
-
-    size: Optional[Tuple[float, float]] = None
-    publishers: Sequence[str] = ()
-    with_borders: bool = False
-    file: str = ""
-    all_known: bool = False
-
-
-def check_map(seen: MapObservation) -> List[CheckLine]:
-    """Checks whether there is one physical map, and one with the borders."""
-    if seen.size is None:
-        code = "lab_map_not_served" if seen.file else "lab_map_missing"
-        return [CheckLine("map", CheckState.ERROR, code, {"file": seen.file})]
+    if size is None:
+        return [CheckLine("map", Severity.ERROR, "lab_map_not_served" if file else "lab_map_missing", {"file": file})]
     lines = []
-    if len(seen.publishers) > 1:
-        nodes = {"nodes": ", ".join(seen.publishers)}
-        lines.append(CheckLine("map", CheckState.ERROR, "lab_map_many_publishers", nodes))
-    if not seen.with_borders:
-        lines.append(CheckLine("map", CheckState.ERROR, "lab_map_without_borders"))
-    if seen.all_known:
-        lines.append(CheckLine("map", CheckState.WARNING, "lab_map_all_known"))
-    values = {"width": f"{seen.size[0]:.1f}", "height": f"{seen.size[1]:.1f}"}
-    return lines or [CheckLine("map", CheckState.OK, "lab_map_ok", values)]
+    if len(publishers) > 1:
+        lines.append(CheckLine("map", Severity.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(publishers)}))
+    if not with_borders:
+        lines.append(CheckLine("map", Severity.ERROR, "lab_map_without_borders"))
+    if all_known:
+        lines.append(CheckLine("map", Severity.WARNING, "lab_map_all_known"))
+    values = {"width": f"{size[0]:.1f}", "height": f"{size[1]:.1f}"}
+    return lines or [CheckLine("map", Severity.INFO, "lab_map_ok", values)]
 
 
 def is_all_known(cells: np.ndarray) -> bool:
@@ -178,18 +144,13 @@ def is_all_known(cells: np.ndarray) -> bool:
 def check_nodes(missing: Sequence[str]) -> List[CheckLine]:
     """Checks whether the nodes that belong to the lab are running; `missing` names those that are not."""
     if not missing:
-        return [CheckLine("nodes", CheckState.OK, "lab_node_ok")]
-    return [CheckLine("nodes", CheckState.ERROR, "lab_node_missing", {"node": node}) for node in missing]
+        return [CheckLine("nodes", Severity.INFO, "lab_node_ok")]
+    return [CheckLine("nodes", Severity.ERROR, "lab_node_missing", {"node": node}) for node in missing]
 
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> CheckLine:
     """Checks whether the folder of borders and records has room, and can be written."""
     code = "lab_disk_ok" if free_mb >= MIN_DISK_MB else "lab_disk_full"
     code = code if writable else "lab_disk_read_only"
-    state = CheckState.OK if code == "lab_disk_ok" else CheckState.ERROR
+    state = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
     return CheckLine("disk", state, code, {"folder": folder, "free": f"{free_mb:.0f}"})
-
-
-def worst_state(lines: Iterable[CheckLine]) -> CheckState:
-    """Returns the worst state of all lines."""
-    return max((line.state for line in lines), default=CheckState.OK)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 from pathlib import Path
@@ -11,23 +12,12 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import LaserScan
 
-from vb_bringup.lab_checks import (
-    CameraWiring,
-    CheckLine,
-    CheckState,
-    MapObservation,
-    RobotWiring,
-    check_camera,
-    check_disk,
-    check_map,
-    check_nodes,
-    check_robot,
-    is_all_known,
-    lines_from_notices,
-)
+from vb_bringup.lab_checks import CheckLine, check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
+from vb_bringup.lab_checks import lines_from_notices
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
+from vb_core.notices import Severity
 from vb_core.offer import offer
 from vb_core.ros.graph import read_graph
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
@@ -71,24 +61,24 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         [node for node in _NODES if node not in running and (node == _NODES[0] or rospy.has_param(node))]
     )
     if rospy.has_param("/border_fusion") and not statuses:
-        lines.append(CheckLine("cameras", CheckState.WARNING, "lab_no_cameras"))
+        lines.append(CheckLine("cameras", Severity.WARNING, "lab_no_cameras"))
     notices = listener.current()
     for camera, status in sorted(statuses.items()):
-        line = check_camera(_camera(graph, camera, status))
-        if line.state is CheckState.ERROR:  # which says why it is silent
+        line = _check_camera(graph, camera, status)
+        if line.state is Severity.ERROR:  # which says why it is silent
             notices = [one for one in notices if (one.code, one.camera) != ("camera_silent", camera)]
-        if line.state is not CheckState.OK or all(one.camera != camera for one in notices):
+        if line.state is not Severity.INFO or all(one.camera != camera for one in notices):
             lines.append(line)
-    lines += check_map(_map(graph, newest))
+    lines += _check_map(graph, newest)
     if names.BORDERS in newest:
         borders = newest[names.BORDERS].borders
         values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
-        lines.append(CheckLine("borders", CheckState.OK, "lab_borders_ok", values))
+        lines.append(CheckLine("borders", Severity.INFO, "lab_borders_ok", values))
     if names.ROBOTS in newest:
         connected = offer(connections_from_message(newest[names.ROBOTS]))
         lines += lines_from_notices(connected.lines)
         for robot in newest[names.ROBOTS].robots:
-            lines += check_robot(_robot(robot, newest.get(_scan(robot.robot))))
+            lines += _check_robot(robot, newest.get(_scan(robot.robot)))
     lines += _check_computer(running)
     for subscriber in subscribers:
         subscriber.unregister()
@@ -100,14 +90,14 @@ def _scan(robot: str) -> str:
     return f"/{robot}/scan" if robot else "/scan"
 
 
-def _camera(graph: NodeGraph, camera: str, status: DetectorStatus) -> CameraWiring:
+def _check_camera(graph: NodeGraph, camera: str, status: DetectorStatus) -> CheckLine:
     node = _DETECTOR + camera
     parameters = _parameters(node)
     source = str(parameters.get("source", ""))
     found = [topic for topic in graph.subscriptions(node, list(_IMAGES)) if "depth" not in topic]
     topic = "" if source or not found else found[0]
     beside = f"/{topic.strip('/').split('/')[0]}/"
-    return CameraWiring(
+    return check_camera(
         camera,
         topic,
         graph.publishers.get(topic, []),
@@ -121,10 +111,10 @@ def _camera(graph: NodeGraph, camera: str, status: DetectorStatus) -> CameraWiri
     )
 
 
-def _robot(status: RobotStatus, scan: Optional[LaserScan]) -> RobotWiring:
+def _check_robot(status: RobotStatus, scan: Optional[LaserScan]) -> List[CheckLine]:
     found = _parameters(status.move_base) if status.move_base else {}
     covered = 0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min))
-    return RobotWiring(
+    return check_robot(
         status.robot,
         not status.plans_round_borders or any(name.endswith(names.MAP_WITH_MARGIN) for name in status.maps),
         _scan(status.robot),
@@ -133,17 +123,14 @@ def _robot(status: RobotStatus, scan: Optional[LaserScan]) -> RobotWiring:
     )
 
 
-def _map(graph: NodeGraph, newest: Mapping[str, Any]) -> MapObservation:
-    physical, publishers = newest.get(names.PHYSICAL_MAP), graph.publishers.get(names.PHYSICAL_MAP, [])
-    if physical is None:
-        return MapObservation(file=str(rospy.get_param("/map_server/map_yaml", "")), publishers=publishers)
-    info = physical.info
-    try:
-        all_known = is_all_known(grid_from_message(physical).data)
-    except CodedError:  # a map that says other than it carries: the map integrator tells it
-        all_known = False
-    size = info.width * info.resolution, info.height * info.resolution
-    return MapObservation(size, publishers, names.MAP_WITH_BORDERS in newest, all_known=all_known)
+def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[CheckLine]:
+    physical, size, all_known = newest.get(names.PHYSICAL_MAP), None, False
+    if physical is not None:
+        size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
+        with contextlib.suppress(CodedError):  # a map that says other than it carries: the map integrator tells it
+            all_known = is_all_known(grid_from_message(physical).data)
+    publishers, file = graph.publishers.get(names.PHYSICAL_MAP, []), str(rospy.get_param("/map_server/map_yaml", ""))
+    return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, all_known)
 
 
 def _check_computer(running: Any) -> List[CheckLine]:
@@ -152,7 +139,7 @@ def _check_computer(running: Any) -> List[CheckLine]:
     display = next((node for node in sorted(running) if node.split("/")[-1] in ("smart_display", "rviz")), "")
     lacking = rospy.get_param(f"{display}/lacking", "") if display else ""
     if lacking:
-        lines.append(CheckLine("display", CheckState.WARNING, lacking, {"node": display}))
+        lines.append(CheckLine("display", Severity.WARNING, lacking, {"node": display}))
     place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent

@@ -22,7 +22,7 @@ import xml.etree.ElementTree as ElementTree
 import xmlrpc.client
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Sequence, Tuple
 
 import rosgraph
 import rosgraph.network
@@ -256,15 +256,14 @@ def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
     return given if files else [], files, uri
 
 
-def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) -> int:
-    """Checks; returns the exit status, 0 or 1. `process`: roslaunch, by default the parent process."""
+def run() -> int:
+    """Checks what the parent process, roslaunch, is to start; returns the exit status, 0 or 1."""
     parser = argparse.ArgumentParser(prog="launch_check", description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=("lab", "simulation", "navigation"))
     parser.add_argument(
         "words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack"
     )
-    chosen = parser.parse_args(arguments)
-    process = os.getppid() if process is None else process
+    chosen, process = parser.parse_args(), os.getppid()
     files: List[Path] = []
     try:
         given, files, master_uri = launch_of(process)

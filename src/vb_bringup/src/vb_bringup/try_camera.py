@@ -57,6 +57,12 @@ _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
 
 
 # ------------------------------------------------------------- the floor
+def pixels_of(view: FloorView, places: np.ndarray) -> np.ndarray:
+    """Projects places on the floor (N, 2) [m] into a camera's image, (N, 2) [px]."""
+    points = np.column_stack([places, np.zeros(len(places))])
+    return view.camera.project(geometry.apply(geometry.invert(view.T_map_camera), points))
+
+
 def seen_floor(view: FloorView) -> GridMap:
     """Returns an empty map of the floor that a camera sees."""
     camera, T = view.camera, view.T_map_camera
@@ -65,24 +71,21 @@ def seen_floor(view: FloorView) -> GridMap:
     with np.errstate(invalid="ignore"):
         places = places[np.linalg.norm(places - T[:2, 3], axis=1) < _FAR]
     low, high = places.min(axis=0), places.max(axis=0)
-    width, height = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
-    x, y = np.meshgrid(low[0] + _CELL * (np.arange(width) + 0.5), low[1] + _CELL * (np.arange(height) + 0.5))
-    cells = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    seen = camera.contains(camera.project(geometry.apply(geometry.invert(T), cells)))
-    return GridMap(np.where(seen, 0, -1).reshape(height, width).astype(np.int8), _CELL, (*map(float, low), 0.0))
+    columns, rows = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
+    floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*map(float, low), 0.0))
+    seen = camera.contains(pixels_of(view, floor.cell_to_world(np.argwhere(floor.data == 0))))
+    return floor.with_data(np.where(seen.reshape(floor.shape), np.int8(0), np.int8(-1)))
 
 
 def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
     """Returns lines on the floor every half metre, as the camera sees them [px], to be drawn over its picture."""
-    low = np.array(floor.origin[:2])
-    high = low + _CELL * np.array(floor.shape[::-1])
+    low, high = floor.corners().min(axis=0), floor.corners().max(axis=0)
     lines = []
     for axis in (0, 1):
         for value in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1) * _GRID:
-            along = np.linspace(low[1 - axis], high[1 - axis], 40)
-            points = np.zeros((40, 3))
-            points[:, axis], points[:, 1 - axis] = value, along
-            pixels = view.camera.project(geometry.apply(geometry.invert(view.T_map_camera), points))
+            places = np.full((40, 2), value)
+            places[:, 1 - axis] = np.linspace(low[1 - axis], high[1 - axis], 40)
+            pixels = pixels_of(view, places)
             lines.append(np.round(pixels[view.camera.contains(pixels)], 1).tolist())
     return [line for line in lines if len(line) > 1]
 
@@ -111,7 +114,6 @@ class CornerPage:
         self.error = ""  # why there is no picture
         self._source = CameraSource(source, CaptureParams(), self._take, self._tell)
         self._source.start()
-        self._done = asyncio.Event()
 
     def _take(self, shot: Shot) -> None:
         self._shot = shot
@@ -123,6 +125,7 @@ class CornerPage:
 
     async def ask(self, port: int) -> FloorView:
         """Serves the page until the corners are given."""
+        self._done = asyncio.Event()
         quiet = {"log_function": lambda _handler: None}
         local = tornado.web.Application(
             [
@@ -158,17 +161,12 @@ class CornerPage:
         if start:
             self.view = view
             self._done.set()
-        points = np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)]
-        places = np.array(floor.origin[:2]) + _CELL * (points[:, ::-1] + 0.5)
-        camera_points = geometry.apply(
-            geometry.invert(view.T_map_camera), np.column_stack([places, 0.0 * places[:, 0]])
-        )
-        worst = uncertainty(corners, size, image, view.camera.project(camera_points))
-        height = float(view.T_map_camera[2, 3])
+        places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
+        worst = uncertainty(corners, size, image, pixels_of(view, places))
         return {
             "lines": grid_lines(view, floor),
             "worst_cm": round(100.0 * min(worst, 9.99)),
-            "height": round(height, 2),
+            "height": round(float(view.T_map_camera[2, 3]), 2),
         }
 
 
@@ -281,10 +279,6 @@ def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-async def _ask(source: str, port: int) -> FloorView:
-    return await CornerPage(source).ask(port)
-
-
 def run(arguments: Optional[List[str]] = None) -> int:
     """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; 0 unless something failed."""
     given = _arguments(arguments)
@@ -301,7 +295,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
     if truth is None:
         print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
         webbrowser.open(address)
-        view = asyncio.run(_ask(source, port))
+        view = asyncio.run(CornerPage(source).ask(port))
     else:
         view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
     profiles = next(path for path in (package / "robots", package.parents[1] / "robots") if path.is_dir())

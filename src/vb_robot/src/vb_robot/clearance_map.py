@@ -61,17 +61,14 @@ class ClearanceMap:
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """Returns (N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
-        target = np.asarray(target, dtype=float)
-        if not len(points):
-            return np.zeros(0, dtype=bool)
-        offsets = points - target
+        offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
         # from the target outwards at fixed steps, so that one point's answer does not depend on the others; the
         # first piece is left out: a spot at the foot of a wall is seen although its cell may be the wall's
-        along = np.arange(2.0 * self.grid.resolution, max(float(lengths.max()), 1e-6), 0.5 * self.grid.resolution)
+        along = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
         samples = target + along[None, :, None] * units[:, None, :]
-        hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(len(points), -1)
+        hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(samples.shape[:2])
         hidden = np.where(along[None, :] < lengths[:, None], hidden, 0.0)
         return ~(hidden > 0).any(axis=1)
 

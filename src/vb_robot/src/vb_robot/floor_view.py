@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Union
 
 import numpy as np
@@ -32,13 +31,6 @@ class FloorView:
         self._widest = 1.05 * float(
             min(camera.limit, np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
         )
-
-    @classmethod
-    def usual(cls) -> "FloorView":
-        """Makes the view of an ideal camera of 58 degrees, 0.45 m above the floor and 30 degrees downwards."""
-        rotation = geometry.rotation_from_rpy(0.0, math.radians(30.0), 0.0) @ geometry.optical_rotation()
-        focal = 320.0 / math.tan(math.radians(29.0))
-        return cls(CameraModel.ideal(640, 480, focal), geometry.transform(rotation, (0.10, 0.0, 0.45)))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside of the image."""

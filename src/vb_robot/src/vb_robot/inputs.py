@@ -6,6 +6,7 @@ from typing import Any, Callable, List
 
 import numpy as np
 import rospy
+from actionlib_msgs.msg import GoalStatus
 from roslib.message import get_message_class
 
 from vb_core import names
@@ -16,6 +17,8 @@ from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_fro
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot.monitoring.goals import KnownBorder
 from vb_robot.spots import Sighting
+
+RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)  # of navigation's goals
 
 
 def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:

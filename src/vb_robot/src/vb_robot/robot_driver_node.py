@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import numpy as np
 import rosgraph
 import rospy
-from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from actionlib_msgs.msg import GoalID, GoalStatusArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from move_base_msgs.msg import RecoveryStatus
 from nav_msgs.msg import Path
@@ -40,20 +40,17 @@ from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
-from vb_robot.inputs import message_class, subscribe_map, subscribe_spots
+from vb_robot.inputs import RUNNING, message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
 WIRING_PERIOD, LOOK_PERIOD = 1.0, 0.3  # [s] wall time
 LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
-RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
 )
-
-
 SEVERITIES = {"obstacle": Severity.INFO, "border": Severity.INFO, "other_cmd_vel_publisher": Severity.ERROR}
 
 

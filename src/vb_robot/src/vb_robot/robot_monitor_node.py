@@ -72,11 +72,6 @@ class RobotMonitorParams(Parameters):
         if self.frames and len(self.frames) != len(self.robots or ("",)):
             raise ParameterError("frames", f"expected one for each robot, got {list(self.frames)}")
 
-    def named_frames(self) -> List[Tuple[str, str]]:
-        """Returns (name, base frame) of each robot."""
-        robots = self.robots or ("",)
-        return list(zip(robots, self.frames or [within(name, "base_link")[1:] for name in robots]))
-
 
 class RobotMonitorNode:
     """Watches robots that navigate by themselves, whatever else is connected; with ~dispatch, sends one to the spot.
@@ -125,12 +120,12 @@ class RobotMonitorNode:
         self._published: Any = None
         transforms = TransformLookup()
         self._reviews = node.Queue()
-        frames = dict(params.named_frames())
-        profiles = {name: robot_profile.read(name) for name in frames} if params.dispatch else {}
-        if not params.frames:
-            frames.update({name: within(name, profile.frames.base)[1:] for name, profile in profiles.items()})
+        robots = params.robots or ("",)
+        profiles = {name: robot_profile.read(name) for name in robots} if params.dispatch else {}
+        bases = [profiles[name].frames.base if name in profiles else "base_link" for name in robots]
+        frames = params.frames or [within(name, base)[1:] for name, base in zip(robots, bases)]
         self._robots = {
-            name: WatchedRobot(name, frame, transforms, self._reviews.put) for name, frame in frames.items()
+            name: WatchedRobot(name, frame, transforms, self._reviews.put) for name, frame in zip(robots, frames)
         }
         self._dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
         self._dispatched = {

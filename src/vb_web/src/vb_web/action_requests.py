@@ -12,7 +12,7 @@ import re
 import time
 import unicodedata
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -26,16 +26,14 @@ MAX_ROBOTS = 50
 MAX_BYTES = 64 * 1024
 MARGIN = 1.0  # [m] a line may leave the map by this much
 
+# control characters, half surrogate pairs, and marks that turn the direction of a line
+_HIDDEN = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
 _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
 _ROBOT = re.compile(r"[A-Za-z][A-Za-z0-9_/]{0,63}")  # a namespace
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """[m] where points may be: the map and a margin."""
-
-    low: Tuple[float, float]
-    high: Tuple[float, float]
+Bounds = Tuple[Sequence[float], Sequence[float]]  # [m] the map's lowest and highest x and y
+Check = Callable[[Any, str, Optional[Bounds]], Any]  # of a value: gives what it means, or fails with the field's name
 
 
 @dataclass(frozen=True)
@@ -91,123 +89,93 @@ def _fail(field: str) -> RequestError:
     return RequestError("page_bad_request", field=field)
 
 
-def _text(limit: int, empty: bool = True) -> Callable[[Any, str], str]:
-    def check(value: Any, field: str) -> str:
-        if not isinstance(value, str) or len(value) > limit:
+def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambda value: value) -> Check:
+    """Makes a check of what a value has to be, and what it then becomes."""
+
+    def check(value: Any, field: str, _bounds: Optional[Bounds] = None) -> Any:
+        if not is_valid(value):
             raise _fail(field)
-        # no control characters, half surrogate pairs, or marks that turn the direction of a line
-        if any(unicodedata.category(letter) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp") for letter in value):
-            raise _fail(field)
-        cleaned = " ".join(value.split())
-        if not cleaned and not empty:
-            raise _fail(field)
-        return cleaned
+        return convert(value)
 
     return check
 
 
-def _choice(*allowed: str) -> Callable[[Any, str], str]:
-    def check(value: Any, field: str) -> str:
-        if not isinstance(value, str) or value not in allowed:
+def _text(limit: int, empty: bool = True) -> Check:
+    def is_line(value: Any) -> bool:
+        shown = isinstance(value, str) and len(value) <= limit and _HIDDEN.isdisjoint(map(unicodedata.category, value))
+        return shown and bool(empty or value.strip())
+
+    return _valid(is_line, lambda value: " ".join(value.split()))
+
+
+def _choice(*allowed: str) -> Check:
+    return _valid(lambda value: isinstance(value, str) and value in allowed)
+
+
+def _matching(pattern: "re.Pattern[str]", empty: bool = False) -> Check:
+    return _valid(lambda value: isinstance(value, str) and (pattern.fullmatch(value) or (empty and not value)))
+
+
+def _number(low: float, high: float) -> Check:
+    # neither is a bool, which to Python is an int
+    return _valid(lambda value: type(value) in (int, float) and math.isfinite(value) and low <= value <= high, float)
+
+
+def _list_of(check: Check, least: int, most: int) -> Check:
+    def check_all(value: Any, field: str, bounds: Optional[Bounds] = None) -> Tuple[Any, ...]:
+        if not isinstance(value, list) or not least <= len(value) <= most:
             raise _fail(field)
-        return value
+        return tuple(check(one, field, bounds) for one in value)
 
-    return check
-
-
-def _matching(pattern: "re.Pattern[str]", empty: bool = False) -> Callable[[Any, str], str]:
-    def check(value: Any, field: str) -> str:
-        if not isinstance(value, str) or not (pattern.fullmatch(value) or (empty and value == "")):
-            raise _fail(field)
-        return value
-
-    return check
+    return check_all
 
 
-def _number(low: float, high: float) -> Callable[[Any, str], float]:
-    def check(value: Any, field: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise _fail(field)
-        if not math.isfinite(value) or not low <= value <= high:
-            raise _fail(field)
-        return float(value)
-
-    return check
-
-
-def _flag(value: Any, field: str) -> bool:
-    if not isinstance(value, bool):
+def _point(value: Any, field: str, bounds: Optional[Bounds]) -> Tuple[float, float]:
+    if bounds is None:
+        raise RequestError("page_no_map")
+    if not isinstance(value, list) or len(value) != 2:
         raise _fail(field)
-    return value
+    x, y = (_number(low - MARGIN, high + MARGIN)(number, field, None) for number, low, high in zip(value, *bounds))
+    return x, y
 
 
-def _revision(value: Any, field: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**53:
+def _draft(value: Any, field: str, bounds: Optional[Bounds]) -> Draft:
+    if bounds is None:
+        raise RequestError("page_no_map")
+    if not isinstance(value, dict) or set(value) != set(_BORDER):
         raise _fail(field)
-    return value
+    checked = {name: check(value[name], name, bounds) for name, check in _BORDER.items()}
+    if ZONES[checked["zone"]].limits_speed and checked["max_speed"] < 0.02:
+        raise _fail("max_speed")  # that slow is not at all: keep_out says so better
+    return Draft(**{**checked, "points": np.array(checked["points"]), "seed": np.array(checked["seed"])})
 
 
-def _robots(value: Any, field: str) -> Tuple[str, ...]:
-    if not isinstance(value, list) or len(value) > MAX_ROBOTS:
-        raise _fail(field)
-    return tuple(_matching(_ROBOT)(name, field) for name in value)
-
-
-_BORDER = {
+_FLAG = _valid(lambda value: isinstance(value, bool))
+_BORDER: Dict[str, Check] = {
     "name": _text(60),
     "kind": _choice(*KINDS),
     "zone": _choice(*ZONES),
     "max_speed": _number(0.0, 2.0),
-    "enabled": _flag,
-    "robots": _robots,
+    "enabled": _FLAG,
+    "robots": _list_of(_matching(_ROBOT), 0, MAX_ROBOTS),
+    "points": _list_of(_point, 2, MAX_POINTS),
+    "seed": _point,
 }
-_TARGET = {"border": _matching(_ID), "revision": _revision}
+_TARGET = {"border": _matching(_ID), "revision": _valid(lambda value: type(value) is int and 0 <= value < 2**53)}
 
-ACTIONS: Dict[str, Dict[str, Optional[Callable[[Any, str], Any]]]] = {
+ACTIONS: Dict[str, Dict[str, Check]] = {
     "command": {"command": _choice(*COMMANDS), "seen_stop": _text(64), "age": _number(0.0, 60.0)},
-    "preview": {"draft": None, "border": _matching(_ID, empty=True)},
-    "add": {"draft": None},
-    "update": {"draft": None, **_TARGET},
+    "preview": {"draft": _draft, "border": _matching(_ID, empty=True)},
+    "add": {"draft": _draft},
+    "update": {"draft": _draft, **_TARGET},
     "rename": {"name": _text(60, empty=False), **_TARGET},
-    "enable": {"enabled": _flag, **_TARGET},
+    "enable": {"enabled": _FLAG, **_TARGET},
     "remove": dict(_TARGET),
-    "send": {"robot": _matching(_ROBOT, empty=True), "goal": None},
+    "send": {"robot": _matching(_ROBOT, empty=True), "goal": _point},
     "halt": {"robot": _matching(_ROBOT, empty=True)},
-    "confirm_map": {"same": _flag, "map_id": _text(100)},
+    "confirm_map": {"same": _FLAG, "map_id": _text(100)},
     "invite": {},
 }
-
-
-def _point(value: Any, field: str, bounds: Bounds) -> Tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise _fail(field)
-    limits = zip(value, bounds.low, bounds.high)
-    x, y = (_number(low - MARGIN, high + MARGIN)(number, field) for number, low, high in limits)
-    return x, y
-
-
-def _draft(value: Any, bounds: Optional[Bounds]) -> Draft:
-    if bounds is None:
-        raise RequestError("page_no_map")
-    if not isinstance(value, dict) or set(value) != {*_BORDER, "points", "seed"}:
-        raise _fail("draft")
-    checked = {field: check(value[field], field) for field, check in _BORDER.items()}
-    points = value["points"]
-    if not isinstance(points, list) or not 2 <= len(points) <= MAX_POINTS:
-        raise _fail("points")
-    points = np.array([_point(point, "points", bounds) for point in points])
-    if ZONES[checked["zone"]].limits_speed and checked["max_speed"] < 0.02:
-        raise _fail("max_speed")  # that slow is not at all: keep_out says so better
-    return Draft(points=points, seed=np.array(_point(value["seed"], "seed", bounds)), **checked)
-
-
-def _goal(value: Any, bounds: Optional[Bounds]) -> Tuple[float, float]:
-    if bounds is None:
-        raise RequestError("page_no_map")
-    return _point(value, "goal", bounds)
-
-
-_ON_THE_MAP: Dict[str, Callable[[Any, Optional[Bounds]], Any]] = {"draft": _draft, "goal": _goal}
 
 
 def _refuse_constant(text: str) -> None:
@@ -232,7 +200,7 @@ def parse(text: Any, bounds: Optional[Bounds]) -> Request:
         raise _fail("message") from None
     if not isinstance(found, dict):
         raise _fail("message")
-    request_id = _matching(_ID)(found.pop("id", None), "id")
+    request_id = _matching(_ID)(found.pop("id", None), "id", None)
     try:
         return _request(request_id, found, bounds)
     except RequestError as error:
@@ -248,10 +216,7 @@ def _request(request_id: str, found: Dict[str, Any], bounds: Optional[Bounds]) -
     if set(found) != set(fields):
         raise _fail(sorted(set(found) ^ set(fields))[0][:40])
     try:
-        values = {
-            field: _ON_THE_MAP[field](found[field], bounds) if check is None else check(found[field], field)
-            for field, check in fields.items()
-        }
+        values = {field: check(found[field], field, bounds) for field, check in fields.items()}
     except OverflowError:  # a whole number too large for a float
         raise _fail("message") from None
     return Request(request_id, action, values)

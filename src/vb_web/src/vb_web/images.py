@@ -59,18 +59,14 @@ class ImageCache:
         return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
-def cells_per_pixel(shape: Tuple[int, int], side: int = MAX_SIDE) -> int:
-    """Returns how many cells along a side make one pixel."""
-    return max(1, -(-max(shape) // side))
-
-
-def _reduce(data: np.ndarray, cells: int) -> np.ndarray:
-    """Reduces (H, W) to blocks' maxima; the last row and column are repeated to fill the last block."""
+def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
+    """Reduces (H, W) to blocks' maxima, the last of which repeat the edge; returns the cells along a block's side too."""
+    cells = max(1, -(-max(data.shape) // side))
     if cells == 1:
-        return data
+        return data, 1
     padded = np.pad(data, [(0, -size % cells) for size in data.shape], mode="edge")
     rows, columns = (size // cells for size in padded.shape)
-    return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3))
+    return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3)), cells
 
 
 def _png(pixels: np.ndarray, cells: int) -> EncodedImage:
@@ -81,8 +77,7 @@ def _png(pixels: np.ndarray, cells: int) -> EncodedImage:
 
 def draw_map(grid: GridMap) -> EncodedImage:
     """Draws walls as ink, by their occupancy, and unknown floor as grey."""
-    cells = cells_per_pixel(grid.shape)
-    data = _reduce(grid.data, cells)
+    data, cells = _reduce(grid.data, MAX_SIDE)
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[data > 0] = _INK
     pixels[..., 3] = np.where(data > 0, np.maximum(data, 0).astype(np.uint16) * 255 // 100, 0).clip(0, 255)
@@ -121,14 +116,13 @@ def draw_region(
         tint: bgr.
         side: [px] the largest side of the image.
     """
-    cells = cells_per_pixel(region.shape, side)
-    data = _reduce(region, cells).astype(np.float32)
+    data, cells = _reduce(region, side)
     rows, columns = np.indices(data.shape, dtype=np.float32)
     period = max(4.0, STRIPE_PERIOD / (resolution * cells))
     dark = ((rows + columns) % period) < period / 2.0
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[..., :3] = tint
-    pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0.0)
+    pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0)
     return _png(pixels, cells)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import time
@@ -13,7 +14,7 @@ from typing import Any, Deque, Dict, List, Optional
 import numpy as np
 import rospy
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
-from vb_msgs.msg import RobotStatusArray, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.border_changes import border_changes
@@ -98,6 +99,7 @@ class PageNode:
         self._frames: Dict[str, str] = {}  # of the robots, by name
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
+        self._idle = True  # whether nobody draws
         self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}  # by robot
@@ -213,26 +215,22 @@ class PageNode:
 
     def _show_robots(self) -> None:
         """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""
-        known = self._robots.current()
-        found = known[1] if known is not None else None
+        message, found = self._robots.current() or (None, None)
         with self._lock:
             changed, self._offer = found != self._offer, found
-            if known is not None:
-                self._frames = {robot.robot: robot.frame for robot in known[0].robots}
-        if known is not None:
-            self._offer_to_browsers(*known)
+            if message is not None:
+                self._frames = {robot.robot: robot.frame for robot in message.robots}
+        if message is not None and found is not None:
+            # a Stop does not go from under a finger because a driver is just being started again
+            self._stoppable = self._stoppable or "stop" in found.commands
+            stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
+            self._view.put("offer", ros_view.offer_section(found, message, stop))
+            self._view.put("drives", ros_view.drives_section(message))
         elif changed:
             self._view.put("offer", None)
             self._view.put("drives", {})
         if changed:
             self._show_borders()
-
-    def _offer_to_browsers(self, message: RobotStatusArray, found: Offer) -> None:
-        # a Stop does not go from under a finger because a driver is just being started again
-        self._stoppable = self._stoppable or "stop" in found.commands
-        stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
-        self._view.put("offer", ros_view.offer_section(found, message, stop))
-        self._view.put("drives", ros_view.drives_section(message))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         known = {border.id: border for border in message.borders}
@@ -259,7 +257,8 @@ class PageNode:
         section = ros_view.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
-        if section["name"] == DEFAULT.name:
+        self._idle = section["name"] == DEFAULT.name
+        if self._idle:
             self._view.put("progress", None)
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
@@ -274,8 +273,7 @@ class PageNode:
         self._answered = answered
 
     def _on_progress(self, message: BorderProgress) -> None:
-        idle = (self._view.get("state") or {}).get("name", DEFAULT.name) == DEFAULT.name
-        self._view.put("progress", None if idle else ros_view.progress_section(message))
+        self._view.put("progress", None if self._idle else ros_view.progress_section(message))
 
     def _on_preview(self, message: BorderPreview) -> None:
         self._view.put("preview", ros_view.preview_section(message))
@@ -362,27 +360,19 @@ class PageNode:
 
     # ------------------------------------------------------------- for the server
     def _bounds(self) -> Optional[Bounds]:
-        grid = self._grid
-        if grid is None:
-            return None
-        corners = grid.corners()
-        return Bounds(tuple(corners.min(axis=0)), tuple(corners.max(axis=0)))
+        corners = None if self._grid is None else self._grid.corners()
+        return None if corners is None else (corners.min(axis=0), corners.max(axis=0))
 
     def _invitation(self) -> Dict[str, Any]:
-        if self._codes is None:
-            return {"addresses": self._addresses}
-        return {"addresses": self._addresses, "viewer": self._codes.viewer, "operator": self._codes.operator}
+        return {"addresses": self._addresses, **({} if self._codes is None else vars(self._codes))}
 
 
 def _own_addresses() -> List[str]:
     """This computer's address towards the network, and its name."""
     found: List[str] = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # an address for documentation: a datagram socket sends nothing here
-            found.append(probe.getsockname()[0])
-        except OSError:
-            pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+        probe.connect(("192.0.2.1", 9))  # an address for documentation: a datagram socket sends nothing here
+        found.append(probe.getsockname()[0])
     return [*found, socket.gethostname()]
 
 

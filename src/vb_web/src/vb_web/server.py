@@ -71,11 +71,6 @@ class ServerParams(Parameters):
             raise ParameterError("codes_file", f"{files[0]} and {files[1]} go together: one of them is missing")
         return files if all(there) else None  # type: ignore[return-value]
 
-    @property
-    def scheme(self) -> str:
-        """Scheme of the page's address: http or https."""
-        return "https" if self.certificate else "http"
-
 
 @dataclass(frozen=True)
 class Backend:
@@ -294,4 +289,5 @@ def addresses(params: ServerParams, port: int, own: List[str]) -> List[str]:
         own: this computer's addresses in the network.
     """
     hosts = own if params.address in ("0.0.0.0", "::", "") else [params.address]
-    return [f"{params.scheme}://{f'[{host}]' if ':' in host else host}:{port}/" for host in hosts]
+    scheme = "https" if params.certificate else "http"
+    return [f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/" for host in hosts]

@@ -63,12 +63,6 @@ class View:
         self.on_change()
         return True
 
-    def get(self, section: str) -> Any:
-        """Returns a section's value; None if there is none."""
-        with self._lock:
-            found = self._sections.get(section)
-        return json.loads(found[1]) if found else None
-
     def since(self, revision: int) -> Tuple[int, str]:
         """Returns (revision, message) with all sections newer than a revision.
 

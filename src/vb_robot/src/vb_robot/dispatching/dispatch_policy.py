@@ -44,6 +44,11 @@ class SentGoalState(enum.Enum):
     FAILED = "failed"  # aborted, rejected or lost
     PREEMPTED = "preempted"  # preempted although this policy did not cancel it
 
+    @property
+    def under_way(self) -> bool:
+        """Returns whether the robot is on its way to it."""
+        return self in (SentGoalState.SENT, SentGoalState.ACTIVE)
+
 
 @dataclass(frozen=True)
 class RobotStatus:
@@ -60,11 +65,6 @@ class RobotStatus:
     server: bool = True
     goal: SentGoalState = SentGoalState.NONE
     busy: bool = False
-
-    @property
-    def running(self) -> bool:
-        """Returns whether it is on its way to the goal that was sent last."""
-        return self.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
 
 class Fleet:
@@ -113,7 +113,7 @@ class Fleet:
             self._forget()  # also when time has jumped back: what was remembered is about another run
         elif key != before[1]:
             kept = self.serving, self.goal, self._sent, self._awaited
-            running = self.serving is not None and self.goal is not None and robots[self.serving][0].running
+            running = self.serving is not None and self.goal is not None and robots[self.serving][0].goal.under_way
             self._forget()
             if running:  # a robot that is on its way goes on
                 self.serving, self.goal, self._sent, self._awaited = kept
@@ -133,7 +133,7 @@ class Fleet:
         pose = status.pose
         if self.goal is not None:
             what = status.goal.value
-            late = status.running and self._awaits(now, what, pose) > PROGRESS_TIMEOUTS[what]
+            late = status.goal.under_way and self._awaits(now, what, pose) > PROGRESS_TIMEOUTS[what]
             if status.goal is SentGoalState.FAILED or late:
                 self._failed.append((self.serving, now, (*self.goal.pose[:2], FAILED_RADIUS)))
                 self._rests_until[self.serving] = now + RETRY_AFTER * len(self._failures_of(self.serving))
@@ -145,7 +145,7 @@ class Fleet:
                 return True
         if planner is None:
             return False
-        under_way = self.goal if status.running else None
+        under_way = self.goal if status.goal.under_way else None
         place = under_way.pose if under_way is not None else pose
         avoided = [*self._blind, *self._failures_of(self.serving)]
         fits = planner.shows_target(place) and (under_way is None or planner.has_room_at(place))
@@ -210,4 +210,4 @@ class Fleet:
         if place is None or goal is None or math.dist(place.pose[:2], goal.pose[:2]) >= MIN_GAIN:
             return False
         turn = abs(math.remainder(place.pose[2] - goal.pose[2], 2.0 * math.pi))
-        return turn < MIN_TURN and (status.running or math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN)
+        return turn < MIN_TURN and (status.goal.under_way or math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN)

@@ -19,7 +19,6 @@ from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
 
 MARK = "-looks-"  # in the ids of goals, so that those of a process that died are known
-UNDER_WAY = (SentGoalState.SENT, SentGoalState.ACTIVE)
 OUTCOMES = {
     GoalStatus.PENDING: SentGoalState.SENT,
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
@@ -33,7 +32,7 @@ OUTCOMES = {
 
 def follow(state: SentGoalState, status: Optional[int]) -> SentGoalState:
     """Returns a goal's new state, by what navigation says of it; None: it does not know the goal."""
-    if state not in UNDER_WAY:
+    if not state.under_way:
         return state
     if status is None:  # the goal has not arrived yet, or navigation was started again
         return SentGoalState.FAILED if state is SentGoalState.ACTIVE else state
@@ -79,7 +78,7 @@ class DispatchedRobot:
         if goal is not None:
             self._id, self._state = self._robot.send(goal.pose, MARK), SentGoalState.SENT
             self._ids.add(self._id)
-        elif self._state in UNDER_WAY:
+        elif self._state.under_way:
             self._robot.cancel_goals(self._id)
             self._state = SentGoalState.NONE
             rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._robot.frame)

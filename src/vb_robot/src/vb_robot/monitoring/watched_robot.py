@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
-from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from actionlib_msgs.msg import GoalID, GoalStatusArray
 from geometry_msgs.msg import Point
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
@@ -23,12 +23,12 @@ from vb_core.ros.messages import array_from_points, message_from_pose2d, points_
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.gate import OTHER_PUBLISHER
+from vb_robot.inputs import RUNNING
 from vb_robot.monitoring import wiring
 from vb_robot.monitoring.goals import GoalReview, KnownBorder, is_inside, quoted
 from vb_robot.monitoring.navigation_limits import PlannerSpeed
 from vb_robot.monitoring.wiring import Wiring, within
 
-RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 DRIVER_SILENCE = 3.0  # [s] a driver reports twice a second
 NAVIGATION_SILENCE = 2.0  # [s] navigation sends its status five times a second
 POSE_SILENCE = 3.0  # [s] localisation that has not spoken for this long does not know where the robot is

@@ -77,7 +77,8 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
         tuple(topic for topic in maps if not (serves or graph.publishers.get(topic))),
         tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
         _plans_round_borders(robot, maps, parameters),
-        _path_topic(graph.publications(node, PATHS)),
+        # the global planner's: the local planners call theirs global_plan and local_plan
+        next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
         planner,
         _radius(parameters),
     )
@@ -95,11 +96,6 @@ def _plans_round_borders(robot: str, maps: Sequence[str], parameters: Mapping[st
 def _has_static_map(costmap: Mapping[str, Any]) -> bool:
     plugins = costmap.get("plugins", [])
     return any(str(layer.get("type", "")).endswith("StaticLayer") for layer in plugins if isinstance(layer, dict))
-
-
-def _path_topic(topics: Sequence[str]) -> str:
-    """Returns the global planner's path: the local planners call theirs global_plan and local_plan."""
-    return next((topic for topic in sorted(topics) if topic.endswith("/plan")), "")
 
 
 def _radius(parameters: Mapping[str, Any]) -> Optional[float]:
