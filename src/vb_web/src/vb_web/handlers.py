@@ -133,7 +133,7 @@ class _CameraHandler(_Handler):
     NEEDS = Role.OPERATOR
 
     async def get(self, camera: Optional[str]) -> None:
-        make = (self.page.backend.camera_jpeg, camera) if camera else (self.page.backend.floor_webp,)
+        make = (self.page.cameras.camera_jpeg, camera) if camera else (self.page.cameras.floor_webp,)
         data = await self.page.in_turn(self.session, *make)
         if data is None:
             raise web.HTTPError(404)
@@ -231,7 +231,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
-            request = action_requests.parse(message, self.page.backend.bounds())
+            request = action_requests.parse(message, self.page.bounds())
             if self.role < Role.OPERATOR:
                 raise CodedError("page_viewer_only")
         except CodedError as error:

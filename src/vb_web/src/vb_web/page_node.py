@@ -7,7 +7,6 @@ import socket
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Deque, Dict, List, Optional
 
@@ -18,11 +17,10 @@ from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.border_changes import border_changes
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.offer import Offer
-from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener
@@ -33,7 +31,7 @@ from vb_web import access, images, ros_view
 from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
 from vb_web.action_requests import Bounds
-from vb_web.server import Backend, PageServer, ServerParams, addresses
+from vb_web.server import PageParams, PageServer, addresses
 from vb_web.view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
@@ -42,19 +40,6 @@ _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's 
 _SESSIONS = "page_sessions.json"  # beside the codes
 _UNDER_WAY = ("saving", "changing")  # answers that another one follows
 _EVENTS = 100
-
-
-@dataclass(frozen=True)
-class PageParams(ServerParams):
-    """Parameters of the page; config/page.yaml explains them."""
-
-    cameras: list = param([])
-    image_transport: str = param("raw", choices=("raw", "compressed"))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not all(isinstance(name, str) and name for name in self.cameras):
-            raise ParameterError("cameras", f"expected names, got {self.cameras!r}")
 
 
 class PageNode:
@@ -139,19 +124,14 @@ class PageNode:
         node.keep_private(*([] if local else secrets))
         self._codes = None if local else access.load_codes(codes)
         sessions = None if self._codes is None else access.Sessions(self._codes, codes.with_name(_SESSIONS))
-        backend = Backend(
-            self._actions.carry_out,
-            self._actions.command,
-            self._bounds,
-            self._camera_images.camera_jpeg,
-            self._camera_images.floor_webp,
-        )
         self._server = PageServer(
             params,
             sessions,
             self._view,
             self._images,
-            backend,
+            self._actions,
+            self._camera_images,
+            self._bounds,
             lambda error: node.shut_down_with_error(CodedError("internal_error")),
         )
         self._server.start()
