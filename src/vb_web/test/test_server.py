@@ -147,7 +147,7 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
 
 
 def cookie(running, role):
-    return f"{access.COOKIE}={running.server.sessions.open(role)}"
+    return f"{access.COOKIE}={running.server.sessions.open(getattr(CODES, role.name.lower()))}"
 
 
 async def answer_to(connection, **request):

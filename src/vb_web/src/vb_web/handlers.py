@@ -160,10 +160,9 @@ class _SessionHandler(_Handler):
             code = given["code"] if set(given) == {"code"} and isinstance(given["code"], str) else ""
         except (ValueError, TypeError, RecursionError):
             raise web.HTTPError(400) from None
-        role = sessions.codes.role_of(code)
-        if role == Role.NOBODY:
+        cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, code)
+        if cookie is None:
             raise web.HTTPError(401)
-        cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, role)
         self.set_cookie(
             access.COOKIE,
             cookie,

@@ -33,6 +33,11 @@ def centimeters(points: Iterable[Point]) -> List[int]:
     return np.rint(found * 100.0).astype(int).ravel().tolist()
 
 
+def as_it_is(message: Any, fields: str) -> Dict[str, Any]:
+    """Returns those fields of a message that the page gets by the same name and as they are."""
+    return {field: getattr(message, field) for field in fields.split()}
+
+
 def coded_sentence(message: Any) -> Dict[str, Any]:
     """Returns code, values and English sentence of any message that has these three."""
     return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
@@ -47,18 +52,14 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
     """Converts the state of the interaction; times become seconds."""
     ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
-        "name": message.name,
-        "available_commands": list(message.available_commands),
-        "stopped": bool(message.stopped),
-        "stopped_by": message.stopped_by,
-        "stop_number": message.stop_number,
+        **as_it_is(message, "name available_commands stopped stopped_by stop_number"),
         "ends_in_s": max(0, int(ends)),
-        "confirm": bool(message.confirm_save),
+        "confirm": message.confirm_save,
         "outcome": message.last_outcome,
         "last": {
             "command": message.last_command,
             "source": message.last_source,
-            "ok": bool(message.last_success),
+            "ok": message.last_success,
             "code": message.last_code,
             "values": mapping_from_values(message.last_values),
             "message": message.last_message,
@@ -74,9 +75,8 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
         "points": centimeters(message.points),
         "chain": centimeters(message.chain),
         "left_out": centimeters(message.left_out),
-        "closed": bool(message.closed),
         "seed": centimeters([message.seed]) if message.has_seed else [],
-        "cameras_seeing_spot": list(message.cameras_seeing_spot),
+        **as_it_is(message, "closed cameras_seeing_spot"),
         **coded_sentence(message),
     }
 
@@ -99,9 +99,9 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
         return {"available": False}
     return {
         "available": True,
-        "ok": bool(message.success),
+        "ok": message.success,
         "area": rounded(message.area_m2, 2),
-        "parts": int(message.free_parts),
+        "parts": message.free_parts,
         "issues": issues_section(message.issues),
         "region": region_uri(message.region),
         **coded_sentence(message),
@@ -111,20 +111,15 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
 def border_section(border: VirtualBorder) -> Dict[str, Any]:
     """Converts one border."""
     return {
-        "id": border.id,
-        "name": border.name,
+        **as_it_is(border, "id name enabled in_force reason robots"),
         "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimeters([border.seed]),
-        "enabled": bool(border.enabled),
-        "in_force": bool(border.in_force),
-        "reason": border.reason,
         "zone": zone_of(border.zone).name,
         "max_speed": rounded(border.max_speed, 2),
         "area": rounded(border.area_m2, 2),
         "before": centimeters(border.before),
         "after": centimeters(border.after),
-        "robots": list(border.robots),
     }
 
 
@@ -137,11 +132,8 @@ def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, A
 def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) -> Dict[str, Any]:
     """Converts all borders. `found`: what is connected, if that is known."""
     return {
-        "revision": int(message.revision),
-        "map_id": message.map_id,
-        "map_name": message.map_name,
-        "unconfirmed": bool(message.needs_confirmation),
-        "available_commands": list(message.available_commands),
+        **as_it_is(message, "revision map_id map_name available_commands"),
+        "unconfirmed": message.needs_confirmation,
         "list": [_with_unkept(border_section(border), found) for border in message.borders],
         **coded_sentence(message),
     }
@@ -150,11 +142,9 @@ def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) 
 def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
     """Converts what is offered and told of the robots; `more`: further commands to offer."""
     return {
-        "state": found.state,
-        "interaction": bool(message.interaction),
+        **as_it_is(found, "state zones goes"),
+        "interaction": message.interaction,
         "commands": [*found.commands, *more],
-        "zones": list(found.zones),
-        "goes": list(found.goes),
         "robots": [robot.robot for robot in message.robots],
         "lines": [
             {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
@@ -199,13 +189,10 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
     """Converts the notices that people should know now."""
     return [
         {
+            **as_it_is(notice, "code message robot camera"),
             "severity": int(notice.severity),
-            "code": notice.code,
             "values": dict(notice.values),
-            "message": notice.message,
-            "robot": notice.robot,
             "border": notice.border_id,
-            "camera": notice.camera,
         }
         for notice in notices
     ]
