@@ -26,9 +26,7 @@ class Lab:
     def __init__(self, robot=(7.0, 1.0, 0.0)):
         grid = room()
         self.dispatcher = Dispatcher({"": 0.18})
-        self.dispatcher.maps[""].view = VIEW
-        self.dispatcher.maps[""].set_map(grid)
-        self.dispatcher.maps[""].set_map(grid, "physical")
+        self.dispatcher.maps[""].update(VIEW, grid, grid)
         self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
         self.now, self.robot, self.goal, self.sent = 100.0, robot, SentGoalState.NONE, []
         self.spot, self.given = np.array([3.0, 2.5]), None
@@ -143,7 +141,7 @@ def test_what_people_are_told():
 
 def test_that_nobody_sees_the_spot_and_no_robot_comes_is_told_once_it_lasts():
     lab = Lab()
-    lab.dispatcher.maps[""].view = None  # a robot whose camera is not known is not sent
+    lab.dispatcher.maps[""].update(None, room(), room())  # a robot whose camera is not known is not sent
     lab.draw_until(EDGE + 0.05, robot_sees=False)
     lost, told = lab.now, []
     while not told and lab.now < lost + 10.0:
@@ -167,8 +165,7 @@ def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
 
 def look(grid, drawing, robot):
     grounds = RobotMap(0.18)
-    grounds.set_map(grid)
-    grounds.view = VIEW
+    grounds.update(VIEW, grid, None)
     return grounds.make_planner(drawing, RobotStatus(robot), [])
 
 
@@ -203,8 +200,7 @@ def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit(
     parted.data[45:53, 80] = 0  # a gap of 0.4 m
     dispatcher = Dispatcher({"large": 0.18, "small": 0.10})
     for known in dispatcher.maps.values():
-        known.set_map(parted)
-        known.view = VIEW
+        known.update(VIEW, parted, None)
     dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):
         dispatcher.sightings.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))

@@ -21,7 +21,7 @@ from nav_msgs.msg import Path
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty, EmptyRequest
 
-from vb_core import geometry, names, sentences
+from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -333,14 +333,13 @@ class RobotDriverNode:
         if news == before and 0.0 <= now - at < STATE_PERIOD:
             return
         self._reported = (news, now)
-        code = f"robot_{command.code}"
         message = DriverState(
             robot=self._params.robot,
             source=command.source,
             code=command.code,
             speed=command.v,
             angular_velocity=command.w,
-            message=sentences.translate(code, {"who": sentences.robot_value(self._params.robot)}),
+            message=self._notice(_told(command.code), Severity.INFO).sentence(),
             stops=news[2],
         )
         message.header.stamp = rospy.Time.from_sec(now)
@@ -362,17 +361,16 @@ class RobotDriverNode:
             found.append(self._notice("stop_not_persisted", Severity.WARNING))
         if command.code in STOP_CODES and (held or command.source == STOP):
             severity = SEVERITIES.get(command.code, Severity.WARNING)
-            code = "robot_stopped_inside_border" if command.code == "inside_border" else f"robot_{command.code}"
-            found.append(self._notice(code, severity, others=self._arbiter.gate.other_publishers(now)))
+            found.append(self._notice(_told(command.code), severity, others=self._arbiter.gate.other_publishers(now)))
         return found
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
-        return Notice(
-            code,
-            severity,
-            robot=self._params.robot,
-            values={"who": sentences.robot_value(self._params.robot), **values},
-        )
+        return Notice.of_robot(self._params.robot, code, severity, **values)
+
+
+def _told(code: str) -> str:
+    """Returns the code of the sentence that says what stops or slows a robot."""
+    return "robot_stopped_inside_border" if code == "inside_border" else f"robot_{code}"
 
 
 def build() -> RobotDriverNode:

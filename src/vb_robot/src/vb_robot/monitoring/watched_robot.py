@@ -13,7 +13,7 @@ from geometry_msgs.msg import Point
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
 
-from vb_core import geometry, names, sentences
+from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -50,7 +50,6 @@ class WatchedRobot:
 
     def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
         self.name, self.frame = name, frame
-        self.who = sentences.robot_value(name)
         self.wiring = Wiring()
         self.pose: Optional[Pose] = None
         self.goals: Dict[str, int] = {}
@@ -177,6 +176,10 @@ class WatchedRobot:
             path=points_from_array(self._path) if goal else [],
         )
 
+    def driving_maps(self) -> Tuple[Optional[GridMap], Optional[GridMap]]:
+        """Returns the map with the borders that are for it, and the one without any; None: not known yet."""
+        return self._maps.get("own" if self.name else "borders"), self._maps.get("physical")
+
     def _with_borders(self) -> Optional[GridMap]:
         return self._maps.get("own", self._maps.get("borders"))
 
@@ -215,7 +218,7 @@ class WatchedRobot:
 
     def notice(self, code: str, severity: Severity, **values: str) -> Notice:
         """Makes a notice about this robot."""
-        return Notice(code, severity, robot=self.name, values={"who": self.who, **values})
+        return Notice.of_robot(self.name, code, severity, **values)
 
     # ------------------------------------------------------------- what is asked of navigation
     def send_to(self, place) -> None:
