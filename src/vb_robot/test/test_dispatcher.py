@@ -95,19 +95,6 @@ def test_lost_spot_people_hold_still_where_they_notice_and_the_robot_looks_there
         assert lab.robot_views((EDGE + beyond, 2.5))
 
 
-@pytest.mark.parametrize("confidence, moved", [(0.28, False), (0.9, True)])
-def test_reflection_is_no_spot(confidence, moved):
-    lab = Lab()
-    lab.draw_until(EDGE + 0.4)
-    before = len(lab.sent)
-    lab.spot = np.array([EDGE + 2.0, 4.5])  # neither the camera nor the robot sees it
-    for _ in range(12):
-        for i in range(5):
-            lab.see("red", (1.0, 0.6 + 0.001 * i), confidence=confidence)
-        lab.step(robot_sees=False)
-    assert any(math.dist(pose[:2], (1.0, 0.6)) < 2.0 for _, pose in lab.sent[before:]) == moved
-
-
 def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes():
     lab = Lab()
     # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one

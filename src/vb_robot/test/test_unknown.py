@@ -160,15 +160,6 @@ def test_a_bumper_that_is_released_does_not_release_another_one():
     assert rig.step(0.5).v == 0.3
 
 
-def test_with_a_dropped_wheel_it_does_not_move_at_all():
-    rig = Rig().drives()
-    rig.arbiter.gate.set_contact(("wheel_drop", 0), "all")
-    for wish in ((0.3, 0.0), (-0.2, 0.0), (0.0, 0.5)):
-        rig.navigation = rig.teleop = wish
-        command = rig.step(0.2)
-        assert (command.v, command.w, command.code) == (0.0, 0.0, "contact")
-
-
 # ------------------------------------------------------------ scanners
 class SlowScanner(Rig):
     """A scanner of 5 Hz: each scan ends 0.2 s after it began, and is stamped with its end."""
