@@ -1,6 +1,6 @@
 """Answers browsers: files and images by HTTP, and one WebSocket for everything else.
 
-The idea: browsers get the view's sections as they change and send requests that `action_requests.parse` has to accept. No
+The idea: browsers get the view's sections as they change and send requests that `action_requests` has to accept. No
 request names a file: dictionaries hold what can be fetched.
 """
 
@@ -226,16 +226,16 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
-        request: Optional[action_requests.Request] = None
+        request_id = ""  # also a request that is refused is named, if it has a usable id
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
-            request = action_requests.parse(message, self.page.bounds())
+            request_id, found = action_requests.read(message)
+            request = action_requests.check(request_id, found, self.page.bounds())
             if self.role < Role.OPERATOR:
                 raise CodedError("page_viewer_only")
         except CodedError as error:
             self._faults += 1
-            request_id = request.id if request else getattr(error, "request_id", "")
             self._tell({"re": request_id, **refusal(error)})
             if self._faults >= _MAX_FAULTS:
                 self.close(1008)

@@ -6,7 +6,7 @@ Lengths are metres. Chains and points travel as whole centimetres, [x0, y0, x1, 
 from __future__ import annotations
 
 import base64
-from typing import Any, Dict, Iterable, List, Optional
+from typing import Any, Dict, Iterable, List, Mapping, Optional
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -16,10 +16,9 @@ from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorde
 from vb_core import sentences
 from vb_core.notices import Notice
 from vb_core.offer import Offer, unkept
-from vb_core.ros.messages import mapping_from_values, points_from_array
+from vb_core.ros.messages import mapping_from_values
 from vb_core.zones import ZONES, zone_of
 from vb_web import images
-from vb_web.action_requests import Draft
 from vb_web.view import rounded
 
 KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
@@ -198,16 +197,15 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
     ]
 
 
-def apply_draft(draft: Draft, border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft into a border's message; fields that a draft lacks stay as they are."""
-    border.name = draft.name
-    border.points = points_from_array(draft.points)
-    border.kind = KINDS[draft.kind]
-    border.seed = Point(float(draft.seed[0]), float(draft.seed[1]), 0.0)
-    zone = ZONES[draft.zone]
+def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
+    """Puts a draft, checked by `action_requests`, into a border's message; fields that it lacks stay as they are."""
+    border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
+    border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
+    border.kind = KINDS[draft["kind"]]
+    border.seed = Point(*draft["seed"], 0.0)
+    zone = ZONES[draft["zone"]]
     if not zone.soft or border.occupancy in (0.0, 1.0):
         border.occupancy = zone.occupancy
     border.zone = zone.number
-    border.max_speed = draft.max_speed if zone.limits_speed else 0.0
-    border.enabled, border.robots = draft.enabled, list(draft.robots)
+    border.max_speed = draft["max_speed"] if zone.limits_speed else 0.0
     return border
