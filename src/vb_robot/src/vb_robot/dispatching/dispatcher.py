@@ -47,7 +47,7 @@ class RobotMap:
         window = bounding_window(drawing.spot, drawing.chain, [status.pose[:2]])
         if self._clearance_map is None or self._clearance_map[0] != window:
             seen_through = crop(physical, window) if physical is not None else None
-            self._clearance_map = window, ClearanceMap(crop(borders, window), self._radius, seen_through, edge=False)
+            self._clearance_map = window, ClearanceMap(crop(borders, window), self._radius, seen_through)
         return ViewpointPlanner(self._clearance_map[1], self._view, drawing, others)
 
 
