@@ -214,7 +214,7 @@ class RobotMonitorNode:
         if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
             self._cancelled_at = now
             for robot in self._robots.values():
-                if not robot.status(True).driver:
+                if not robot.is_driven():
                     robot.cancel_goals()
 
     def _limit(self, robot: WatchedRobot) -> Optional[float]:
@@ -247,15 +247,15 @@ class RobotMonitorNode:
 
     # ------------------------------------------------------------- goals
     def _review(self, robot: WatchedRobot) -> None:
-        if self._params.obey and self._stops.stopped and not robot.status(True).driver:
-            robot.cancel_goals()
-            robot.refuse(robot.notice("goal_while_stopped", Severity.WARNING))
-            return
         goal = robot.goal
-        with self._lock:
-            refusal = robot.judge(goal)
+        if self._params.obey and self._stops.stopped and not robot.is_driven():
+            robot.cancel_goals()
+            refusal: Optional[Notice] = robot.notice("goal_while_stopped", Severity.WARNING)
+        else:
+            with self._lock:
+                refusal = robot.judge(goal)
         if goal == robot.goal:
-            robot.refuse(refusal)
+            robot.refusal = refusal
         self._tell()
 
     def _send(self, request: Any) -> SendRobotResponse:

@@ -77,8 +77,7 @@ class PageNode:
         self._view, self._images = View(), images.ImageCache()
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
-        self._borders: Optional[Dict[str, VirtualBorder]] = None  # None: not known yet
-        self._border_list: Optional[VirtualBorderArray] = None
+        self._borders: Optional[VirtualBorderArray] = None  # None: not known yet
         self._offer: Optional[Offer] = None  # None: it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
         self._frames: Dict[str, str] = {}  # of the robots, by name
@@ -97,7 +96,7 @@ class PageNode:
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionHandler(
-            lambda border_id: (self._borders or {}).get(border_id),
+            lambda border_id: _by_id(self._borders).get(border_id),
             lambda: self._connected(names.STATE),
             lambda: self._stoppable or self._connected(names.DRIVERS),
             self._invitation,
@@ -196,11 +195,9 @@ class PageNode:
     def _show_robots(self) -> None:
         """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""
         message, found = self._robots.current() or (None, None)
-        with self._lock:
-            changed, self._offer = found != self._offer, found
-            if message is not None:
-                self._frames = {robot.robot: robot.frame for robot in message.robots}
+        changed, self._offer = found != self._offer, found
         if message is not None and found is not None:
+            self._frames = {robot.robot: robot.frame for robot in message.robots}
             # a Stop does not go from under a finger because a driver is just being started again
             self._stoppable = self._stoppable or "stop" in found.commands
             stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
@@ -213,21 +210,17 @@ class PageNode:
             self._show_borders()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        known = {border.id: border for border in message.borders}
-        with self._lock:
-            before, self._borders, self._border_list = self._borders, known, message
+        before, self._borders = self._borders, message
         self._show_borders()
-        for kind, border in border_changes(before, known) if before is not None else ():
+        for kind, border in border_changes(_by_id(before), _by_id(message)) if before is not None else ():
             self._tell(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
         """Shows the newest list; from several threads, of which none can bring back an older one."""
         with self._showing:
-            with self._lock:
-                message, known_offer = self._border_list, self._offer
-            if message is None:
+            if self._borders is None:
                 return
-            section = ros_view.borders_section(message, known_offer)
+            section = ros_view.borders_section(self._borders, self._offer)
             self._marks = mark_borders(self._marks, [border["id"] for border in section["list"]])
             for border in section["list"]:
                 border["mark"] = self._marks[border["id"]]
@@ -287,9 +280,7 @@ class PageNode:
     def _look_at_robots(self) -> None:
         if not self._server.browsers:
             return
-        with self._lock:
-            frames = dict(self._frames)
-        for robot, frame in frames.items():
+        for robot, frame in self._frames.items():
             stamp = self._transforms.newest(names.MAP_FRAME, frame)
             if not stamp.is_zero() and (rospy.Time.now() - stamp).to_sec() > _SILENCE_TIMEOUT:
                 self._poses.pop(robot, None)  # nobody knows where it is by now
@@ -345,6 +336,10 @@ class PageNode:
 
     def _invitation(self) -> Dict[str, Any]:
         return {"addresses": self._addresses, **({} if self._codes is None else vars(self._codes))}
+
+
+def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
+    return {border.id: border for border in message.borders} if message is not None else {}
 
 
 def _own_addresses() -> List[str]:

@@ -46,6 +46,7 @@ class WatchedRobot:
 
     Attributes:
         goals: of its navigation, as its newest message has them: status by id.
+        refusal: why its present goal is refused, to be told; None: it is not.
     """
 
     def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
@@ -57,11 +58,11 @@ class WatchedRobot:
         self.goal: Optional[Tuple[float, float]] = None
         self.speed: Optional[PlannerSpeed] = None
         self._driver_heard, self._in_control = -math.inf, False
-        self._running, self._path = False, np.zeros((0, 2))
+        self._path = np.zeros((0, 2))
         self._maps: dict = {}
         self._known: Sequence[KnownBorder] = ()
         self._review: Optional[GoalReview] = None
-        self._refusal: Optional[Notice] = None
+        self.refusal: Optional[Notice] = None
         self._goal_at = -math.inf
         self._transforms, self._on_goal = transforms, on_goal
         self._ids = itertools.count()
@@ -91,8 +92,11 @@ class WatchedRobot:
         if self.goal is not None and self._is_told(rospy.get_time()):
             self._on_goal(self)
 
+    def _has_goal(self) -> bool:
+        return any(status in RUNNING for status in self.goals.values())
+
     def _is_told(self, now: float) -> bool:
-        return self._running or now - self._goal_at < TOLD_AT_LEAST
+        return self._has_goal() or now - self._goal_at < TOLD_AT_LEAST
 
     def look(self, graph: Any) -> None:
         """Looks at the ROS graph and the parameters of its navigation."""
@@ -124,6 +128,10 @@ class WatchedRobot:
             pass
         self.pose = pose
 
+    def is_driven(self) -> bool:
+        """Returns whether it has a driver that is in control."""
+        return self._has_driver() and self._in_control
+
     def _has_driver(self) -> bool:
         return 0.0 <= rospy.get_time() - self._driver_heard < DRIVER_SILENCE
 
@@ -135,13 +143,12 @@ class WatchedRobot:
             place = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ [x, y, 0.0, 1.0]
         except CodedError:
             return  # navigation cannot know either where that is
-        self.goal, self._path, self._refusal = (float(place[0]), float(place[1])), np.zeros((0, 2)), None
+        self.goal, self._path, self.refusal = (float(place[0]), float(place[1])), np.zeros((0, 2)), None
         self._goal_at = rospy.get_time()
         self._on_goal(self)
 
     def _take_status(self, message: GoalStatusArray) -> None:
         self.goals = {entry.goal_id.id: entry.status for entry in message.status_list}
-        self._running = any(status in RUNNING for status in self.goals.values())
         self._status_at = rospy.get_time()
 
     def is_navigating(self) -> bool:
@@ -158,7 +165,7 @@ class WatchedRobot:
     def status(self, cancels: bool) -> RobotStatus:
         """Returns what is connected. `cancels`: whether goals are cancelled while a stop is in force."""
         seen = self.wiring
-        goal = self.goal if self._running else None
+        goal = self.goal if self._has_goal() else None
         return RobotStatus(
             robot=self.name,
             frame=self.frame,
@@ -167,7 +174,7 @@ class WatchedRobot:
             missing_maps=seen.missing_maps,
             unheard=seen.unheard,
             plans_round_borders=seen.plans_round_borders,
-            driver=self._has_driver() and self._in_control,
+            driver=self.is_driven(),
             obeys_stop=cancels and bool(seen.move_base),
             obeys_speed=self.speed is not None and self.speed.obeys,
             localized=self.pose is not None,
@@ -199,15 +206,11 @@ class WatchedRobot:
         found = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
         return self.notice(found[0], Severity.WARNING, border=quoted(found[1])) if found else None
 
-    def refuse(self, refusal: Optional[Notice]) -> None:
-        """Keeps why its present goal is refused, to be told."""
-        self._refusal = refusal
-
     def notices(self, now: float) -> List[Notice]:
         """Returns what people should know of its goal and its place at a time [s]."""
         found = []
-        if self._refusal is not None and self._is_told(now):
-            found.append(self._refusal)
+        if self.refusal is not None and self._is_told(now):
+            found.append(self.refusal)
         review, pose = self.review(), self.pose
         if review is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not by the map that it plans on, which may have a margin
