@@ -106,20 +106,26 @@ class Running:
         return asyncio.run(run())
 
 
+@contextlib.contextmanager
+def serving(*given):
+    running = Running(*given)
+    try:
+        yield running
+    finally:
+        running.server.close()
+    assert not running.faults
+
+
 @pytest.fixture
 def local():
-    running = Running(None)
-    yield running
-    running.server.close()
-    assert not running.faults
+    with serving(None) as running:
+        yield running
 
 
 @pytest.fixture
 def network():
-    running = Running(Sessions(CODES))
-    yield running
-    running.server.close()
-    assert not running.faults
+    with serving(Sessions(CODES)) as running:
+        yield running
 
 
 def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path):
@@ -132,8 +138,7 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     assert addresses(params, 8420, ["lab"]) == ["https://lab:8420/"]
     own = PageParams(codes_file=params.codes_file)  # this computer's own browser
     assert addresses(own, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
-    running = Running(Sessions(CODES), params)
-    try:
+    with serving(Sessions(CODES), params) as running:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         given = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
         answer = log_in(running, CODES.viewer, **given)
@@ -141,9 +146,6 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
         assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # http: no answer at all
             running.ask("/session")
-    finally:
-        running.server.close()
-    assert not running.faults
 
 
 def cookie(running, role):
