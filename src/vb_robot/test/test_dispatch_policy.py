@@ -297,7 +297,7 @@ def test_a_spot_that_rests_has_no_direction_and_cameras_that_differ_are_no_motio
     for i in range(40, 52):
         known.add(seen(1.0 + 0.04 * i, 0.0))
         known.add(seen(1.02 + 0.04 * i, 0.06, camera="robot", mobile=True))
-    assert known.velocity() is None, "the robot sees it 6 cm off"
+        assert known.velocity() is None, "the robot sees it 6 cm off"
 
 
 # ------------------------------------------------------------------ a robot that stands and sees nothing
