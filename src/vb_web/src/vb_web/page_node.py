@@ -18,7 +18,6 @@ from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_core import names
 from vb_core.border_changes import border_changes
 from vb_core.errors import CodedError
-from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.offer import Offer
 from vb_core.ros import messages, node, parameters
@@ -281,18 +280,11 @@ class PageNode:
         if not self._server.browsers:
             return
         for robot, frame in self._frames.items():
-            stamp = self._transforms.newest(names.MAP_FRAME, frame)
-            if not stamp.is_zero() and (rospy.Time.now() - stamp).to_sec() > _SILENCE_TIMEOUT:
-                self._poses.pop(robot, None)  # nobody knows where it is by now
+            pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
+            if pose is None:
+                self._poses.pop(robot, None)
                 continue
-            try:
-                pose = self._transforms.lookup(names.MAP_FRAME, frame, stamp, 0.0)
-            except CodedError:
-                continue
-            x, y, yaw = pose2d_from_transform(pose)
-            if not np.isfinite([x, y, yaw]).all():
-                continue
-            old = self._poses.get(robot)
+            (x, y, yaw), old = pose, self._poses.get(robot)
             if old is None or np.hypot(x - old[0], y - old[1]) > 0.005 or abs(np.sin((yaw - old[2]) / 2.0)) > 0.005:
                 self._poses[robot] = [rounded(x), rounded(y), rounded(yaw)]
         self._view.put("robots", dict(self._poses))

@@ -11,7 +11,7 @@ import numpy as np
 from vb_core.grid_layers import Window, crop
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_core.vocabulary import BORDER, SEED
+from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import Fleet, RobotStatus
 from vb_robot.dispatching.drawing import NO_POINTS, DrawingState
@@ -103,9 +103,7 @@ class Dispatcher:
             planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
             seeing[name] = (status, planner)
         goals = self._fleet.step(now, known.key if wanted else None, time_since_seen, seeing)
-        newest = known.newest()
-        lost = drawing is not None and known.state == BORDER and (newest is None or now - newest.stamp > LOST_TIMEOUT)
-        self._tell(now, lost)
+        self._tell(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:

@@ -13,7 +13,7 @@ from geometry_msgs.msg import Point
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
 
-from vb_core import geometry, names
+from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -118,15 +118,7 @@ class WatchedRobot:
 
     def locate(self) -> None:
         """Looks up where it is."""
-        pose = None
-        try:
-            found = self._transforms.lookup(names.MAP_FRAME, self.frame, rospy.Time(0), 0.0)
-            newest = self._transforms.newest(names.MAP_FRAME, self.frame)
-            if newest.is_zero() or abs((rospy.Time.now() - newest).to_sec()) < POSE_SILENCE:
-                pose = geometry.pose2d_from_transform(found)
-        except CodedError:
-            pass
-        self.pose = pose
+        self.pose = self._transforms.pose_on_map(self.frame, POSE_SILENCE)
 
     def is_driven(self) -> bool:
         """Returns whether it has a driver that is in control."""
