@@ -66,7 +66,7 @@ def test_nothing_else_about_a_camera_hides_that_it_is_silent(other):
 def test_a_warning_that_becomes_an_error_is_logged_again(monkeypatch):
     logged = []
     monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=lambda message: None))
-    monkeypatch.setattr(notices.node, "start_timer", lambda *_: None)
+    monkeypatch.setattr(notices.node, "Worker", lambda *_: None)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
     for level in ("logwarn", "logerr"):
         monkeypatch.setattr(rospy, level, lambda text, *_, level=level: logged.append(level))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import contextlib
 import ctypes
 import gc
 import inspect
@@ -12,7 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Deque, Generic, Iterable, Iterator, List, Optional, TypeVar
+from typing import Any, Callable, Deque, Generic, Iterable, List, Optional, TypeVar
 
 import rosgraph
 import rosgraph.network
@@ -189,8 +188,7 @@ class Queue(Generic[T]):
     def get(self) -> Optional[T]:
         """Waits for the oldest item and takes it; None once the queue is closed and empty."""
         with self._condition:
-            while not self._items and not self._closed:
-                self._condition.wait()
+            self._condition.wait_for(lambda: self._items or self._closed)
             item = self._items.popleft() if self._items else None
             self._condition.notify_all()
             return item
@@ -285,27 +283,18 @@ class WakeTimer:
         self._wake.set()
 
 
-@contextlib.contextmanager
-def _ending_with_a_fault() -> Iterator[None]:
-    """Ends the node, with a traceback, if what is done within raises; roslaunch then restarts it.
+def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
+    """Runs work in a separate thread. A fault ends the node, with a traceback; roslaunch then restarts it.
 
     A thread that had died alone would leave a node that runs on and does not do its work.
     """
-    sound = False
-    try:
-        yield
-        sound = True
-    finally:
-        if not sound:
-            shut_down_with_error(CodedError("internal_error"))
-
-
-def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
-    """Runs work in a separate thread; a fault ends the node."""
 
     def run() -> None:
-        with _ending_with_a_fault():
+        try:
             work(*arguments)
+        except BaseException:
+            shut_down_with_error(CodedError("internal_error"))
+            raise
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
@@ -321,16 +310,6 @@ def _handle(work: Callable[..., None], *arguments: Any) -> None:
     except rospy.ROSException:
         if not rospy.is_shutdown():
             raise
-
-
-def start_timer(period: float, work: Callable[[], None]) -> rospy.Timer:
-    """Does work every `period` [s] of ROS time, also after time was set back; faults are treated as a `Worker`'s."""
-
-    def run(_event: Any) -> None:
-        with _ending_with_a_fault():
-            _handle(work)
-
-    return rospy.Timer(rospy.Duration(period), run, reset=True)
 
 
 class Worker:
@@ -349,10 +328,7 @@ class Worker:
         self._thread.join(timeout)
 
     def _work(self) -> None:
-        while True:
-            item = self._mailbox.get()
-            if item is None:
-                return
+        for item in iter(self._mailbox.get, None):
             _handle(self._do, item)
 
 
