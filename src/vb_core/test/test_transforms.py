@@ -23,9 +23,7 @@ def lookup(monkeypatch):
     # a buffer asks for the time, which no node gives here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
-    monkeypatch.setattr(
-        tf2_ros.Buffer, "__init__", lambda self, cache_time: tf2_ros.BufferCore.__init__(self, cache_time)
-    )
+    monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
     return transforms.TransformLookup()
 
 

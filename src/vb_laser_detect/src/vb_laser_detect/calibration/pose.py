@@ -18,7 +18,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.detection.projection import floor_points
+from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
@@ -200,8 +200,7 @@ def _moved(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
 
 def project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Returns the pixels (N, 2) of points (N, 2) [m] on the floor; NaN where the camera does not see them."""
-    on_floor = np.column_stack([points, np.zeros(len(points))])
-    return camera.project(geometry.apply(geometry.invert(T_map_camera), on_floor))
+    return pixels_of(camera, T_map_camera, np.column_stack([points, np.zeros(len(points))]))
 
 
 def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
