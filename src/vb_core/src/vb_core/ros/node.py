@@ -301,21 +301,11 @@ def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread
     return thread
 
 
-def _handle(work: Callable[..., None], *arguments: Any) -> None:
-    """Does one piece of work; a `CodedError` is logged, and what topics raise as they close during shutdown is left out."""
-    try:
-        work(*arguments)
-    except CodedError as error:
-        rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-    except rospy.ROSException:
-        if not rospy.is_shutdown():
-            raise
-
-
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
-    A `CodedError` is a faulty item. Anything else is a fault of the node, which ends.
+    A `CodedError` is a faulty item, and is logged; what topics raise as they close during shutdown is left out. Anything else
+    is a fault of the node, which ends.
     """
 
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
@@ -329,7 +319,13 @@ class Worker:
 
     def _work(self) -> None:
         for item in iter(self._mailbox.get, None):
-            _handle(self._do, item)
+            try:
+                self._do(item)
+            except CodedError as error:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+            except rospy.ROSException:
+                if not rospy.is_shutdown():
+                    raise
 
 
 LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and the next
