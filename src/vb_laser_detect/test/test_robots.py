@@ -29,7 +29,7 @@ class Report:
 def lab(monkeypatch):
     """(the robots, tf's buffer, the report); tf is told where a robot is by `drive`."""
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
-    monkeypatch.setattr(tf2_ros.Buffer, "__init__", lambda self, cache_time: tf2_ros.BufferCore.__init__(self))
+    monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
     # a buffer that waits asks for the time, which no node gives here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))

@@ -99,7 +99,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
 def report(monkeypatch):
     """A detector's report of a camera, at a time that the test sets, which sends nothing."""
     monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=lambda message: None))
-    monkeypatch.setattr(detector_diagnostics, "start_timer", lambda *_: None)
+    monkeypatch.setattr(detector_diagnostics, "Worker", lambda *_: None)
     told = []
     monkeypatch.setattr(
         detector_diagnostics,

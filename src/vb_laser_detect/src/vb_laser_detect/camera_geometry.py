@@ -17,8 +17,7 @@ from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import array_from_image
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
-from vb_laser_detect.detection.projection import FloorProjection
+from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 
 # [s] between lookups of a camera's pose: a recalibrated camera is soon known, and no image waits for it
@@ -114,10 +113,9 @@ class DepthTopic:
         best = min(list(self._images), key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
         if best is None or abs((best.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
             return None, None
-        if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
-            self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame))
-            return None, None
         try:
+            if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
+                raise CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame)
             depth = depth_array(best)
         except CodedError as error:
             self._report.fault(error)
@@ -180,11 +178,8 @@ class Robots:
             except CodedError:
                 self._report.count("robot_without_pose")
                 continue
-            found.append(
-                RobotCylinder(
-                    x, y, profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late, profile.shape.height
-                )
-            )
+            radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
+            found.append(RobotCylinder(x, y, radius, profile.shape.height))
         return found
 
 

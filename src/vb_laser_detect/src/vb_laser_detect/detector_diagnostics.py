@@ -12,7 +12,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture
 from vb_core.notices import Notice, Severity
-from vb_core.ros.node import Mailbox, start_timer
+from vb_core.ros.node import Mailbox, WakeTimer, Worker
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.calibration_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
@@ -57,11 +57,12 @@ class DetectorDiagnostics:
         self._watch = InputWatch(rospy.get_time())
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._notices = NoticePublisher()
-        self._timer = start_timer(1.0, self._publish)
+        self._timer = WakeTimer(1.0)
+        Worker(self._timer, lambda _: self._publish())
 
     def close(self) -> None:
         """Withdraws its notices."""
-        self._timer.shutdown()
+        self._timer.close()
         self._notices.close()
 
     # ------------------------------------------------------------- what the node tells
