@@ -60,7 +60,7 @@ def test_a_tick_is_soft_and_volume_counts():
 
     assert power(synthesize("tick")) * 100 < min(power(synthesize(name)) for name in SOUNDS if name != "tick")
     assert np.abs(synthesize("border", 0.5)).max() == pytest.approx(np.abs(synthesize("border")).max() / 2, abs=1)
-    assert not synthesize("border", 0.0).any() and len(synthesize("no such sound")) == 0
+    assert not synthesize("border", 0.0).any()
 
 
 # ----------------------------------------------------------------- the device
