@@ -152,10 +152,3 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
     assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(
         found[24:30, 32:38], found[25:31, 33:39]
     )
-
-
-def test_a_single_cell_is_visible():
-    physical = np.zeros((9, 9), np.int8)
-    map_with_borders = physical.copy()
-    map_with_borders[4, 5] = 50
-    assert draw_restrictions(physical, map_with_borders, 4)[4, 5] == STRIPE

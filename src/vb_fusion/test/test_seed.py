@@ -9,30 +9,10 @@ from vb_fusion.live_extraction import DrawnBorder
 from vb_fusion.stroke.seed import find_dwells
 
 
-def extract(points, rate=25.0, **known):
-    """The seed of points that one camera sees one after the other."""
-    return extract_seed(points, stamps=np.arange(len(points)) / rate, **known)
-
-
-def spots(count=60, at=(1.0, 2.0), spread=0.015, seed=0):
-    return np.random.default_rng(seed).normal(at, spread, (count, 2))
-
-
-def test_the_way_there_does_not_move_it():
-    way = np.linspace([0, 0], [1, 2], 60)
-    points = np.vstack([way, spots(30)])
-    assert np.linalg.norm(extract(points) - [1, 2]) < 0.03
-
-
-def test_a_pointer_that_moves_on_in_the_end_dwells_no_more():
-    points, extra = scene(((1, 2), 0.0, 2.0, 25, "red"), (((1, 2), (1.8, 2)), 2.0, 2.8, 25, "red"))
-    assert np.linalg.norm(extract_seed(points, **extra) - [1, 2]) < 0.03
-
-
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
 def test_refusals(points, code):
     with pytest.raises(CodedError) as caught:
-        extract(points)
+        extract_seed(points, stamps=np.arange(len(points)) / 25.0)
     assert caught.value.code == code
 
 
@@ -63,6 +43,8 @@ SEEDS = {
         (1, 2),
     ),
     "in turn with a bright place": ([(FALSE, 0.0, 8.0, 15, "robot"), ((1, 2), 2.0, 8.0, 6, "robot")], (1, 2)),
+    "the way there": ([(((0, 0), (1, 2)), 0.0, 2.4, 25, "red"), ((1, 2), 2.4, 3.6, 25, "red")], (1, 2)),
+    "moving on in the end": ([((1, 2), 0.0, 2.0, 25, "red"), (((1, 2), (1.8, 2)), 2.0, 2.8, 25, "red")], (1, 2)),
     "flashes come after it": ([((0, 0), 0.0, 2.0, 25, "red"), *FLASHES], (0, 0)),
 }
 
