@@ -89,6 +89,19 @@ def test_places_nearer_than_a_hand_trembles_are_one_dwell(apart, count):
     assert len(find_dwells(points, **extra)) == count
 
 
+@pytest.mark.parametrize("speed", [0.2, 0.3, 0.5])
+def test_a_place_that_the_pointer_comes_to_is_one_dwell(speed):
+    for seed in range(20):
+        parts = (
+            (((1.0, 0.0), (0.0, 0.0)), 0.0, 1.0 / speed, 25, "red"),
+            ((0.0, 0.0), 1.0 / speed, 1.0 / speed + 3.0, 25, "red"),
+        )
+        points, extra = scene(*parts, seed=seed)
+        dwells = find_dwells(points, **extra)
+        assert DrawnBorder(dwells=dwells).other_dwell is None
+        assert len(dwells) == 1 or np.linalg.norm(dwells[-2].point) > 0.075
+
+
 @pytest.mark.parametrize("last", [1.8, 7.0, 30.0])
 def test_what_only_a_robot_sees_is_no_seed_where_a_steady_camera_saw_the_pointer_dwell(last):
     """White paper stays in a robot's image after the pointer was switched off; to a camera that moves it is new."""

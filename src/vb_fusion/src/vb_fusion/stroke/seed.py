@@ -109,11 +109,15 @@ def find_dwells(
     way, known = at[path], known[path]
     dwells = []
     for first, last, count in _find_stays(spot[path], time_bins(places.stamps)[path]):
-        point = _middle(way, last)
+        point, seconds = _middle(way, last), TIME_BIN * count
         followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= LONGEST_STEP
+        if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
+            # who comes slowly begins a spot of floor at the edge of the place, where a part of what follows is counted
+            before = dwells.pop()
+            seconds, followed = seconds + before.seconds, before.followed
         there = ~seen.mobile & (np.linalg.norm(seen.points - point, axis=1) <= HAND_RADIUS)
         witnesses = int((np.bincount(seen.cameras[there]) >= MIN_SPOTS).sum())
-        dwells.append(Dwell(point, TIME_BIN * count, bool(known[last]), bool(followed), witnesses))
+        dwells.append(Dwell(point, seconds, bool(known[last]), bool(followed), witnesses))
     return dwells
 
 
