@@ -11,7 +11,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import MapIntegrator
 from vb_map_integration.grid import free_parts
-from vb_map_integration.grid.region import Region, join_regions
+from vb_map_integration.grid.region import Region, join_regions, put_on_map
 
 from integrators import GRID, at, expected, integrator, square
 
@@ -161,11 +161,8 @@ def test_regions_in_different_windows_are_compared_and_drawn_cell_by_cell(seed):
     one, other = (region.spread((20, 20)) for region in regions)
     assert regions[0].shared(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
     assert np.array_equal(join_regions(regions).spread((20, 20)), one | other)
-    cells = np.full((20, 20), -1, np.int8)
-    regions[0].apply(cells, regions[1].window)
-    inside = np.zeros((20, 20), bool)
-    inside[regions[1].window] = True
-    assert np.array_equal(cells == 100, one & inside)
+    grid = GridMap(np.full((20, 20), -1, np.int8), 0.05)
+    assert np.array_equal(put_on_map(grid, regions).data == 100, one | other) and (grid.data == -1).all()
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

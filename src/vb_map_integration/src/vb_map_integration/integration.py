@@ -26,7 +26,7 @@ import shapely
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice
 from vb_map_integration.grid import curve, raster
-from vb_map_integration.grid.region import Region
+from vb_map_integration.grid.region import Region, put_on_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError, warning
 
@@ -86,9 +86,7 @@ def integrate(prior: GridMap, border: VirtualBorder) -> Integration:
     See `restricted_area` for what is restricted, and for the errors.
     """
     area = restricted_area(prior, border)
-    posterior = np.array(prior.data, order="C")
-    area.apply(posterior)
-    return Integration(prior.with_data(posterior), area.spread(prior.shape), area.issues, area.area_m2, area.line)
+    return Integration(put_on_map(prior, [area]), area.spread(prior.shape), area.issues, area.area_m2, area.line)
 
 
 def restricted_area(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Area:

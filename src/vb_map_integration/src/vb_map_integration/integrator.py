@@ -17,14 +17,30 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
-from vb_map_integration.grid.layered_map import LayeredMap
-from vb_map_integration.border_check import BorderCheck, CheckResult
+from vb_map_integration.grid.free_parts import count_free_parts
+from vb_map_integration.grid.region import put_on_map
 from vb_map_integration.in_force import InForce, Verdict, put_in_force
 from vb_map_integration.verdict_notices import find_notices
+from vb_map_integration.integration import Area, restricted_area
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Transform
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """Effect that adding or changing a border would have.
+
+    Attributes:
+        area: what it would restrict.
+        issues: warnings, the integration's first.
+        free_parts: number of parts of the free space, see `count_free_parts`.
+    """
+
+    area: Area
+    issues: Tuple[Notice, ...]
+    free_parts: int
 
 
 @dataclass(frozen=True)
@@ -62,14 +78,14 @@ class MapIntegrator:
     def __init__(
         self, root: Optional[Path], map_name: str = "", robots: Sequence[str] = (), robot_radius: float = 0.18
     ) -> None:
-        self._expected_name, self._robots = map_name, robots
+        self._expected_name, self._robots, self._robot_radius = map_name, robots, robot_radius
         self._database = Database(root)
         self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
         self._in_force: Optional[InForce] = None
         self._map_id = ""
+        self._free_parts: Optional[int] = None  # of the map with borders, once they were counted
         self._not_kept: List[Notice] = []  # why the map's place could not be noted
-        self._check = BorderCheck(robot_radius)
 
     def close(self) -> None:
         """Releases the database."""
@@ -91,17 +107,17 @@ class MapIntegrator:
     @property
     def physical(self) -> GridMap:
         """The physical map; CodedError "no_map" before there is one."""
-        return self.in_force.layered_map.physical
+        return self.in_force.physical
 
     @property
     def map_with_borders(self) -> GridMap:
         """The physical map with all borders that act; CodedError "no_map" before there is a map."""
-        return self.in_force.layered_map.map_with_borders
+        return self.in_force.map_with_borders
 
     def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the physical map with the borders for one robot: those that name it, or none."""
-        others = {border.id: None for border in self.borders if border.robots and robot not in border.robots}
-        return self.in_force.layered_map.with_regions(others).map_with_borders if others else self.map_with_borders
+        others = [border.id for border in self.borders if border.robots and robot not in border.robots]
+        return put_on_map(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
@@ -170,11 +186,11 @@ class MapIntegrator:
         self._recognition, self._in_force = recognition, None
         self._refresh(grid)
 
-    def _refresh(self, grid: GridMap, checked: Optional[Tuple[str, LayeredMap]] = None) -> None:
+    def _refresh(self, grid: GridMap) -> None:
         """Puts in force what the database has now."""
-        self._in_force = put_in_force(
-            grid, self._database.borders(self._recognition.place), self._recognizer.locate, self._in_force, checked
-        )
+        borders = self._database.borders(self._recognition.place)
+        self._in_force = put_in_force(grid, borders, self._recognizer.locate, self._in_force)
+        self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
     def confirm(self, same: bool, name: str, map_id: str = "") -> None:
@@ -226,7 +242,17 @@ class MapIntegrator:
             CodedError: "no_map", "unknown_robot", or as `restricted_area`.
         """
         self._check_robots(border)
-        return self._check(self.in_force.layered_map, border, places)
+        area = restricted_area(self.physical, border, places)
+        regions = [*self.in_force.regions([border.id]), *([area] if border.zone.restricts else [])]
+        if self._free_parts is None:
+            self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
+        before, after = self._free_parts, count_free_parts(put_on_map(self.physical, regions), self._robot_radius)
+        issues = list(area.issues)
+        if after > before:
+            issues.append(warning("splits_free_space"))
+        if after == 0 < before:
+            issues.append(warning("no_free_space_left"))
+        return CheckResult(area, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         """Refuses a border for robots that are not known, if any are."""
@@ -366,7 +392,7 @@ class MapIntegrator:
         self._database.commit(place, change, kind, request_id)
         ids, issues = tuple(entry.id for entry in change), ()
         if place == self._recognition.place:
-            self._refresh(physical, (change[0].id, check.layered_map) if check else None)
+            self._refresh(physical)
             verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(one.code, **one.values) for one in verdicts if one.code)
         return ChangeResult(ids, check.issues if check else issues)

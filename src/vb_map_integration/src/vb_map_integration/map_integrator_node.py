@@ -289,11 +289,10 @@ class MapIntegratorNode:
         try:
             border = self._requested(request)
             with self._lock:
-                check = self._integrator.check(border, self._places(border))
+                check, physical = self._integrator.check(border, self._places(border)), self._integrator.physical
         except CodedError as error:
             return self._refused(response, error)
-        after = check.layered_map.map_with_borders
-        region = after.with_data(np.where(check.area.spread(after.shape), np.int8(100), np.int8(0)))
+        region = physical.with_data(np.where(check.area.spread(physical.shape), np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
         response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
         response.free_parts = check.free_parts
