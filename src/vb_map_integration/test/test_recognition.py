@@ -11,7 +11,8 @@ from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.integrator import MapIntegrator
-from vb_map_integration.places.registration import IDENTITY, Transform, register
+from vb_map_integration.places import registration
+from vb_map_integration.places.registration import IDENTITY, Transform, WallMap
 
 from integrators import GRID, integrator
 
@@ -75,6 +76,10 @@ def closed_off(keeper, transform=IDENTITY):
 
 
 # ----------------------------------------------------------------- registration
+def register(old, new):
+    return registration.register(WallMap(old), WallMap(new))
+
+
 @pytest.mark.parametrize(
     "truth, resolution",
     [

@@ -19,16 +19,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places.border_place import BorderPlace, choose_place
 from vb_map_integration.places.local_fit import fit_locally
 from vb_map_integration.storage.database import Database, KnownMap
-from vb_map_integration.places.registration import (
-    IDENTITY,
-    MIN_AGREEMENT,
-    MIN_OVERLAP,
-    Registration,
-    WallMap,
-    Transform,
-    measure_at,
-    register_wall_maps,
-)
+from vb_map_integration.places.registration import IDENTITY, Registration, Transform, WallMap, measure, register
 
 # this many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
@@ -141,12 +132,8 @@ class PlaceRecognizer:
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
         """Returns whether a map fits one at which borders were drawn, where it is expected to be."""
-        for one in maps:
-            reference = self._wall_map_of(one)
-            found = measure_at(reference, wall_map, transform.after(one.transform.inverse))
-            if found.agreement >= MIN_AGREEMENT and found.overlap >= MIN_OVERLAP:
-                return True
-        return False
+        starts = ((self._wall_map_of(one), transform.after(one.transform.inverse)) for one in maps)
+        return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
     def _register(
         self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
@@ -156,7 +143,7 @@ class PlaceRecognizer:
             for one in maps[:1] + maps[1:][1 - _COMPARED :]:
                 reference = self._wall_map_of(one)
                 guesses = [IDENTITY, recognition.transform.after(one.transform.inverse)]
-                found = register_wall_maps(reference, wall_map, guesses)
+                found = register(reference, wall_map, guesses)
                 if found is None:
                     continue
                 other = None
@@ -191,7 +178,7 @@ class PlaceRecognizer:
         Returns:
             What is proposed, and the other one if that is possible too.
         """
-        still = max((measure_at(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
+        still = max((measure(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
         moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
         proposed, other = (found, still) if moves else (still, found)
         possible = other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform
