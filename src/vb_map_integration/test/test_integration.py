@@ -13,7 +13,7 @@ from refusals import refused
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.integration import IntegrationError, integrate, restricted_area
+from vb_map_integration.integration import IntegrationError, integrate
 
 from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world
 
@@ -198,7 +198,7 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
 
 def room_border(points, seed, closed):
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [box(2.0, 2.0, 3.0, 3.0)])
-    return prior, lambda: restricted_area(prior, VirtualBorder(points, seed, closed=closed))
+    return prior, lambda: integrate(prior, VirtualBorder(points, seed, closed=closed))
 
 
 @pytest.mark.parametrize(

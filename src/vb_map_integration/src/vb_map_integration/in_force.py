@@ -18,7 +18,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.region import Region, join_regions, put_on_map
-from vb_map_integration.integration import restricted_area
+from vb_map_integration.integration import integrate
 from vb_map_integration.places.border_place import BorderPlace
 
 # why a border waits for a person, or is not in force
@@ -179,7 +179,7 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
 def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
     """Returns what a border restricts, or None and why it restricts nothing."""
     try:
-        return restricted_area(grid, border), ""
+        return integrate(grid, border), ""
     except IntegrationError as error:
         return None, error.code
 

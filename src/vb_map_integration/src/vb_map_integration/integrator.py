@@ -21,7 +21,7 @@ from vb_map_integration.grid.free_parts import count_free_parts
 from vb_map_integration.grid.region import put_on_map
 from vb_map_integration.in_force import InForce, Verdict, put_in_force
 from vb_map_integration.verdict_notices import find_notices
-from vb_map_integration.integration import Area, restricted_area
+from vb_map_integration.integration import Integration, integrate
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
@@ -33,12 +33,12 @@ class CheckResult:
     """Effect that adding or changing a border would have.
 
     Attributes:
-        area: what it would restrict.
+        integration: what it would restrict.
         issues: warnings, the integration's first.
         free_parts: number of parts of the free space, see `count_free_parts`.
     """
 
-    area: Area
+    integration: Integration
     issues: Tuple[Notice, ...]
     free_parts: int
 
@@ -71,6 +71,9 @@ class MapIntegrator:
         robots: names that borders may name; empty: any.
         robot_radius: [m] for what a robot can reach.
 
+    Attributes:
+        map_id: the current map's fingerprint.
+
     Raises:
         CodedError: "database_in_use".
     """
@@ -83,7 +86,7 @@ class MapIntegrator:
         self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
         self._in_force: Optional[InForce] = None
-        self._map_id = ""
+        self.map_id = ""
         self._free_parts: Optional[int] = None  # of the map with borders, once they were counted
         self._not_kept: List[Notice] = []  # why the map's place could not be noted
 
@@ -130,11 +133,6 @@ class MapIntegrator:
         return self._database.revision
 
     @property
-    def map_id(self) -> str:
-        """The current map's fingerprint."""
-        return self._map_id
-
-    @property
     def map_name(self) -> str:
         """The name of the place that the current map shows; "" if it has none."""
         return self._database.get_name(self._recognition.place) if self._recognition.place else self._expected_name
@@ -163,11 +161,11 @@ class MapIntegrator:
     def set_map(self, grid: GridMap) -> bool:
         """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed."""
         map_id = fingerprint(grid)
-        if map_id == self._map_id:
+        if map_id == self.map_id:
             return False
         before = self.physical if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
-        self._map_id = map_id
+        self.map_id = map_id
         self._use(grid, recognition)
         if recognition.place:
             name = self._expected_name
@@ -182,7 +180,7 @@ class MapIntegrator:
 
     def _use(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts the borders of a place in force on a map, or on the same one if there is a new answer about it."""
-        self._recognizer.start_map(grid, self._map_id, recognition)
+        self._recognizer.start_map(grid, self.map_id, recognition)
         self._recognition, self._in_force = recognition, None
         self._refresh(grid)
 
@@ -205,9 +203,9 @@ class MapIntegrator:
             CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "cannot_write".
         """
         grid, recognition = self.physical, self._recognition
-        if map_id and map_id != self._map_id:
+        if map_id and map_id != self.map_id:
             raise CodedError("map_changed")
-        known = self._database.find_map(self._map_id)
+        known = self._database.find_map(self.map_id)
         transform = recognition.transform if same else Transform()
         place = recognition.place if same else 0
         self._database.check_name(name, place)
@@ -218,7 +216,7 @@ class MapIntegrator:
         else:
             if not same and known is not None and known.id == known.place and self._database.borders(known.place):
                 raise CodedError("drawn_on_this_map")
-            place = self._database.add_map(grid, self._map_id, place, transform, name)
+            place = self._database.add_map(grid, self.map_id, place, transform, name)
         waiting = self._waiting() if same else []
         self._use(grid, PlaceRecognition(place, transform))
         if waiting:  # from now on these borders are what they close off here
@@ -226,7 +224,7 @@ class MapIntegrator:
             self._make_change(
                 tuple(
                     BorderChange(
-                        one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self._map_id))
+                        one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self.map_id))
                     )
                     for one in waiting
                 )
@@ -239,20 +237,20 @@ class MapIntegrator:
             places: (N, 2) [m] where the robots are that it is for.
 
         Raises:
-            CodedError: "no_map", "unknown_robot", or as `restricted_area`.
+            CodedError: "no_map", "unknown_robot", or as `integrate`.
         """
         self._check_robots(border)
-        area = restricted_area(self.physical, border, places)
-        regions = [*self.in_force.regions([border.id]), *([area] if border.zone.restricts else [])]
+        found = integrate(self.physical, border, places)
+        regions = [*self.in_force.regions([border.id]), *([found] if border.zone.restricts else [])]
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
         before, after = self._free_parts, count_free_parts(put_on_map(self.physical, regions), self._robot_radius)
-        issues = list(area.issues)
+        issues = list(found.issues)
         if after > before:
             issues.append(warning("splits_free_space"))
         if after == 0 < before:
             issues.append(warning("no_free_space_left"))
-        return CheckResult(area, tuple(issues), after)
+        return CheckResult(found, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         """Refuses a border for robots that are not known, if any are."""
@@ -279,7 +277,7 @@ class MapIntegrator:
         if known:
             return ChangeResult((known,))
         self._expect(expected)
-        new = self._database.new_border(border.replace(map_id=self._map_id), now, self._recognition.place)
+        new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
         check = self.check(new, places)
         self._check_confirmed()
         self._keep_map()
@@ -309,7 +307,7 @@ class MapIntegrator:
             check = self.check(border, places)
             self._check_confirmed()
             self._keep_map()
-            after = self._to_place_frame(after.replace(map_id=self._map_id))
+            after = self._to_place_frame(after.replace(map_id=self.map_id))
         return self._make_change((BorderChange(border.id, before, after),), check=check)
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected: int = 0) -> ChangeResult:
@@ -369,10 +367,10 @@ class MapIntegrator:
 
     def _keep_map(self) -> None:
         """Keeps the map on which a person draws: later ones are compared with it."""
-        if self._database.find_map(self._map_id) is None:
+        if self._database.find_map(self.map_id) is None:
             place, transform = self._recognition.place, self._recognition.transform
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
-            place = self._database.add_map(self.physical, self._map_id, place, transform, name)
+            place = self._database.add_map(self.physical, self.map_id, place, transform, name)
             self._recognition = PlaceRecognition(place, transform)
 
     def _make_change(

@@ -283,12 +283,13 @@ class MapIntegratorNode:
         try:
             border = self._requested(request)
             with self._lock:
-                check, physical = self._integrator.check(border, self._places(border)), self._integrator.physical
+                check = self._integrator.check(border, self._places(border))
         except CodedError as error:
             return self._refused(response, error)
-        region = physical.with_data(np.where(check.area.spread(physical.shape), np.int8(100), np.int8(0)))
+        found = check.integration
+        region = found.prior.with_data(np.where(found.region, np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
-        response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
+        response.area_m2, response.line = found.area_m2, messages.points_from_array(found.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
         response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
