@@ -62,8 +62,8 @@ def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
     assert keeper.borders == () and np.array_equal(keeper.map_with_borders.data, GRID.data)
 
 
-def test_refusals_change_nothing(tmp_path):
-    keeper = integrator(tmp_path)
+def test_refusals_change_nothing(restart, tmp_path):
+    keeper = restart()
     keeper.add(square(10, 10), 1.0)
     before, cells, revision = keeper.borders, keeper.map_with_borders.data.copy(), keeper.revision
 
@@ -86,8 +86,8 @@ def test_refusals_change_nothing(tmp_path):
     assert files == read_files()
 
 
-def test_an_unnamed_border_is_numbered_by_those_that_are_there(tmp_path):
-    keeper = integrator(tmp_path)
+def test_an_unnamed_border_is_numbered_by_those_that_are_there(restart):
+    keeper = restart()
     for place in (10, 60):
         keeper.add(square(place, 10, name=""), 1.0)
     keeper.remove("b1")
@@ -95,10 +95,10 @@ def test_an_unnamed_border_is_numbered_by_those_that_are_there(tmp_path):
     assert [(border.id, border.name) for border in keeper.borders] == [("b2", "border 2"), ("b3", "border 1")]
 
 
-def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
+def test_undo_and_redo_bring_back_no_name_that_another_has(restart):
     """An unnamed border may have the number of a removed one: undo goes back in order, and takes the newer one first."""
     draw = np.random.default_rng(5)
-    keeper = integrator(tmp_path)
+    keeper = restart()
     for step in range(200):
         names = {border.id: border.name for border in keeper.borders}
         actions = [lambda: keeper.add(square(*draw.integers(5, 60, 2), name=""), float(step))]
