@@ -107,9 +107,7 @@ class InForce:
         verdict = self.verdicts[border.id]
         if not border.enabled:
             return False, "disabled"
-        if verdict.code == DOES_NOT_FIT:
-            return False, verdict.code
-        return True, verdict.code
+        return verdict.code != DOES_NOT_FIT, verdict.code
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
         """Returns the outlines (N, 2) [m] of what a border closed off before, and after confirmation; empty if it is sure."""

@@ -6,7 +6,7 @@ current map is one value, `InForce`, which `put_in_force` computes; where they a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, List, Optional, Sequence, Tuple
 
@@ -54,10 +54,6 @@ class ChangeResult:
 
     ids: Tuple[str, ...] = ()
     issues: Tuple[Notice, ...] = ()
-
-    def with_issues(self, more: Tuple[Notice, ...]) -> "ChangeResult":
-        """Returns the result with more warnings."""
-        return replace(self, issues=(*self.issues, *more))
 
 
 class MapIntegrator:

@@ -261,12 +261,12 @@ class MapIntegratorNode:
         border = self._requested(request).replace(enabled=not request.disabled)
         places = self._places(border)
         outcome = self._integrator.add(border, now, places, request.expected_revision, request.request_id)
-        return outcome.with_issues(self._soft_issues(border))
+        return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
 
     def _update(self, request: Any, now: float) -> ChangeResult:
         border = self._requested(request)
         outcome = self._integrator.update(border, now, self._places(border), request.expected_revision)
-        return outcome.with_issues(self._soft_issues(border))
+        return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
 
     def _enable(self, request: Any, now: float) -> ChangeResult:
         return self._integrator.set_enabled(request.id, request.enabled, now, request.expected_revision)

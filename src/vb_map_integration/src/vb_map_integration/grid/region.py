@@ -32,8 +32,8 @@ class Region:
 
     def spread(self, shape: Tuple[int, int]) -> np.ndarray:
         """Returns (H, W) bool of the map, True in the region."""
-        region = raster.filled(shape, 0).view(bool)
-        np.not_equal(self.mask, 0, out=region[self.window])
+        region = np.full(shape, False)
+        region[self.window] = self.mask != 0
         return region
 
     def outline(self, grid: GridMap) -> np.ndarray:
@@ -84,7 +84,7 @@ def join_regions(regions: Sequence[Region]) -> Optional[Region]:
         slice(min(one.window[axis].start for one in regions), max(one.window[axis].stop for one in regions))
         for axis in (0, 1)
     )
-    mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
+    mask = np.full((window[0].stop - window[0].start, window[1].stop - window[1].start), 0, np.uint8)
     for one in regions:
         part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(one.window, window))
         np.maximum(mask[part], one.mask, out=mask[part])
