@@ -128,6 +128,8 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split():
     assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
+    # what is split already is not split by another border
+    assert "splits_free_space" not in [found.code for found in keeper.check(square(20, 20)).issues]
     # replacing the band by a small square joins the parts again
     assert keeper.check(square(70, 50, id=outcome.ids[0])).free_parts == 1
 
@@ -148,6 +150,7 @@ def test_no_free_space_left_for_the_robot_is_reported():
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
     found = [one.code for one in keeper.add(everything, 1.0).issues]
     assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
+    assert "no_free_space_left" not in [one.code for one in keeper.check(square(20, 20)).issues]  # there was none
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -84,9 +84,8 @@ class InForce:
         return put_on_map(self.physical, self.regions())
 
     def regions(self, without: Iterable[str] = ()) -> List[Region]:
-        """Returns the regions that stand in the map, without those of some borders."""
-        acting = (one for key, one in self.verdicts.items() if one.border.zone.restricts and key not in without)
-        return [one.region for one in acting if one.region is not None]
+        """Returns the regions of the borders that act, without some; those of slow zones have the value 0."""
+        return [one.region for key, one in self.verdicts.items() if one.region is not None and key not in without]
 
     @property
     def slow_zones(self) -> Tuple[Verdict, ...]:

@@ -237,7 +237,7 @@ class MapIntegrator:
         """
         self._check_robots(border)
         found = integrate(self.physical, border, places)
-        regions = [*self.in_force.regions([border.id]), *([found] if border.zone.restricts else [])]
+        regions = [*self.in_force.regions([border.id]), found]
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
         before, after = self._free_parts, count_free_parts(put_on_map(self.physical, regions), self._robot_radius)
