@@ -197,6 +197,7 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
         ("seed_outside_map", [(4, 1), (4, 4)], (9.0, 1.0), False),
         ("outside_map", [(14, 1), (14, 4)], (1.0, 1.0), False),
         ("no_separation", [(2.2, 2.2), (2.8, 2.8)], (1.0, 1.0), False),
+        ("seed_on_both_sides", [(2, 1), (6, 4), (6, 1), (2, 4)], (4.0, 4.3), False),
         (["covers_nearly_all"], [(0.2, 0.2), (7.8, 0.2), (7.8, 4.8), (0.2, 4.8)], (1, 1), True),
         (["seed_moved"], [(4, 1), (4, 4)], (2.1, 2.5), False),
         (["seed_moved"], [(4, 1), (4, 4)], (4.0, 2.5), False),
