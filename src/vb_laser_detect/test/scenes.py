@@ -116,12 +116,12 @@ class FlatFloor:
     def __init__(self, scale=0.004, reject=lambda u, v: ""):
         self._scale, self._reject = scale, reject
 
-    def to_floor(self, pixels):
-        """As `ImageGeometry.to_floor`."""
-        return np.column_stack([np.asarray(pixels, float) * self._scale, np.zeros(len(pixels))])
+    def meters_per_pixel(self, pixels):
+        """As `ImageGeometry.meters_per_pixel`."""
+        return np.full(len(pixels), self._scale)
 
     def point(self, u, v):
         """As `ImageGeometry.point`."""
         if self._reject(u, v):
             raise CodedError(self._reject(u, v))
-        return FloorPoint(self.to_floor([(u, v)])[0], self._scale, GROUND_PLANE, 3.0)
+        return FloorPoint(np.array([u * self._scale, v * self._scale, 0.0]), self._scale, GROUND_PLANE, 3.0)

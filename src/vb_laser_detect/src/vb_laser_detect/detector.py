@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import List, Optional, Tuple, Union
+from typing import List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.background import BLOCK, Region
 from vb_laser_detect.detection.features import ImageTraits, SpotClassifier
-from vb_laser_detect.detection.projection import ImageGeometry, meters_per_pixel
+from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import Proposer, SearchedImage
 from vb_laser_detect.detection.tracking import Expected, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
@@ -143,13 +143,19 @@ class SpotDetector:
     def _examine_all(self, searched: SearchedImage, camera: ImageTraits, expected: List[Expected]) -> List[Spot]:
         """Measures and classifies what is in an image's regions."""
         seen: List[Spot] = []
-        self._measured = False
+        self._measured, least = False, _MIN_LEVEL * camera.bright
+        bright = [region for region in searched.regions if searched.brightest(region) >= least]
+        largest = dict(zip(bright, self._largest(bright, camera)))
         for region in searched.regions:
+            if region not in largest:
+                seen.append(_rejected(region, "too_dark"))
+                continue
             here = next((one for one in expected if one.overlaps(region)), None)
-            spot = self._examine(region, searched, camera, here)
+            spot = self._examine(region, largest[region], searched, camera, here)
             if here is not None and spot.rejection == "too_large":
                 # by now, other light falls on the place where it is expected
-                spot = self._examine(here.clip(region), searched, camera, here, here.widest)
+                part = here.clip(region)
+                spot = self._examine(part, self._largest([part], camera)[0], searched, camera, here, here.widest)
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
         return seen
@@ -157,23 +163,19 @@ class SpotDetector:
     def _examine(
         self,
         region: Region,
+        largest: float,
         searched: SearchedImage,
         camera: ImageTraits,
         expected: Optional[Expected],
         widest: float = math.inf,
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
-        middle, size = ((region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0), float(region[2] - region[0])
-        least = _MIN_LEVEL * camera.bright
-        if searched.brightest(region) < least:
-            return Spot(*middle, size, rejection="too_dark")
-        largest = self._largest(*middle, camera)
         if math.isnan(largest):
-            return Spot(*middle, size, rejection="off_floor")
+            return _rejected(region, "off_floor")
         self._measured = True
         image, reference = searched.picture.pixels, searched.background.whole_reference()
-        if features.brightest(image, region) < least:
-            return Spot(*middle, size, rejection="too_dark")
+        if searched.brightest(region) < _MIN_LEVEL * camera.bright:  # now that it is decoded whole
+            return _rejected(region, "too_dark")
         blob = features.measure(image, reference, region, largest, camera, widest)
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
@@ -221,11 +223,17 @@ class SpotDetector:
                 kept.append(spot)
         return confirmed, kept
 
-    def _largest(self, u: float, v: float, camera: ImageTraits) -> float:
-        """Returns a spot's largest diameter [px] at a place; NaN where the floor is not seen."""
-        if self._geometry is None:
-            return _MAX_DIAGONAL_SHARE * camera.diagonal
-        return 0.001 * self.params.max_diameter_mm / meters_per_pixel(self._geometry.to_floor, u, v) + _BLUR_PX
+    def _largest(self, regions: Sequence[Region], camera: ImageTraits) -> List[float]:
+        """Returns a spot's largest diameter [px] in the middle of each region; NaN where the floor is not seen."""
+        if self._geometry is None or not regions:
+            return [_MAX_DIAGONAL_SHARE * camera.diagonal] * len(regions)
+        middles = np.array(regions).reshape(-1, 2, 2).mean(axis=1)
+        return (0.001 * self.params.max_diameter_mm / self._geometry.meters_per_pixel(middles) + _BLUR_PX).tolist()
+
+
+def _rejected(region: Region, rejection: str) -> Spot:
+    left, top, right, bottom = region
+    return Spot((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), rejection=rejection)
 
 
 def _same_blob(spot: Spot, other: Spot) -> bool:

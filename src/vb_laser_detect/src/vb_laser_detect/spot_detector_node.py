@@ -199,7 +199,7 @@ class SpotDetectorNode:
 
     def _message(self, spot: Spot) -> LaserSpot:
         result, point = LaserSpot(), spot.place
-        result.header.stamp = next(stamp for stamp in self._stamps if stamp.to_sec() == spot.stamp)
+        result.header.stamp = next(stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile

@@ -56,9 +56,10 @@ class SearchedImage(NamedTuple):
         return BLOCK * self.picture.scale
 
     def brightest(self, region: Region) -> float:
-        """Returns how bright [grey levels] the brightest sample of a region is, or in a half may be in the whole."""
-        found = brightest(self.picture.searched, tuple(side // self.picture.scale for side in region))
-        return found if self.picture.scale == 1 else found / _HALF_LEVEL
+        """Returns how bright [grey levels] the brightest sample of a region is, or may be while only a half is decoded."""
+        if self.picture.whole:
+            return brightest(self.picture.pixels, region)
+        return brightest(self.picture.searched, tuple(side // self.picture.scale for side in region)) / _HALF_LEVEL
 
     def change_elsewhere(self, u: float, v: float, diameter: float) -> float:
         """Measures how much else changed in the image, apart from a blob and its own light."""
