@@ -131,7 +131,7 @@ def test_statistics():
     assert math.isnan(statistics.summary(0.0)["latency_ms"])
     for i in range(50):
         statistics.count_image(10 + 0.04 * i, 10 + 0.04 * i - 0.02, 0.002, i % 2)
-    statistics.count_rejection("no_transform")
+    statistics.count_rejections("no_transform")
     summary = SimpleNamespace(**statistics.summary(12.0))
     assert (summary.processed, summary.detected, summary.spots) == (50, 25, 25)
     assert summary.rate_hz == pytest.approx(25, rel=0.02)
