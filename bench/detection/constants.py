@@ -31,7 +31,7 @@ from bench.detection.fitting import judges_of_clips
 from bench.frame import Table, arguments
 
 FRAMES = 40, 100  # of those that frames_near_shots yields of a clip: the quiet before, and the first two or three shots
-STAGES = ("detector.py", *(f"detection/{name}.py" for name in "background proposals features tracking".split()))
+STAGES = ("detector.py", *(f"detection/{name}.py" for name in "blocks proposals features tracking".split()))
 STAGES += ("detection/image_registration.py",)
 
 

@@ -14,7 +14,8 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture, PixelReader
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
-from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, find_regions, max_channel
+from vb_laser_detect.detection.blocks import block_maxima, blocks_around, find_regions, max_channel
+from vb_laser_detect.detection.proposals import Background
 from vb_laser_detect.detection.debug_image import draw_candidates
 
 from vb_laser_detect.detection.projection import ProjectionParams

@@ -34,7 +34,7 @@ import numpy as np
 from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.background import BLOCK, Region
+from vb_laser_detect.detection.blocks import BLOCK, Region
 from vb_laser_detect.detection.features import ImageTraits, SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import Proposer, SearchedImage
@@ -44,10 +44,6 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
-# a ghost, whose outline is in the background alone, is left by something that moved: where the camera did not, less else
-# changes, and nothing passed beside it while a ghost lasts, there is none, and a spot on the edge of a white sheet has such an
-# outline too
-_STILL = 0.02
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _LATEST = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
@@ -134,7 +130,7 @@ class SpotDetector:
         motion = self._proposer.estimate_motion(pixels)
         expected = self._tracker.begin(stamp, camera, motion)
         searched = self._proposer.propose(picture, expected)
-        seen = self._examine_all(searched, camera._replace(bright=searched.bright), expected)
+        seen = self._examine_all(searched, camera._replace(bright=searched.background.bright), expected)
         confirmed, kept = self._confirm(seen)
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.update_background(searched, kept, min(elapsed, 1.0))
@@ -179,11 +175,7 @@ class SpotDetector:
         blob = features.measure(image, reference, region, largest, camera, widest)
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
-            busy = searched.change_elsewhere(blob.u, blob.v, blob.diameter)
-            measured = {**blob.features, "busy": busy}
-            passed = searched.was_passed(blob.u, blob.v, blob.diameter)
-            if busy < _STILL and not passed and searched.background.motion is None:
-                measured["edge"] = math.nan
+            measured = {**blob.features, **searched.surroundings(blob.u, blob.v, blob.diameter)}
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
             probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:

@@ -19,7 +19,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import Region, max_channel
+from vb_laser_detect.detection.blocks import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
@@ -67,13 +67,6 @@ class ImageTraits(NamedTuple):
     diagonal: float
     mosaic: bool
     bright: float = 190.0
-
-
-def brightest(image: np.ndarray, region: Region) -> float:
-    """Returns the brightest sample [grey levels] of a region."""
-    left, top, right, bottom = region
-    # columns and channels side by side
-    return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
 
 
 def measure(

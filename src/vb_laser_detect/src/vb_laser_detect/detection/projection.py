@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Callable, Dict, Optional, Sequence, Tuple
+from typing import Callable, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -245,7 +245,6 @@ class ImageGeometry:
         self.unplaced: Optional[CodedError] = None
         self._camera, self._projector = camera, projector
         self._ask_pose, self._depth, self._ask_cylinders = pose, depth, cylinders
-        self._points: Dict[Tuple[float, float], FloorPoint] = {}
 
     @cached_property
     def pose(self) -> np.ndarray:
@@ -271,15 +270,13 @@ class ImageGeometry:
         return np.full(len(pixels), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
-        """Projects a pixel to the floor, once.
+        """Projects a pixel to the floor.
 
         Raises:
             CodedError: where there is no floor point; "on_robot" if a body hides it.
         """
-        if (u, v) not in self._points:
-            where, at = (self._camera, self.pose, u, v), self._projector
-            point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
-            if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
-                raise CodedError("on_robot")
-            self._points[u, v] = point
-        return self._points[u, v]
+        where, at = (self._camera, self.pose, u, v), self._projector
+        point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
+        if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
+            raise CodedError("on_robot")
+        return point
