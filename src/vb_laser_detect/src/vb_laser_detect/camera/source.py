@@ -16,6 +16,7 @@ import time
 import traceback
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Deque, Dict, Iterator, NamedTuple, Optional, Tuple
 
@@ -91,19 +92,20 @@ class Shot(NamedTuple):
             CodedError: "bad_image" for what is no JPEG; for half a JPEG when it is decoded.
         """
         size = self.size
+        decode = partial(self._decode, size[0])
         if size[1] < _HALVED_ROWS or size[0] % 2 or size[1] % 2:
-            return Picture(self._decode(*size), "bgr")
-        return HalvedPicture(size, self._decode)
+            return Picture(decode(*size), "bgr")
+        return HalvedPicture(size, decode)
 
-    def _decode(self, width: int, height: int) -> np.ndarray:
-        """Returns the pixels (H, W, 3) bgr at the image's size or half of it.
+    def _decode(self, whole: int, width: int, height: int) -> np.ndarray:
+        """Returns the pixels (H, W, 3) bgr at the image's size or half of it, of an image that is so many pixels wide.
 
         Colours of a JPEG are not smoothed between pixels, which would take a third longer.
         """
         if self.jpeg is None:
             sized = self.frame.reformat(width, height, "bgr24", interpolation="AREA")
             return np.ascontiguousarray(sized.to_ndarray())
-        how = dict(min_height=height, min_width=width, min_factor=self.size[0] / width)
+        how = dict(min_height=height, min_width=width, min_factor=whole / width)
         with _readable():
             return simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=False, **how)
 
