@@ -64,7 +64,6 @@ class SpotDetector:
         self._classifier = judge or features.packaged_classifier()
         self.late = 0
         self.reset()
-        self.set_params(self.params)
 
     def set_params(self, params: DetectorParams) -> None:
         """Changes the parameters; the background stays.
@@ -74,7 +73,7 @@ class SpotDetector:
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
-        self.params = self._tracker.params = self._proposer.params = params
+        self.params = self._tracker.params = params
 
     def reset(self) -> None:
         """Forgets the scene; the next frame begins a new one."""
@@ -83,7 +82,7 @@ class SpotDetector:
         self._geometry: Optional[ImageGeometry] = None
         self._measured = False  # whether anything in the last image was worth it
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer, self._tracker = Proposer(self.params), SpotTracker(self.params)
+        self._proposer, self._tracker = Proposer(self.params.moving_camera), SpotTracker(self.params)
 
     @property
     def lamps(self) -> int:
@@ -110,17 +109,17 @@ class SpotDetector:
             CodedError: "bad_image" for any other image.
         """
         picture = _checked(image)
+        early = -math.inf if self._stamp is None else self._stamp - stamp
+        if 0.0 < early <= _LATEST:
+            self.late += 1
+            self.candidates = []
+            return []
         if self.params.moving_camera and (picture.mosaic or picture.scale > 1):
             # a mosaic cannot be moved by parts of a pixel, and two sizes would be moved in twice the time
             picture = Picture(picture.bgr(), "bgr")
         if picture.scale > 1 and self._measured:
             picture.decode_whole()  # what was measured in the last image is likely to be there still
         pixels = picture.searched
-        early = -math.inf if self._stamp is None else self._stamp - stamp
-        if 0.0 < early <= _LATEST:
-            self.late += 1
-            self.candidates = []
-            return []
         shape = picture.scale, *pixels.shape
         if early > _LATEST or self._shape not in (None, shape):
             self.reset()
@@ -143,11 +142,11 @@ class SpotDetector:
         bright = [region for region in searched.regions if searched.brightest(region) >= least]
         largest = dict(zip(bright, self._largest(bright, camera)))
         for region in searched.regions:
-            if region not in largest:
-                seen.append(_rejected(region, "too_dark"))
-                continue
             here = next((one for one in expected if one.overlaps(region)), None)
-            spot = self._examine(region, largest[region], searched, camera, here)
+            if region in largest:
+                spot = self._examine(region, largest[region], searched, camera, here)
+            else:
+                spot = _rejected(region, "too_dark")
             if here is not None and spot.rejection == "too_large":
                 # by now, other light falls on the place where it is expected
                 part = here.clip(region)

@@ -172,9 +172,8 @@ class SpotDetectorNode:
         if geometry is not None:
             unplaced = geometry.unplaced  # the pose was asked for and is missing
         # what is rejected is an everyday event: counted, but not worth a warning
-        rejected = [one.rejection for one in detector.candidates if one.rejection] + ["late_image"] * (
-            detector.late - late
-        )
+        rejected = [one.rejection for one in detector.candidates if one.rejection]
+        rejected += ["late_image"] * (detector.late - late)
         self._report.see_image(stamp, received.frame_id, picture, unplaced, took, located, rejected)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, received)

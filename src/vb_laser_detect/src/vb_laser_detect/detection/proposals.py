@@ -31,7 +31,6 @@ from vb_laser_detect.detection.blocks import (
     sample_blocks,
 )
 from vb_laser_detect.detection.features import relight
-from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.tracking import Expected, Spot
 
@@ -285,16 +284,10 @@ class SearchedImage(NamedTuple):
 
 
 class Proposer:
-    """Finds regions in one camera's images, and keeps its background.
+    """Finds regions in one camera's images, and keeps its background; if the camera may move its motion is found in them."""
 
-    Attributes:
-        params: the detector's; they may be changed between images.
-    """
-
-    def __init__(self, params: DetectorParams) -> None:
-        self.params = params
-        # if the camera may move its motion is found in the images
-        self._registration = ImageRegistration() if params.moving_camera else None
+    def __init__(self, moving_camera: bool) -> None:
+        self._registration = ImageRegistration() if moving_camera else None
         self._background: Optional[Background] = None
         self._motion = np.eye(3)  # from the background's pixels to the last image's
 
