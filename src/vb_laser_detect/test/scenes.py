@@ -100,7 +100,9 @@ class ImageDetector(SpotDetector):
         geometry: of all images.
     """
 
-    bayer, geometry = False, None
+    def __init__(self, params=None, judge=None, bayer=False, geometry=None):
+        super().__init__(params, judge)
+        self.bayer, self.geometry = bayer, geometry
 
     def detect(self, image, stamp):
         """See `SpotDetector.detect`."""
