@@ -36,7 +36,7 @@ from bench.detection.fitting import judges_of_clips
 from bench.frame import TOP, Table, arguments, import_from
 
 FRAMES = 40, 100  # of those that frames_near_shots yields of a clip: the quiet before, and the first two or three shots
-STAGES = ("detector.py", *(f"detection/{name}.py" for name in "background proposals features tracking".split()))
+STAGES = ("detector.py", *(f"detection/{name}.py" for name in "blocks proposals features tracking".split()))
 STAGES += ("detection/image_registration.py",)
 FACTORS = (0.5, 2.0)
 NO_DIVISOR = 1e-4  # and below it: keeps a division from failing
