@@ -87,15 +87,8 @@ class Furniture(Parameters):
         """Returns the outlines (N, 2) [m] of what stands on the floor, which a laser scanner sees."""
         if self.kind != "table":
             return [self.footprint()]
-        half = np.array(self.size) / 2 - self.leg / 2
-        c, s = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
-        contacts = []
-        for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
-            dx, dy = sx * half[0], sy * half[1]
-            contacts.append(
-                _rectangle(self.x + c * dx - s * dy, self.y + s * dx + c * dy, (self.leg, self.leg), self.yaw)
-            )
-        return contacts
+        legs = _rectangle(self.x, self.y, (self.size[0] - self.leg, self.size[1] - self.leg), self.yaw)
+        return [_rectangle(x, y, (self.leg, self.leg), self.yaw) for x, y in legs]
 
 
 @dataclass(frozen=True)
