@@ -11,6 +11,7 @@ import copy
 import multiprocessing
 import shutil
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Sequence, Tuple
 
@@ -62,22 +63,18 @@ def constants(path: Path, module: str) -> Iterator[Tuple[str, int, float, Callab
             node.value *= factor  # type: ignore[attr-defined]
         return ast.fix_missing_locations(new)
 
-    named = {
-        statement: statement.targets[0].id
-        for statement in tree.body
-        if isinstance(statement, ast.Assign)
-        and isinstance(statement.targets[0], ast.Name)
-        and statement.targets[0].id.isupper()
-    }
-    outside = (statement for statement in tree.body if isinstance(statement, (ast.Assign, ast.ClassDef)))
+    outside = [statement for statement in tree.body if isinstance(statement, (ast.Assign, ast.ClassDef))]
     inside = {one for statement in outside for one in ast.walk(statement)}
-    values = import_from(None, module)[0]
+    values = vars(import_from(None, module)[0])
     for index, node in enumerate(ast.walk(tree)):
-        if node in named and isinstance(getattr(values, named[node]), (int, float)):
-            yield named[node], node.lineno, float(getattr(values, named[node])), lambda f, i=index: changed(i, f)
-        elif isinstance(node, ast.Constant) and type(node.value) is float and node not in inside:
-            if NO_DIVISOR < abs(node.value) and node.value != 1.0:
-                yield "", node.lineno, node.value, lambda f, i=index: changed(i, f)
+        name, value = "", getattr(node, "value", None)
+        if node in outside and isinstance(node, ast.Assign):
+            name = getattr(node.targets[0], "id", "")
+            value = values[name] if name.isupper() else None
+        elif node in inside or type(value) is not float or abs(value) <= NO_DIVISOR or value == 1.0:
+            value = None
+        if isinstance(value, (int, float)):
+            yield name, node.lineno, float(value), partial(changed, index)
 
 
 def _in_process(judge: Callable[[Path], str], source: Path) -> str:
