@@ -78,9 +78,7 @@ class Perception:
             mobile: whether it is a robot's camera.
         """
         # a spot seen seconds ago is not feedback, nor is one from the future
-        if spot is None or not -0.2 < self.now - stamp < 1.0:
-            return
-        if math.hypot(seen[0] - spot[0], seen[1] - spot[1]) > OWN_SPOT:
+        if spot is None or not -0.2 < self.now - stamp < 1.0 or math.dist(seen, spot) > OWN_SPOT:
             return
         # people hear the sound when it comes, however old the image is
         self.last_seen = self.now
@@ -189,20 +187,17 @@ class Person:
 
     def action(self, outcome: str) -> Action:
         """Returns what can be seen of the person now."""
-        pose = (float(self.walker.here[0]), float(self.walker.here[1]), self.walker.yaw)
-        return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
+        pose, beam = (*map(float, self.walker.here), self.walker.yaw), None
+        if self.spot is not None:
+            trembling = self.spot + self._tremor.at(self.percept.now)
+            # on a wall's foot people hold the spot on the floor
+            x, y = trembling if self.is_floor(trembling)[0] else self.spot
+            beam = float(x), float(y)
+        return Action(beam, pose, self.doing, self._command, self._number, self._source, outcome)
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
         return self.grid.values_at(points) == FREE
-
-    def _beam(self) -> Optional[Tuple[float, float]]:
-        if self.spot is None:
-            return None
-        trembling = self.spot + self._tremor.at(self.percept.now)
-        # on a wall's foot people hold the spot on the floor
-        x, y = trembling if self.is_floor(trembling)[0] else self.spot
-        return float(x), float(y)
 
     # ------------------------------------------------------------ perception
     def unseen_for(self, by_robot: bool = False) -> float:

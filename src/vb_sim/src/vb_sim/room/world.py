@@ -8,6 +8,7 @@ Angles are degrees in the file and radians from here on.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple, Type, TypeVar
@@ -329,9 +330,8 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
     if not parts["robots"]:
         raise ParameterError("robots", "a world needs at least one robot")
     for key in ("cameras", "robots"):
-        names = [item.name for item in parts[key]]
-        for name in names:
-            if names.count(name) > 1:
+        for name, count in Counter(item.name for item in parts[key]).items():
+            if count > 1:
                 raise ParameterError(key, f"the name '{name}' is used twice")
     scenarios = document.get("scenarios") or {}
     if not isinstance(scenarios, Mapping):
