@@ -14,6 +14,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedb
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
 from std_srvs.srv import Empty, EmptyResponse
 
 from vb_core import geometry, names
@@ -211,25 +212,19 @@ class NavigationNode:
             command = Twist()
             command.linear.x, command.angular.z = drive.speed, drive.turn_rate
             self._cmd_vel.publish(command)
-            feedback = MoveBaseFeedback()
-            feedback.base_position.header.stamp = rospy.Time.now()
-            feedback.base_position.header.frame_id = names.MAP_FRAME
-            feedback.base_position.pose = messages.message_from_pose2d(*pose)
-            self._server.publish_feedback(feedback)
+            header = Header(0, rospy.Time.now(), names.MAP_FRAME)
+            here = PoseStamped(header, messages.message_from_pose2d(*pose))
+            self._server.publish_feedback(MoveBaseFeedback(base_position=here))
             rospy.sleep(_PERIOD)
 
 
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:
     """Writes a path (N, 2) [m] as a message; poses face along it, the last one as the goal."""
-    message = Path()
-    message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
+    header = Header(0, rospy.Time.now(), names.MAP_FRAME)
     steps = np.diff(path, axis=0)
     yaws = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw]])
-    for (x, y), yaw in zip(path, yaws):
-        pose = PoseStamped(header=message.header)
-        pose.pose = messages.message_from_pose2d(x, y, yaw)
-        message.poses.append(pose)
-    return message
+    poses = [messages.message_from_pose2d(x, y, yaw) for (x, y), yaw in zip(path, yaws)]
+    return Path(header, [PoseStamped(header, pose) for pose in poses])
 
 
 def build() -> NavigationNode:

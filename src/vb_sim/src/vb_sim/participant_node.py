@@ -133,15 +133,10 @@ class ParticipantNode:
             self._report(script, seen.now)
 
     def _publish(self, action: Action, now: rospy.Time) -> None:
-        message = ParticipantState()
+        message = ParticipantState(laser_color=self._params.color, person_present=True, doing=action.doing)
         message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
-        message.laser_on = action.laser is not None
-        if action.laser is not None:
-            message.laser = Point(action.laser[0], action.laser[1], 0.0)
-        message.laser_color = self._params.color
-        message.person_present = True
+        message.laser_on, message.laser = action.laser is not None, Point(*(action.laser or (0.0, 0.0)), 0.0)
         message.person = Pose2D(*action.pose)
-        message.doing = action.doing
         self._state.publish(message)
 
     def _command(self, action: Action) -> None:

@@ -136,27 +136,19 @@ class RobotView(View):
         column, row = spot.pixel
         return self._clean[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
 
-    def _to_floor(self, pose: np.ndarray) -> np.ndarray:
-        """Computes the matrix (3, 3) from homogeneous (column, row) [px] to map coordinates [m] on the floor."""
-        rotation, origin = pose[:3, :3], pose[:3, 3]
-        return np.array(
-            [
-                origin[0] * rotation[2] - origin[2] * rotation[0],
-                origin[1] * rotation[2] - origin[2] * rotation[1],
-                rotation[2],
-            ]
-        ) @ np.linalg.inv(self.model.matrix)
-
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
         """Draws the floor through its homography, farther away from a coarser texture."""
-        camera, to_floor = self.model, self._to_floor(pose)
+        camera, rotation, origin = self.model, pose[:3, :3], pose[:3, 3]
         height, width = camera.height, camera.width
+        # from homogeneous (column, row) [px] to map coordinates [m] on the floor
+        level = [origin[axis] * rotation[2] - origin[2] * rotation[axis] for axis in (0, 1)]
+        to_floor = np.array([*level, rotation[2]]) @ np.linalg.inv(camera.matrix)
         image = np.empty((height, width, 3), np.uint8)
         # how steeply each row looks down, per unit of depth, decides how far away its floor is; 0 is the horizon
         ahead = (np.arange(height) - camera.matrix[1, 2]) / camera.matrix[1, 1]
-        down = -(pose[2, 1] * ahead + pose[2, 2])
+        down = -(rotation[2, 1] * ahead + rotation[2, 2])
         with np.errstate(divide="ignore"):
-            depth = np.where(down > 1e-3, pose[2, 3] / down, np.inf)
+            depth = np.where(down > 1e-3, origin[2] / down, np.inf)
         # a pixel covers depth/f across and 1/down times that along the view: their mean, geometrically
         footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
         levels = np.clip(
