@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hostile import GOOD_DRAFT, hostile_messages
+from hostile import GOOD, GOOD_DRAFT, hostile_messages
 
 from refusals import refused
 from vb_core.errors import CodedError
@@ -14,20 +14,6 @@ from vb_web import action_requests
 from vb_web.action_requests import ACTIONS
 
 BOUNDS = (0.0, 0.0), (8.0, 5.0)
-TARGET = {"border": "b1", "revision": 3}
-GOOD = {
-    "command": {"command": "save", "seen_stop": "5a", "age": 0.1},
-    "preview": {"draft": GOOD_DRAFT, "border": ""},
-    "add": {"draft": GOOD_DRAFT},
-    "update": {"draft": GOOD_DRAFT, **TARGET},
-    "rename": {"name": "Küche 厨房", **TARGET},
-    "enable": {"enabled": False, **TARGET},
-    "remove": dict(TARGET),
-    "send": {"robot": "ada", "goal": [1.0, 2.0]},
-    "halt": {"robot": ""},
-    "confirm_map": {"same": True, "map_id": "0af3"},
-    "invite": {},
-}
 
 
 def parse_text(text, bounds=BOUNDS):
@@ -38,7 +24,7 @@ def parse(**fields):
     return parse_text(json.dumps(fields))
 
 
-def test_every_action_has_an_example_here():
+def test_every_action_has_an_example():
     assert set(GOOD) == set(ACTIONS)
 
 
