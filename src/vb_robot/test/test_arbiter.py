@@ -45,7 +45,7 @@ class Rig:
         self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
         self.set_grid(grid or empty())
         self.camera, self.fov, self.state, self.latch = camera, fov, (DEFAULT, "", 0.0), StopLatch()
-        self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
+        self.spot = self.navigation = self.teleop = None
         self.ranges = np.full(fov, math.inf)
         self.commands, self.cancelled = [], 0
         self.goal = False  # whether navigation has one
@@ -58,8 +58,9 @@ class Rig:
     def set_state(self, state, interaction="a"):
         self.state, self._said = (state, interaction if state != DEFAULT else "", self.now), -math.inf
 
-    def see(self, place, camera, mobile, confidence=0.9):
-        self.arbiter.add(Sighting(self.now, tuple(place), camera, mobile, confidence))
+    def see(self, place, camera):
+        """A robot's camera sees the spot."""
+        self.arbiter.add(Sighting(self.now, tuple(place), camera, True))
 
     def step(self, seconds=DT):
         for _ in range(max(1, int(round(seconds / DT)))):
@@ -83,7 +84,7 @@ class Rig:
             scan = Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18)
             self.arbiter.gate.set_scan(scan, self.now)
         if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
-            self.see(self.spot, self.camera, True, self.confidence)
+            self.see(self.spot, self.camera)
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
             if wish is not None:
                 self.arbiter.request(who, *wish, self.now)
@@ -309,7 +310,7 @@ def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
     far.goal = True
     far.set_state(GUIDE)
     for _ in range(100):
-        far.see((2.0, 2.5), "robot1", True)
+        far.see((2.0, 2.5), "robot1")
         far.step()
     far.step(3.0)  # the laser is off
     assert far.cancelled == 0 and all(command.source == "navigation" for command in far.commands)
@@ -318,11 +319,11 @@ def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
 def test_the_robot_that_has_seen_the_spot_longest_follows_and_stays_so_while_nobody_sees_it():
     rig = Rig(cameras=("robot", "other"))
     rig.follows()
-    rig.see((3.0, 2.5), "other", True)
+    rig.see((3.0, 2.5), "other")
     assert rig.step().source == "follow"
     rig.spot = None
     assert rig.step(5.0).source == "follow"
-    rig.see((3.0, 2.5), "other", True)
+    rig.see((3.0, 2.5), "other")
     assert rig.step().source == "none", "another robot sees it now"
 
 

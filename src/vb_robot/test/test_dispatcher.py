@@ -31,8 +31,8 @@ class Lab:
         self.now, self.robot, self.goal, self.sent = 100.0, robot, SentGoalState.NONE, []
         self.spot, self.given = np.array([3.0, 2.5]), None
 
-    def see(self, camera, position, mobile=False, confidence=0.9):
-        self.dispatcher.sightings.add(Sighting(self.now, tuple(position), camera, mobile, confidence))
+    def see(self, camera, position, mobile=False):
+        self.dispatcher.sightings.add(Sighting(self.now, tuple(position), camera, mobile))
 
     def step(self, speed=0.0, robot_sees=True):
         """A quarter of a second in which the spot moves on along x [m/s]."""
