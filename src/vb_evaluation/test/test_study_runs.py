@@ -13,7 +13,7 @@ from vb_core.errors import CodedError
 from vb_evaluation.report.data import META, read_meta
 from vb_evaluation.study import campaign, config, plan
 from vb_evaluation.study.__main__ import main
-from vb_evaluation.study.result import RunTask
+from vb_evaluation.study.plan import Job
 from vb_evaluation.study.runner import run
 from vb_sim.room import floor_plan
 
@@ -27,24 +27,24 @@ def moments(seconds, **changes):
 
 
 def test_robot_only_is_led_there():
-    result = run(moments(10.0), RunTask(1, "carpet", "robot_only"))
+    result = run(moments(10.0), Job(1, "carpet", "robot_only"))
     assert result.spots and all(spot.mobile for spot in result.spots)
     # time was up while the robot was being led
     assert result.records[0]["guide_s"] > 3.0 and result.records[0]["border_s"] == 0.0
-    assert np.linalg.norm(result.path[-1] - result.path[0]) > 0.5
+    assert np.hypot(*np.subtract(result.lab.robots[0].pose, STUDY.world.robots[0].start_pose())[:2]) > 0.5
 
 
 def test_the_same_whatever_was_run_before():
-    task, study = RunTask(2, "carpet", "nrs"), moments(7.0)
+    task, study = Job(2, "carpet", "nrs"), moments(7.0)
     first = run(study, task)
-    run(moments(0.1), RunTask(5, "corner", "nrs"))
+    run(moments(0.1), Job(5, "corner", "nrs"))
     again = run(study, task)
     seen = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]
     assert seen[0] == seen[1]
     # the last bits of what OpenCV works out depend on where its arrays lie in memory
     places = [[(spot.position.x, spot.position.y) for spot in result.spots] for result in (first, again)]
     assert np.allclose(*places, atol=1e-6)
-    assert len(first.spots) > 10 and np.allclose(first.path, again.path, atol=1e-6)
+    assert len(first.spots) > 10 and np.allclose(first.lab.robots[0].pose, again.lab.robots[0].pose, atol=1e-6)
 
 
 def make_row(document, sources, job):
@@ -58,7 +58,7 @@ def make_row(document, sources, job):
 def test_the_same_with_any_number_of_processes(tmp_path):
     jobs = plan.main_jobs(STUDY, 2)
     for folder, processes in (("one", 1), ("two", 2)):
-        assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, processes, console=QUIET, work=make_row) == 0
+        assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, QUIET, processes, make_row) == 0
     one, two = ((tmp_path / folder / "runs.csv").read_bytes() for folder in ("one", "two"))
     assert one == two and one.count(b"\n") == 13
 
@@ -97,12 +97,12 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     assert "Traceback" not in cut.stdout and "failed" not in cut.stdout
 
     for folder in ("cut", "whole"):
-        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, console=QUIET, work=make_row) == 0
+        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, QUIET, work=make_row) == 0
     assert (tmp_path / "cut" / "runs.csv").read_bytes() == (tmp_path / "whole" / "runs.csv").read_bytes()
 
 
 def test_indices_are_recomputed_from_the_areas_alone(tmp_path):
-    (job,) = [job for job in plan.main_jobs(moments(1.0), 1) if job.task.scenario == "carpet" and job.order < 4]
+    (job,) = [job for job in plan.main_jobs(moments(1.0), 1) if job.scenario == "carpet" and job.order < 4]
     truth = floor_plan.ground_truth(STUDY.world, STUDY.world.scenario("carpet"))
     shifted = np.roll(truth, 3, axis=1)
     prior = floor_plan.physical_map(STUDY.world)
@@ -111,7 +111,7 @@ def test_indices_are_recomputed_from_the_areas_alone(tmp_path):
         made, grid = make_row(*given), prior.with_data(np.where(shifted, np.int8(100), prior.data))
         return campaign.Outcome(job, {**made.row, "map": "maps/p01_carpet.yaml"}, grid)
 
-    assert campaign.run_jobs(moments(1.0), [job], tmp_path, console=QUIET, work=work) == 0
+    assert campaign.run_jobs(moments(1.0), [job], tmp_path, QUIET, work=work) == 0
     areas = np.load(tmp_path / "areas.npz")
     assert areas["floor"].dtype == bool and np.array_equal(areas["truth_carpet"], truth & areas["floor"])
     found, wanted = areas["p01_carpet"], areas["truth_carpet"]
@@ -126,7 +126,7 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     path.write_text("design: {participants: 2, worlds: 2}\n")
     study = config.load(path)
     job = next(job for job in plan.jobs(study) if job.file == name)
-    assert campaign.run_jobs(study, plan.jobs(study), tmp_path / "all", console=QUIET) == 0
+    assert campaign.run_jobs(study, plan.jobs(study), tmp_path / "all", QUIET) == 0
     asked = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
     given = ["--config", str(path), *asked, "--processes", "1", "--out", str(tmp_path / "again")]
     assert main(given) == 0

@@ -7,7 +7,7 @@ from geometry_msgs.msg import Twist
 from vb_core.ros import node
 from vb_core.ros.graph import read_graph
 from vb_evaluation.study import config
-from vb_evaluation.study.result import RunTask
+from vb_evaluation.study.plan import Job
 from vb_evaluation.study.runner import run
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -66,7 +66,7 @@ def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
 
 def test_a_run_leaves_nothing_in_what_it_imports():
     before = live_extraction.extract_chain
-    run(config.load().changed({"timing/time_limit_s": 0.1}), RunTask(1, "corner", "robot_only"))
+    run(config.load().changed({"timing/time_limit_s": 0.1}), Job(1, "corner", "robot_only"))
     # else the next run's borders are extracted in this one's time, which is over: they never come
     assert live_extraction.extract_chain is before
 

@@ -6,6 +6,7 @@ the row and the map. So neither the number of workers nor their order nor an int
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 import json
 import os
@@ -62,36 +63,28 @@ def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
     # only running needs ROS: reading a study does not
     from vb_evaluation.study.runner import run
 
-    varied = study.changed(job.changes) if job.changes else study
-    result = run(varied, job.task)
-    row = {**job.columns(study.design.seed), **measure(result)}
+    done = run(study.changed(job.changes) if job.changes else study, job)
+    row = {**job.columns(study.design.seed), **measure(done)}
     if job.file == RUNS:
-        name = f"maps/p{job.task.participant:02d}_{job.task.scenario}_{job.task.method}.yaml"
-        row.update(order=job.order, map=name if result.saved else "")
-    return row, result.posterior
+        name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
+        row.update(order=job.order, map="" if done.seed is None else name)
+    return row, done.posterior
 
 
 def run_jobs(
-    study: Study,
-    jobs: Sequence[Job],
-    folder: Path,
-    processes: int = 1,
-    facts: Optional[Mapping[str, Any]] = None,
-    console: Optional[Console] = None,
-    work: Optional[Work] = None,
+    study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1, work: Optional[Work] = None
 ) -> int:
     """Carries out the remaining runs; returns how many failed because of a fault in the program.
 
     Args:
-        facts: for study.json.
         work: what a worker does with a job, instead of a run.
 
     Raises:
         CodedError: "other_study".
         KeyboardInterrupt: after it was said what is done.
     """
-    console = console or Console(highlight=False, soft_wrap=True)
-    open_folder(folder, configuration(study), {**(facts or {}), **about(study)})
+    facts = about(study)
+    open_folder(folder, configuration(study), facts)
     write_truths(study, folder / "maps")
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
@@ -102,7 +95,6 @@ def run_jobs(
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
     failed = 0
-    made_with = revision()
     parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
     try:
         outcomes = parallel(joblib.delayed(work or _work)(study.document, study.sources, job) for job in waiting)
@@ -110,11 +102,11 @@ def run_jobs(
             job = outcome.job
             if outcome.row is None:
                 failed += 1
-                console.print(f"failed: {job.words}: {outcome.fault}", markup=False)
+                console.print(f"failed: {job.name}: {outcome.fault}", markup=False)
                 continue
             if outcome.grid is not None and outcome.row.get("map"):
                 write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-            row = {**outcome.row, "revision": made_with}
+            row = {**outcome.row, "revision": facts["revision"]}
             write_atomically(_row(folder, job), json.dumps(row, default=lambda value: value.item()).encode())
     except KeyboardInterrupt:
         done = sum(_row(folder, job).exists() for job in jobs)
@@ -180,21 +172,16 @@ def configuration(study: Study) -> str:
 
 
 def about(study: Study) -> Dict[str, Any]:
-    """Facts about a study that its rows lack."""
+    """Facts that a study's rows lack: what it is, and what it is made by."""
     return {
         "seed": study.design.seed,
         "world": study.world.name,
         "robot_start": study.world.robots[0].start_pose(),
         "scenarios": {key: study.world.scenario(key).title for key in study.design.scenarios},
-    }
-
-
-def made_by() -> Dict[str, str]:
-    """Returns revision, command and machine, for study.json."""
-    return {
         "revision": revision(),
         "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
         "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}",
+        "date": datetime.date.today().isoformat(),
     }
 
 
