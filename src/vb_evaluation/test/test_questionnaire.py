@@ -1,11 +1,12 @@
 import pytest
 
 from vb_core.errors import CodedError
+from vb_evaluation import statistics
 from vb_evaluation.report import questionnaire
 
 
 def write(path, rows, separator=",", columns=None):
-    columns = columns or questionnaire.columns()
+    columns = columns or questionnaire.COLUMNS
     path.write_text(
         "\n".join(separator.join(str(cell) for cell in row) for row in [columns, *rows]) + "\n", encoding="utf-8-sig"
     )
@@ -27,7 +28,7 @@ def test_fifteen_people_as_in_the_paper(tmp_path):
     third = found.answers[2]
     assert (round(third.first.mean(), 2), round(third.second.mean(), 2)) == (4.47, 3.13)
     # one of them sees no difference, the other fourteen all rate the network robot system higher
-    compared = third.comparison
+    compared = statistics.compare_paired(third.first, third.second)
     assert compared.test.z < -3.0 and compared.test.p_exact == 2.0**-13 and compared.rank_biserial == 1.0
     assert "demanding" in third.statement and compared.n == 15
 

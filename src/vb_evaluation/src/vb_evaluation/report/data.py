@@ -92,10 +92,10 @@ class StudyResults:
         """(method, baseline) that are compared; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
 
-    def by_scenario(self) -> Iterator[Tuple[str, pandas.DataFrame]]:
-        """Yields each scenario's title and runs."""
+    def by_scenario(self, runs: Optional[pandas.DataFrame] = None) -> Iterator[Tuple[str, pandas.DataFrame]]:
+        """Yields each scenario's title and runs, all or of these."""
         for scenario in self.scenarios:
-            yield self.scenario_title(scenario), select(self.runs, scenario=scenario)
+            yield self.scenario_title(scenario), select(self.runs if runs is None else runs, scenario=scenario)
 
     def rows(self, measure: Callable[[Cell], Mapping[str, Any]], **where: object) -> List[Dict[str, Any]]:
         """Makes a table's rows, one for each scenario and method: both titles, and what is measured of its runs.
