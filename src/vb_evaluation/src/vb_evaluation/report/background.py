@@ -9,12 +9,12 @@ import pandas
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, questionnaire
 from vb_evaluation.report.blocks import Block, Grid, columns
-from vb_evaluation.report.data import WARNINGS, StudyResults, read_sheet
+from vb_evaluation.report.data import SHEETS, WARNINGS, StudyResults, read_sheet
 
 
 def participants_section(study: StudyResults) -> List[Block]:
     """Says who took part and what they answered; empty for simulated people."""
-    path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
+    path, about = (study.folder / name for name in SHEETS)
     blocks: List[Block] = []
     if study.people and about.is_file():
         asked = read_sheet(about, ("participant",)).drop(columns="participant")

@@ -20,6 +20,7 @@ from vb_evaluation.report import paper
 
 RUNS, WORLDS = "runs.csv", "worlds.csv"
 DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
+SHEETS = ("questionnaire.csv", "demographics.csv")  # that people fill in
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")

@@ -24,11 +24,12 @@ from rich.progress import track
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_core.grid_map import FREE, OCCUPIED, GridMap
+from vb_core.grid_map import FREE, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation.metrics import restricted_cells
 from vb_evaluation.provenance import repository_top, revision
 from vb_evaluation.report.data import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
+from vb_evaluation.report.maps import write_truths
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study, study_from_mapping
 from vb_evaluation.study.plan import Job
@@ -85,7 +86,9 @@ def run_jobs(
     """
     facts = about(study)
     open_folder(folder, configuration(study), facts)
-    write_truths(study, folder / "maps")
+    world = study.world
+    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
+    write_truths(folder, floor_plan.physical_map(world), truths)
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(
@@ -194,13 +197,3 @@ def pack_areas(folder: Path) -> None:
     others = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")
     areas = {path.stem: restricted_cells(physical, read_map(path)) for path in others}
     np.savez_compressed(folder / AREAS, floor=physical.data == FREE, **areas)
-
-
-def write_truths(study: Study, maps: Path) -> None:
-    """Writes the physical map, and each scenario's ground truth, as map_server files."""
-    prior = floor_plan.physical_map(study.world)
-    maps.mkdir(parents=True, exist_ok=True)
-    write_map(maps / "physical", prior)
-    for key in study.design.scenarios:
-        cells = floor_plan.ground_truth(study.world, study.world.scenario(key))
-        write_map(maps / f"truth_{key}", prior.with_data(np.where(cells, np.int8(OCCUPIED), prior.data)))
