@@ -383,7 +383,7 @@ MISHAPS = {  # recording: (what happened, outcome, completed)
 @pytest.fixture
 def mishaps(study):
     """A study in which everything happened that can, and one pair in which nothing did."""
-    lines = ["participant,order,method,scenario,recording,completed,note"]
+    lines = []
     for number, name in enumerate(MISHAPS, 1):
         person, lab = f"p{number}", Lab(study / name, room())
         if name in ("given_up", "claimed"):
@@ -399,7 +399,7 @@ def mishaps(study):
     shutil.rmtree(study / "gone")
     for key in "hhp":
         append_line(study / "given_up" / "events.jsonl", json.dumps({"key": key, "time": "now"}))
-    (study / "protocol.csv").write_text("\n".join(lines) + "\n")
+    plan(study, *lines, columns="participant,order,method,scenario,recording,completed,note")
     (study / "demographics.csv").write_text("participant,age,experience\np1,28,3\np2,55,5\n")
     return study
 

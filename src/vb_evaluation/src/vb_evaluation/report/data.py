@@ -67,11 +67,6 @@ class StudyResults:
         """Returns whether people took part."""
         return bool(self.meta.get("people", False))
 
-    @property
-    def has_worlds(self) -> bool:
-        """Returns whether there are runs in plausible worlds, and what was drawn for them."""
-        return WORLDS in self.tables and len(self.methods) > 1 and (self.folder / DRAWS).is_file()
-
     def scenario_title(self, key: str) -> str:
         """Returns a scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper.scenario_title(key))

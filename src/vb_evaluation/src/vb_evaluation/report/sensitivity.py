@@ -19,7 +19,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
 
     Empty where draws.csv or worlds.csv is missing.
     """
-    if not study.has_worlds:
+    if WORLDS not in study.tables or len(study.methods) < 2 or not (study.folder / DRAWS).is_file():
         return []
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).columns[1:]
     table, (first, baseline) = study.tables[WORLDS], study.comparison

@@ -59,19 +59,6 @@ def columns(file: str) -> Tuple[str, ...]:
     return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
-def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
-    """Carries out one run: its row and the resulting map."""
-    # only running needs ROS: reading a study does not
-    from vb_evaluation.study.runner import run
-
-    done = run(study.changed(job.changes) if job.changes else study, job)
-    row = {**job.columns(study.design.seed), **measure(done)}
-    if job.file == RUNS:
-        name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
-        row.update(order=job.order, map="" if done.seed is None else name)
-    return row, done.posterior
-
-
 def run_jobs(
     study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1, work: Optional[Work] = None
 ) -> int:
@@ -131,10 +118,19 @@ def _row(folder: Path, job: Job) -> Path:
 
 
 def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
+    """Carries out one run."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        row, grid = row_of(study_from_mapping(document, sources), job)
-        return Outcome(job, row, grid if job.file == RUNS else None)
+        # only running needs ROS: reading a study does not
+        from vb_evaluation.study.runner import run
+
+        study = study_from_mapping(document, sources)
+        done = run(study.changed(job.changes) if job.changes else study, job)
+        row = {**job.columns(study.design.seed), **measure(done)}
+        if job.file != RUNS:
+            return Outcome(job, row)
+        name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
+        return Outcome(job, {**row, "order": job.order, "map": "" if done.seed is None else name}, done.posterior)
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
