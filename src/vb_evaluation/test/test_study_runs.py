@@ -58,10 +58,11 @@ def make_row(document, sources, job):
     return campaign.Outcome(job, {**row, "map": ""} if "map" in row else row)
 
 
-def test_the_same_with_any_number_of_processes(tmp_path):
+def test_the_same_with_any_number_of_processes(tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign, "_work", make_row)
     jobs = plan.main_jobs(STUDY, 2)
     for folder, processes in (("one", 1), ("two", 2)):
-        assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, QUIET, processes, make_row) == 0
+        assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, QUIET, processes) == 0
     one, two = ((tmp_path / folder / "runs.csv").read_bytes() for folder in ("one", "two"))
     assert one == two and one.count(b"\n") == 13
 
@@ -84,8 +85,9 @@ sys.exit(command.main(["--quick", *sys.argv[1:]]))
 
 
 @pytest.mark.parametrize("processes", ["1", "2"])
-def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes):
+def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes, monkeypatch):
     """Also where the shell had switched interruptions off, as for what it starts in the background."""
+    monkeypatch.setattr(campaign, "_work", make_row)
     cut = subprocess.run(
         [sys.executable, "-c", INTERRUPTED, "--out", str(tmp_path / "cut"), "--processes", processes],
         stdout=subprocess.PIPE,
@@ -100,11 +102,11 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     assert "Traceback" not in cut.stdout and "failed" not in cut.stdout
 
     for folder in ("cut", "whole"):
-        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, QUIET, work=make_row) == 0
+        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, QUIET) == 0
     assert (tmp_path / "cut" / "runs.csv").read_bytes() == (tmp_path / "whole" / "runs.csv").read_bytes()
 
 
-def test_indices_are_recomputed_from_the_areas_alone(tmp_path):
+def test_indices_are_recomputed_from_the_areas_alone(tmp_path, monkeypatch):
     (job,) = [job for job in plan.main_jobs(moments(1.0), 1) if job.scenario == "carpet" and job.order < 4]
     truth = floor_plan.ground_truth(STUDY.world, STUDY.world.scenario("carpet"))
     shifted = np.roll(truth, 3, axis=1)
@@ -114,7 +116,8 @@ def test_indices_are_recomputed_from_the_areas_alone(tmp_path):
         made, grid = make_row(*given), prior.with_data(np.where(shifted, np.int8(100), prior.data))
         return campaign.Outcome(job, {**made.row, "map": "maps/p01_carpet.yaml"}, grid)
 
-    assert campaign.run_jobs(moments(1.0), [job], tmp_path, QUIET, work=work) == 0
+    monkeypatch.setattr(campaign, "_work", work)
+    assert campaign.run_jobs(moments(1.0), [job], tmp_path, QUIET) == 0
     areas = np.load(tmp_path / "areas.npz")
     assert areas["floor"].dtype == bool and np.array_equal(areas["truth_carpet"], truth & areas["floor"])
     found, wanted = areas["p01_carpet"], areas["truth_carpet"]

@@ -15,7 +15,7 @@ import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import joblib
 import numpy as np
@@ -49,23 +49,14 @@ class Outcome:
     fault: str = ""
 
 
-# a study's document and sources, and a job, to its outcome
-Work = Callable[[Mapping[str, Any], Mapping[str, Any], Job], Outcome]
-
-
 def columns(file: str) -> Tuple[str, ...]:
     """Lists the columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
     order = ("order", "map") if file == RUNS else ()
     return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
-def run_jobs(
-    study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1, work: Optional[Work] = None
-) -> int:
+def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1) -> int:
     """Carries out the remaining runs; returns how many failed because of a fault in the program.
-
-    Args:
-        work: what a worker does with a job, instead of a run.
 
     Raises:
         CodedError: "other_study".
@@ -87,7 +78,7 @@ def run_jobs(
     failed = 0
     parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
     try:
-        outcomes = parallel(joblib.delayed(work or _work)(study.document, study.sources, job) for job in waiting)
+        outcomes = parallel(joblib.delayed(_work)(study.document, study.sources, job) for job in waiting)
         for outcome in track(outcomes, "study", len(waiting), console=console):
             job = outcome.job
             if outcome.row is None:
@@ -118,7 +109,7 @@ def _row(folder: Path, job: Job) -> Path:
 
 
 def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
-    """Carries out one run."""
+    """Carries out one run, of the study of a document and the files that it names."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         # only running needs ROS: reading a study does not
