@@ -9,7 +9,7 @@ import io
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import pandas
@@ -37,11 +37,8 @@ _FLAGS = {
 }
 
 
-class Cell(NamedTuple):
-    """The runs of one scenario with one method; `published` are the paper's (Jaccard index, completeness), or nan."""
-
-    runs: pandas.DataFrame
-    published: Tuple[float, float]
+# of the runs of one scenario with one method, and the paper's Jaccard index and completeness, or nan
+Measure = Callable[[pandas.DataFrame, float, float], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -93,7 +90,7 @@ class StudyResults:
         for scenario in self.scenarios:
             yield self.scenario_title(scenario), select(self.runs if runs is None else runs, scenario=scenario)
 
-    def rows(self, measure: Callable[[Cell], Mapping[str, Any]], **where: object) -> List[Dict[str, Any]]:
+    def rows(self, measure: Measure, **where: object) -> List[Dict[str, Any]]:
         """Makes a table's rows, one for each scenario and method: both titles, and what is measured of its runs.
 
         Args:
@@ -104,9 +101,7 @@ class StudyResults:
                 "scenario": self.scenario_title(scenario),
                 "method": paper.method_title(method),
                 **measure(
-                    Cell(
-                        select(self.runs, scenario=scenario, method=method, **where), paper.published(scenario, method)
-                    )
+                    select(self.runs, scenario=scenario, method=method, **where), *paper.published(scenario, method)
                 ),
             }
             for scenario in self.scenarios

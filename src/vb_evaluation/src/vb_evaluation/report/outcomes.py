@@ -10,7 +10,7 @@ import pandas
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, maps, paper
 from vb_evaluation.report.blocks import Block, Figure, Grid, columns
-from vb_evaluation.report.data import ERRORS, STATES, Cell, StudyResults, known, pairs
+from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 # measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
@@ -105,9 +105,9 @@ def _beside_margin(gain: statistics.Interval, margin: float, digits: int) -> Dic
 def error_section(study: StudyResults) -> List[Block]:
     """Reports the boundary error in centimetres."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        worst = known(cell.runs, "error_max_cm")
-        medians = {column: statistics.median(known(cell.runs, column)) for column in ERRORS}
+    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
+        worst = known(runs, "error_max_cm")
+        medians = {column: statistics.median(known(runs, column)) for column in ERRORS}
         return {**medians, "worst": float(worst.max()) if len(worst) else math.nan, "runs": len(worst)}
 
     rows = study.rows(measure, completed=1)
@@ -129,9 +129,9 @@ def error_section(study: StudyResults) -> List[Block]:
 def time_section(study: StudyResults) -> List[Block]:
     """Reports interaction time by state."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        states = {state: float(cell.runs[f"time_{state}_s"].mean()) for state in STATES}
-        return {**states, "total": statistics.mean(known(cell.runs, "time_total_s")), "runs": len(cell.runs)}
+    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
+        states = {state: float(runs[f"time_{state}_s"].mean()) for state in STATES}
+        return {**states, "total": statistics.mean(known(runs, "time_total_s")), "runs": len(runs)}
 
     states = {state: f"{state.capitalize()} [s]" for state in STATES}
     heads = columns("scenario", "method", *STATES, "total", "runs", **states, total="Total, mean [s]")
@@ -148,10 +148,10 @@ def time_section(study: StudyResults) -> List[Block]:
 def accuracy_section(study: StudyResults) -> List[Block]:
     """Reports the paper's Jaccard index, with representative maps."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        done = known(cell.runs, "jaccard")
+    def measure(runs: pandas.DataFrame, published: float, _: float) -> Dict[str, Any]:
+        done = known(runs, "jaccard")
         least = float(done.min()) if len(done) else math.nan
-        return {"median": statistics.median(done), "least": least, "paper": cell.published[0], "runs": len(done)}
+        return {"median": statistics.median(done), "least": least, "paper": published, "runs": len(done)}
 
     rows = study.rows(measure, completed=1)
     images, notes = maps.representatives(study)
@@ -179,10 +179,10 @@ def accuracy_section(study: StudyResults) -> List[Block]:
 def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        done = known(cell.runs, "completed")
+    def measure(runs: pandas.DataFrame, _: float, published: float) -> Dict[str, Any]:
+        done = known(runs, "completed")
         share = statistics.proportion(int(done.sum()), len(done)).scaled(100.0)
-        return {"completed": f"{int(done.sum())} of {len(done)}", "share": share, "paper": 100 * cell.published[1]}
+        return {"completed": f"{int(done.sum())} of {len(done)}", "share": share, "paper": 100 * published}
 
     heads = columns("scenario", "method", "completed", "share", "paper", share="Share [%]", paper="Paper [%]")
     return [
@@ -216,9 +216,9 @@ def _what_became(study: StudyResults) -> List[Block]:
         return []
     there = list(dict.fromkeys(study.runs.outcome))
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        counts = {name: int((cell.runs.outcome == name).sum()) for name in there}
-        return {**counts, **{name: int((cell.runs[name] > 0).sum()) for name in ("helped", "problems")}}
+    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
+        counts = {name: int((runs.outcome == name).sum()) for name in there}
+        return {**counts, **{name: int((runs[name] > 0).sum()) for name in ("helped", "problems")}}
 
     keys = ("scenario", "method", *there, *(("helped", "problems") if study.people else ()))
     heads = columns(*keys, helped="With help", problems="With a problem of the system")
