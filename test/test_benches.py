@@ -14,7 +14,6 @@ TOP = Path(__file__).resolve().parents[1]
 SAMPLES = {
     "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/clips.py": "{clips} --roles window",
-    "detection/constants.py": "--clips {clips} --only _MIN_LEVEL",
     "detection/rendered.py": "'held still' --share 0.02",
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",

@@ -122,18 +122,17 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
 
 
 def frames_near_shots(
-    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None, role: str = "stationary"
+    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None
 ) -> Iterator[LabeledFrame]:
-    """Yields the frames of one clip that tell enough: those near a shot, and the first ones.
+    """Yields the frames of one clip that tell enough, seen by a camera that stands still: near a shot, and the first ones.
 
     Args:
         group: its name, and how it was taken.
         taken: how another camera takes the same pictures, and spots that are painted into them.
-        role: of the camera, see clips.py.
     """
     labelled = np.array([one["frame"] for one in video["labels"]])
     other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
-    for number, frame in enumerate(frames_of(folder / "clips" / name, video, role)):
+    for number, frame in enumerate(frames_of(folder / "clips" / name, video, "stationary")):
         far = not len(labelled) or np.abs(labelled - number).min() > NEAR_FRAMES
         if far and len(labelled) and number > FIRST_FRAMES:
             continue
