@@ -13,9 +13,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Se
 import numpy as np
 
 from bench.frame import import_from
-from vb_core.errors import CodedError
 from vb_evaluation.statistics import proportion
-from vb_laser_detect.detection.projection import ImageGeometry
 
 Place = Tuple[float, float]
 
@@ -27,7 +25,7 @@ class LabeledFrame(NamedTuple):
         image: as a driver sends it, in `encoding`.
         spots: places of those in it, (u, v) [px] where nothing else is said.
         unclear: of what is neither asked for nor wrong: a pulse's first or last light, pulses without a label, a spot half hidden.
-        geometry: where its pixels are on the floor, or None.
+        geometry: makes its `ImageGeometry` with a version's module `projection`; None: it is not known.
         shots: which one each of the spots belongs to, a clip's.
     """
 
@@ -35,23 +33,9 @@ class LabeledFrame(NamedTuple):
     image: np.ndarray
     spots: Sequence[Place]
     unclear: Sequence[Place] = ()
-    geometry: Optional[ImageGeometry] = None
+    geometry: Optional[Callable[[Any], Any]] = None
     shots: Sequence[int] = ()
     encoding: str = "bgr8"
-
-
-class _TheirGeometry:
-    """An image's geometry for another version, whose own errors it raises."""
-
-    def __init__(self, geometry: Any, error: type) -> None:
-        self._geometry, self._error, self.to_floor = geometry, error, geometry.to_floor
-
-    def point(self, u: float, v: float) -> Any:
-        """See `ImageGeometry.point`."""
-        try:
-            return self._geometry.point(u, v)
-        except CodedError as error:
-            raise self._error(error.code) from None
 
 
 class Finder:
@@ -65,16 +49,14 @@ class Finder:
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
-        modules = import_from(source, "vb_laser_detect.detector", "vb_core.image_format", "vb_core.errors")
-        module, images, self._errors = modules
+        names = "vb_laser_detect.detector", "vb_core.image_format", "vb_laser_detect.detection.projection"
+        module, images, self._projection = import_from(source, *names)
         self._detector = module.SpotDetector(getattr(module.DetectorParams, role)(**changes), judge)
-        self._reader, self._other = images.PixelReader(), source is not None
+        self._reader = images.PixelReader()
 
     def find(self, frame: LabeledFrame) -> List[Any]:
         """Searches an image; returns spots, also of earlier images that were confirmed only now."""
-        geometry = frame.geometry
-        if self._other and geometry is not None:
-            geometry = _TheirGeometry(geometry, self._errors.CodedError)
+        geometry = frame.geometry(self._projection) if frame.geometry else None
         return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any, Callable, Iterator, Tuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from bench.detection.finder import LabeledFrame
 from bench.detection.motions import Place, place_and_velocity
 from bench.detection.rooms import Rooms
 from bench.frame import TOP
-from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, ProjectionParams
+from vb_core.camera_model import CameraModel
 from vb_sim.models import make_generator
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import World
@@ -83,8 +84,16 @@ def frames(
         clear: how much of its light must arrive, or a spot is unclear.
         on_floor: whether spots are given on the floor [mm], as `floor_place` has those that were found, or in the image [px].
     """
-    config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{scene.role}.yaml").read_text())
-    projector = FloorProjection(ProjectionParams.from_mapping(config["projection"]), physical_map(scene.worlds[0]))
+    config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{scene.role}.yaml").read_text())["projection"]
+    floor = physical_map(scene.worlds[0])
+
+    @lru_cache(maxsize=None)
+    def projector(version: Any) -> Any:
+        return version.FloorProjection(version.ProjectionParams.from_mapping(config), floor)
+
+    def geometry(view: Any, snapshot: DisturbedSnapshot, depth: Any, version: Any) -> Any:
+        return version.ImageGeometry(view.model, lambda: view.camera_pose(snapshot), projector(version), depth)
+
     views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
     first = next(course(scene))[1]
     for view in views:
@@ -94,19 +103,20 @@ def frames(
             view.frame(first)
     for index, snapshot in course(scene, share, learn_s):
         view, places = views[index], []
-        image, geometry = view.frame(snapshot), _geometry(view, snapshot, projector, scene.mobile)
+        image = view.frame(snapshot)
         if snapshot.laser is not None and on_floor:
             places = [(1e3 * snapshot.laser[0], 1e3 * snapshot.laser[1])]
         elif view.spot(snapshot) is not None:
             places = [tuple(view.spot(snapshot).center)]
         seen, unclear = (places, []) if view.spot_share(snapshot) >= clear else ([], places)
-        yield LabeledFrame(snapshot.stamp, image, seen, unclear, geometry, encoding=view.encoding)
+        # drawn with noise, so once for all versions
+        depth = lru_cache(maxsize=None)(partial(_depth, view, snapshot)) if scene.mobile else None
+        here = partial(geometry, view, snapshot, depth)
+        yield LabeledFrame(snapshot.stamp, image, seen, unclear, here, encoding=view.encoding)
 
 
-def _geometry(view: Any, snapshot: DisturbedSnapshot, projector: FloorProjection, with_depth: bool) -> ImageGeometry:
-    pose = view.camera_pose(snapshot)
-    depth = (lambda: (view.depth(snapshot), view.depth_model)) if with_depth else None
-    return ImageGeometry(view.model, lambda: pose, projector, depth)
+def _depth(view: Any, snapshot: DisturbedSnapshot) -> Tuple[np.ndarray, CameraModel]:
+    return view.depth(snapshot), view.depth_model
 
 
 def floor_place(spot: Any) -> np.ndarray:
