@@ -18,6 +18,7 @@ SAMPLES = {
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",
     "lab/cameras.py": "--cameras 1 --seconds 1",
+    "lab/image_cost.py": "",
     "lab/page.py": "--browsers 1 --seconds 1",
     "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",

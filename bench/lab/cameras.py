@@ -3,10 +3,9 @@
 
     python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server
 
-Fusion and page run too. Played are 20 s of the simulated lab with tiles as its floor and a camera's denoising, 51 kB an
-image; a person stands there all the time and draws in a quarter of the images. Each camera begins elsewhere, so that at any
-time a quarter of them see the spot: it is one pointer's, and with 24 cameras no more than that see one place. Stamps are the
-arrival of an image: exposure, readout and network of a real camera come on top.
+Fusion and page run too. camera_clip.py says what is played; each camera begins elsewhere in it, so that at any time a quarter
+of them see the spot: it is one pointer's, and with 24 cameras no more than that see one place. Stamps are the arrival of an
+image: exposure, readout and network of a real camera come on top.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import signal
 import sys
 import time
 from contextlib import ExitStack
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -24,64 +22,19 @@ import cv2
 import numpy as np
 import psutil
 import rospy
-import simplejpeg
 import tf2_ros
 import yaml
 
-from bench.detection.disturbances import DisturbedSnapshot
-from bench.detection.motions import along, place_and_velocity
-from bench.detection.rooms import Rooms, lab, tiles
-from bench.detection.scene_list import CARPET
 from bench.frame import TOP, Table, arguments, quantiles
+from bench.lab.camera_clip import FRAMES, RATE, clip, scene, serving
 from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
-from vb_evaluation.processes import Child, free_port
+from vb_evaluation.processes import Child
 from vb_laser_detect.camera import lens_file
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
-sys.path.append(str(TOP / "src/vb_laser_detect/test"))
-from mjpeg_server import MjpegServer  # noqa: E402
-
 WARM_S = 6.0  # detectors learn the floor
-RATE, FRAMES, DRAWN = 25.0, 500, range(125, 250)
-QUALITY, DENOISED_PX = 60, 0.8
-
-
-@lru_cache(maxsize=1)
-def scene() -> Any:
-    """Returns the view of the camera above the carpet."""
-    room = lab()
-    return Rooms(1).view(tiles(room, (150, 145, 138)), "green")
-
-
-def clip() -> List[bytes]:
-    """Renders 20 s of images, of which a quarter show a spot."""
-    border, view, jpegs = along(CARPET, 0.4), scene(), []
-    for number in range(FRAMES):
-        t, laser, velocity = number / RATE, None, (0.0, 0.0)
-        if number in DRAWN:
-            laser, velocity = place_and_velocity(border, t)
-        image = view.frame(DisturbedSnapshot(t, {}, laser, "red", velocity, (4.6, 2.9, -1.5)))
-        bgr = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2BGR), (0, 0), DENOISED_PX)
-        jpegs.append(simplejpeg.encode_jpeg(bgr, quality=QUALITY, colorspace="BGR", colorsubsampling="420"))
-    return jpegs
-
-
-def serve(jpegs: List[bytes], port: int) -> None:
-    """Serves a clip to any number of cameras, until it is ended."""
-    MjpegServer(jpegs, RATE, port)
-    signal.pause()
-
-
-def serving(stack: ExitStack, jpegs: List[bytes]) -> Tuple[str, psutil.Process]:
-    """Starts the HTTP server; returns its address, and its process."""
-    port = free_port()
-    child = multiprocessing.get_context("fork").Process(target=serve, args=(jpegs, port))
-    child.start()
-    stack.callback(child.join)
-    stack.callback(child.terminate)
-    return f"http://127.0.0.1:{port}/video", psutil.Process(child.pid)
 
 
 class Running:

@@ -1,0 +1,67 @@
+"""What the simulated cameras of cameras.py and image_cost.py send: 20 s of 1080p motion JPEG, from a server.
+
+The simulated lab with tiles as its floor and a camera's denoising: an image has about 51 kB. A person stands there all
+the time; in a quarter of the images they draw.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import sys
+from contextlib import ExitStack
+from functools import lru_cache
+from typing import Any, List, Tuple
+
+import cv2
+import psutil
+import simplejpeg
+
+from bench.detection.disturbances import DisturbedSnapshot
+from bench.detection.motions import along, place_and_velocity
+from bench.detection.rooms import Rooms, lab, tiles
+from bench.detection.scene_list import CARPET
+from bench.frame import TOP
+from vb_evaluation.processes import free_port
+
+sys.path.append(str(TOP / "src/vb_laser_detect/test"))
+from mjpeg_server import MjpegServer  # noqa: E402
+
+RATE, FRAMES, DRAWN = 25.0, 500, range(125, 250)
+QUALITY, DENOISED_PX = 60, 0.8
+
+
+@lru_cache(maxsize=1)
+def scene() -> Any:
+    """Returns the view of the camera above the carpet."""
+    room = lab()
+    return Rooms(1).view(tiles(room, (150, 145, 138)), "green")
+
+
+def clip() -> List[bytes]:
+    """Renders 20 s of images, of which a quarter show a spot."""
+    border, view, jpegs = along(CARPET, 0.4), scene(), []
+    for number in range(FRAMES):
+        t, laser, velocity = number / RATE, None, (0.0, 0.0)
+        if number in DRAWN:
+            laser, velocity = place_and_velocity(border, t)
+        image = view.frame(DisturbedSnapshot(t, {}, laser, "red", velocity, (4.6, 2.9, -1.5)))
+        bgr = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2BGR), (0, 0), DENOISED_PX)
+        jpegs.append(simplejpeg.encode_jpeg(bgr, quality=QUALITY, colorspace="BGR", colorsubsampling="420"))
+    return jpegs
+
+
+def serve(jpegs: List[bytes], port: int) -> None:
+    """Serves a clip to any number of cameras, until it is ended."""
+    MjpegServer(jpegs, RATE, port)
+    signal.pause()
+
+
+def serving(stack: ExitStack, jpegs: List[bytes]) -> Tuple[str, psutil.Process]:
+    """Starts the HTTP server; returns its address, and its process."""
+    port = free_port()
+    child = multiprocessing.get_context("fork").Process(target=serve, args=(jpegs, port))
+    child.start()
+    stack.callback(child.join)
+    stack.callback(child.terminate)
+    return f"http://127.0.0.1:{port}/video", psutil.Process(child.pid)

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""What an image of a 1080p camera costs its detector, beside decoding it to grey and searching it, in one thread.
+
+    python3 bench/lab/image_cost.py
+
+The images are camera_clip.py's: all of them, of which a quarter show a spot, and those with and without one.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any, Callable, Dict, Iterator, List
+
+import cv2
+import numpy as np
+import simplejpeg
+
+from bench.frame import Table, arguments
+from bench.lab.camera_clip import DRAWN, FRAMES, RATE, clip, scene
+from vb_core.image_format import AnyPicture, Picture
+from vb_laser_detect.camera.source import Shot
+from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry
+from vb_laser_detect.detector import SpotDetector
+
+
+class Search:
+    """Decodes and searches images as a detector does, and adds up the thread's time."""
+
+    def __init__(self, decode: Callable[[bytes], AnyPicture]) -> None:
+        self._decode, self._detector, self._projector = decode, SpotDetector(), FloorProjection()
+        self.times: List[float] = []
+
+    def look(self, jpeg: bytes, stamp: float) -> None:
+        began = time.thread_time()
+        geometry = ImageGeometry(scene().model, lambda: scene().pose, self._projector)
+        self._detector.detect(self._decode(jpeg), stamp, geometry)
+        self.times.append(1e3 * (time.thread_time() - began))
+
+
+def gray(jpeg: bytes) -> Picture:
+    return Picture(simplejpeg.decode_jpeg(jpeg, "GRAY")[..., 0], "mono")
+
+
+def costs() -> Iterator[Dict[str, Any]]:
+    """Measures an image's cost, beside decoding to grey and searching."""
+    jpegs, ours, alone = clip(), Search(lambda jpeg: Shot(0.0, jpeg).picture()), Search(gray)
+    for number in range(2 * FRAMES):
+        for one in (ours, alone) if number % 2 else (alone, ours):
+            one.look(jpegs[number % FRAMES], number / RATE)
+    # each second of images by itself, the first lap is for learning
+    seconds = np.array([np.array(one.times[FRAMES:]).reshape(-1, int(RATE)).sum(axis=1) for one in (ours, alone)])
+    shows = np.isin(np.arange(FRAMES), DRAWN).reshape(-1, int(RATE)).all(axis=1)
+    for name, chosen in (("all", shows | True), ("with a spot", shows), ("without", ~shows)):
+        blocks = seconds[:, chosen]
+        draws = np.random.default_rng(1).integers(blocks.shape[1], size=(2000, blocks.shape[1]))
+        low, high = np.percentile(blocks[0][draws].sum(axis=1) / blocks[1][draws].sum(axis=1), [2.5, 97.5])
+        ours_ms, gray_ms = (blocks.mean(axis=1) / RATE).tolist()
+        yield {
+            "images": name, "ours_ms": ours_ms, "gray_ms": gray_ms, "ours_over_gray": ours_ms / gray_ms,
+            "low": float(low), "high": float(high),
+        }  # fmt: skip
+
+
+def main() -> int:
+    given = arguments(__doc__).parse_args()
+    cv2.setNumThreads(1)
+    table = Table(given.csv)
+    for row in costs():
+        table.add(**row)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
