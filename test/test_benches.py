@@ -19,7 +19,6 @@ SAMPLES = {
     "extraction/model_hand.py": "--times 0.01",
     "lab/cameras.py": "--cameras 1 --seconds 1",
     "lab/image_cost.py": "",
-    "lab/page.py": "--browsers 1 --seconds 1",
     "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",

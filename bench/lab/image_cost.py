@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Callable, List
 
 import cv2
 import numpy as np
@@ -42,9 +42,11 @@ def gray(jpeg: bytes) -> Picture:
     return Picture(simplejpeg.decode_jpeg(jpeg, "GRAY")[..., 0], "mono")
 
 
-def costs() -> Iterator[Dict[str, Any]]:
-    """Measures an image's cost, beside decoding to grey and searching."""
-    jpegs, ours, alone = clip(), Search(lambda jpeg: Shot(0.0, jpeg).picture()), Search(gray)
+def main() -> int:
+    given = arguments(__doc__).parse_args()
+    cv2.setNumThreads(1)
+    table, jpegs = Table(given.csv), clip()
+    ours, alone = Search(lambda jpeg: Shot(0.0, jpeg).picture()), Search(gray)
     for number in range(2 * FRAMES):
         for one in (ours, alone) if number % 2 else (alone, ours):
             one.look(jpegs[number % FRAMES], number / RATE)
@@ -56,18 +58,8 @@ def costs() -> Iterator[Dict[str, Any]]:
         draws = np.random.default_rng(1).integers(blocks.shape[1], size=(2000, blocks.shape[1]))
         low, high = np.percentile(blocks[0][draws].sum(axis=1) / blocks[1][draws].sum(axis=1), [2.5, 97.5])
         ours_ms, gray_ms = (blocks.mean(axis=1) / RATE).tolist()
-        yield {
-            "images": name, "ours_ms": ours_ms, "gray_ms": gray_ms, "ours_over_gray": ours_ms / gray_ms,
-            "low": float(low), "high": float(high),
-        }  # fmt: skip
-
-
-def main() -> int:
-    given = arguments(__doc__).parse_args()
-    cv2.setNumThreads(1)
-    table = Table(given.csv)
-    for row in costs():
-        table.add(**row)
+        ratio = {"ours_over_gray": ours_ms / gray_ms, "low": float(low), "high": float(high)}
+        table.add(images=name, ours_ms=ours_ms, gray_ms=gray_ms, **ratio)
     return 0
 
 

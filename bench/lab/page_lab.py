@@ -1,4 +1,4 @@
-"""The nodes that the page needs, over a ROS master of their own, and a pointer that draws; for page.py and page_hostile.py."""
+"""The nodes that the page needs, over a ROS master of their own; for page_hostile.py and cameras.py."""
 
 from __future__ import annotations
 
@@ -6,25 +6,20 @@ import os
 import socket
 import subprocess
 import tempfile
-import time
 import xmlrpc.client
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Callable, Tuple, Union
 
-import numpy as np
 import psutil
 import rosgraph
 import rospy
-from geometry_msgs.msg import Point
 
 from bench.frame import TOP
 from vb_core import names
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port
-from vb_msgs.msg import BorderProgress, LaserSpot
 
-SPOTS_HZ = 75  # three cameras of 25 images a second
 LAUNCH = """<launch>
   <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>
   <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
@@ -71,30 +66,3 @@ def node_process(name: str = "/page") -> psutil.Process:
     wait(lambda: rospy.get_master().lookupNode(name)[0] == 1, f"{name} at the master")
     uri = rospy.get_master().lookupNode(name)[2]
     return psutil.Process(xmlrpc.client.ServerProxy(uri).getPid("/bench")[2])
-
-
-class Pointer:
-    """A moving spot by three cameras and a line that grows, as while a border is drawn."""
-
-    def __init__(self):
-        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10, tcp_nodelay=True)
-        self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=1)
-        wait(lambda: self._spots.get_num_connections() and self._progress.get_num_connections(), "the page to listen")
-
-    def run(self, seconds):
-        """Draws for a time; 75 spots and 5 progress messages a second."""
-        began, points = time.monotonic(), []
-        for number in range(int(seconds * SPOTS_HZ)):
-            pause = began + number / SPOTS_HZ - time.monotonic()
-            if pause > 0:
-                time.sleep(pause)
-            angle = number / 400.0
-            spot = LaserSpot(camera=("red", "green", "blue")[number % 3])
-            spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
-            spot.position.x, spot.position.y = 4.0 + 2.0 * np.cos(angle), 2.5 + 1.5 * np.sin(angle)
-            self._spots.publish(spot)
-            if number % 15 == 0:
-                points = (points + [Point(spot.position.x, spot.position.y, 0.0)])[-300:]
-                message = BorderProgress(points=points, chain=points, cameras=["red"], border_spots=number)
-                message.header.frame_id = "map"
-                self._progress.publish(message)
