@@ -17,6 +17,7 @@ from speech import pieces, say
 from terminal import Terminal
 
 from vb_core import names
+from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
 from vb_msgs.msg import (
@@ -45,10 +46,7 @@ def room():
 
 def drawn():
     """Draws (N, 2) [m] one spot per image, with 0.5 m/s by a hand that trembles."""
-    corners = np.array(STROKE)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    wanted = np.arange(0.0, along[-1], 0.5 * FRAME_S)
-    path = np.column_stack([np.interp(wanted, along, corners[:, axis]) for axis in (0, 1)])
+    path = resample_chain(np.array(STROKE), 0.5 * FRAME_S)
     return path + np.random.default_rng(1).normal(0.0, 0.005, path.shape)
 
 

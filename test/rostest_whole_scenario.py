@@ -13,7 +13,7 @@ from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
 from vb_evaluation.observer import Observer
-from vb_msgs.msg import InteractionState, LaserSpot, NoticeArray
+from vb_msgs.msg import LaserSpot, NoticeArray
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
@@ -32,7 +32,7 @@ class WholeScenario(unittest.TestCase):
         rospy.init_node("whole_scenario")
         world = load_world(rospy.get_param("~world"))
         scenario = world.scenario(rospy.get_param("~scenario"))
-        observer, seen, entered, alarms = Observer(), [], {}, set()
+        observer, seen, alarms = Observer(), [], set()
 
         def hear(message: NoticeArray) -> None:
             if not (observer.state and observer.state.name == "border" and len(seen) > 20):
@@ -47,9 +47,6 @@ class WholeScenario(unittest.TestCase):
                 seen.append((spot.position.x, spot.position.y))
 
         subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, keep)
-        rospy.Subscriber(
-            names.STATE, InteractionState, lambda state: entered.update({state.entered.to_sec(): state.name})
-        )
         wait_until(lambda: observer.outcome is not None, lambda: f"the end; the state is {observer.state}", 200.0)
         self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
         wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, "the saved border")
@@ -74,17 +71,8 @@ class WholeScenario(unittest.TestCase):
         kept = ~region
         self.assertTrue((observer.posterior.data[kept] == observer.prior.data[kept]).all())
 
-        # the interaction was timed by state, as the moments tell at which the states were entered
-        times = dict.fromkeys(("default", "guide", "border", "seed"), 0.0)
-        stamps = sorted(entered)
-        for begin, end in zip(stamps, stamps[1:]):
-            if entered[begin] == "default":
-                times = dict.fromkeys(times, 0.0)
-            times[entered[begin]] += end - begin
-        state = observer.state
-        found = (state.guide_s, state.border_s, state.seed_s)
-        np.testing.assert_allclose(found, (times["guide"], times["border"], times["seed"]), atol=0.01)
-        self.assertGreater(min(state.border_s, state.seed_s), 0.0)
+        # how exactly interactions are timed is shown where the clock is the test's (rostest_input_methods.py)
+        self.assertGreater(min(observer.state.border_s, observer.state.seed_s), 0.0)
 
         # navigation respects it: the room cannot be reached, its outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731

@@ -104,6 +104,14 @@ def damaged(good):
     return st.builds(apply, st.lists(change, min_size=1, max_size=6), st.integers(0, len(good)) | st.just(len(good)))
 
 
+def check_taken(read, found):
+    """Whatever is read is taken, or refused with a code."""
+    try:
+        read(found)
+    except CodedError as error:
+        assert error.code
+
+
 # ---------------------------------------------------------------------- messages
 PICTURE = np.arange(300, dtype=np.uint8).reshape(10, 10, 3)
 ENCODED = [cv2.imencode(ending, PICTURE)[1].tobytes() for ending in (".png", ".jpg")]
@@ -137,10 +145,7 @@ def test_messages(what):
     @bounded()
     @given(examples)
     def check(found):
-        try:
-            convert(found)
-        except CodedError as error:
-            assert error.code
+        check_taken(convert, found)
 
     check()
 
@@ -212,10 +217,7 @@ def test_files(name, tmp_path):
     @given(damaged(good) | ANYTHING.map(lambda value: yaml.safe_dump(value, allow_unicode=False).encode()))
     def check(data):
         (tmp_path / name).write_bytes(data)
-        try:
-            read(tmp_path / name)
-        except CodedError as error:
-            assert error.code
+        check_taken(read, tmp_path / name)
 
     check()
 

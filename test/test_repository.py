@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,13 @@ def run_python(*arguments):
         universal_newlines=True,
     )
     assert done.returncode == 0, done.stdout
+
+
+def listed_by_git(*given):
+    """Names of the repository's files, as `git ls-files` lists them; those that are on the disk."""
+    command = ["git", "ls-files", *given]
+    done = subprocess.run(command, cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True, check=True)
+    return [name for name in done.stdout.splitlines() if (TOP / name).is_file()]
 
 
 def load_script(name):
@@ -104,6 +112,18 @@ ROS = (
 PROMISED = re.findall(
     r"^\| \[`(vb_[\w.]+)`\]", (TOP / "docs/explanation/architecture.md").read_text(encoding="utf-8"), re.M
 )
+ALGORITHMS = re.findall(r"src/(vb_\w+)/src", (TOP / "pyproject.toml").read_text(encoding="utf-8"))
+EXAMPLES_AS_INSTALLED = """
+import doctest, importlib, sys
+sys.path.insert(0, sys.argv[1])
+for name in ("rospy", "roslib", "tf2_ros", "vb_msgs", "std_msgs"):
+    sys.modules[name] = None
+for name in sys.argv[2:]:
+    module = importlib.import_module(name)
+    assert module.__file__.startswith(sys.argv[1]), module.__file__
+    done = doctest.testmod(module)
+    assert done.attempted and not done.failed, name
+"""
 IMPORT_WITHOUT = """
 import importlib, sys
 
@@ -224,19 +244,11 @@ def test_a_code_that_comes_without_a_sentence_has_one_in_the_catalogue():
 
 def texts():
     """Yields what people read: code, interfaces, documentation, messages."""
-    found = subprocess.run(
-        ["git", "ls-files", "*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "*.js", "scripts", "src/*/scripts"],
-        cwd=str(TOP),
-        stdout=subprocess.PIPE,
-        universal_newlines=True,
-        check=True,
-    ).stdout.split()
+    kinds = ("*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "*.js")
     return [
         TOP / name
-        for name in found
-        if ("/languages/" not in name or "/en/" in name)
-        and not name.startswith("docs/results")
-        and (TOP / name).is_file()
+        for name in listed_by_git(*kinds, "scripts", "src/*/scripts")
+        if ("/languages/" not in name or "/en/" in name) and not name.startswith("docs/results")
     ]
 
 
@@ -282,17 +294,49 @@ def test_commands_in_pages_exist():
     assert not {page: commands for page, commands in missing.items() if commands}
 
 
-@pytest.mark.parametrize(
-    "call",
-    [f"testmod(importlib.import_module('{module}'))" for module in PROMISED]
-    + [f"testfile({str(TOP / 'README.md')!r}, module_relative=False)"],
-)
-def test_examples_run(call):
-    run_python(
-        "-c", f"import doctest, importlib, sys; done = doctest.{call}; sys.exit(done.failed or not done.attempted)"
-    )
+EXAMPLES = "import doctest, importlib, sys; done = doctest.{}; sys.exit(done.failed or not done.attempted)"
+
+
+@pytest.mark.parametrize("module", [name for name in PROMISED if name.split(".")[0] not in ALGORITHMS])
+def test_examples_run(module):
+    run_python("-c", EXAMPLES.format(f"testmod(importlib.import_module('{module}'))"))
+
+
+def test_the_examples_of_the_readme_run():
+    run_python("-c", EXAMPLES.format(f"testfile({str(TOP / 'README.md')!r}, module_relative=False)"))
 
 
 def test_the_demonstration_needs_only_what_a_container_has():
     blocked = ("pandas", "jinja2", "distributed", "pytest", "hypothesis", "selenium")
     run_python("-c", IMPORT_WITHOUT, ",".join(blocked), "vb_evaluation.demonstration.demo")
+
+
+# ------------------------------------------------------------ what `pip install .` installs
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The wheel of the committed and changed files, unpacked; nothing is downloaded."""
+    folder = tmp_path_factory.mktemp("wheel")
+    for name in listed_by_git("-co", "--exclude-standard", "pyproject.toml", "README.md", "src"):
+        if not (TOP / name).is_symlink():
+            (folder / "source" / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / "source" / name).write_bytes((TOP / name).read_bytes())
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", folder]
+    run_python("-m", "pip", "wheel", *options, folder / "source")
+    (wheel,) = folder.glob("*.whl")
+    zipfile.ZipFile(str(wheel)).extractall(str(folder / "installed"))
+    return folder / "installed"
+
+
+def test_the_examples_of_the_algorithms_run_as_installed_without_ros(installed):
+    assert {name.split(".")[0] for name in PROMISED} >= set(ALGORITHMS)
+    run_python("-c", EXAMPLES_AS_INSTALLED, installed, *(name for name in PROMISED if name.split(".")[0] in ALGORITHMS))
+
+
+def test_no_file_of_the_packages_is_left_out(installed):
+    for package in ALGORITHMS:
+        inside = TOP / "src" / package / "src"
+        kinds = (".py", ".yaml", ".json")
+        wanted = {
+            path.relative_to(inside) for path in inside.rglob("*") if path.suffix in kinds and "ros" not in path.parts
+        }
+        assert wanted and all((installed / path).is_file() for path in wanted), package

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import queue
 import subprocess
 from pathlib import Path
 
@@ -46,7 +45,7 @@ class Hub:
     """A hub: keeps the newest message of each topic, and sends commands with QoS 1 as Home Assistant does."""
 
     def __init__(self, port, topics="#", setup=lambda client: None):
-        self.messages, self.heard, self._changed = {}, queue.Queue(), False
+        self.messages, self.heard = {}, []  # the newest by topic, and all
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
         setup(self._client)
         self._client.on_connect = lambda client, *_: client.subscribe(topics, 1)
@@ -58,7 +57,7 @@ class Hub:
 
     def _on_message(self, _client, _data, message):
         self.messages[message.topic] = message.payload
-        self.heard.put((message.topic, message.payload))
+        self.heard.append((message.topic, message.payload))
 
     def value(self, topic):
         """The JSON on a topic; None if there is nothing."""

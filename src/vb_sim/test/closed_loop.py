@@ -21,6 +21,7 @@ class System:
         self.refusals = list(refuse_saves)
         self.percept = Perception(now=100.0, robot=robot)
         self.border, self.seed, self.commands, self.actions, self.robots = [], [], [], [], []
+        self.sources = set()
         self._arrives = self._answer_at = None
 
     def from_robot(self, spot):
@@ -64,7 +65,8 @@ class System:
 
     def _command(self, action):
         if action.command:
-            self.commands.append((action.command, action.source, self.percept.state))
+            self.commands.append(action.command)
+            self.sources.add(action.source)
             self._answer_at = (self.percept.now + 0.1, action)
         if self._answer_at and self.percept.now >= self._answer_at[0]:
             action, self._answer_at = self._answer_at[1], None

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """Both camera nodes: images, camera_info, stamps, tf; a lab that falls silent; bad parameters."""
 
-import threading
-import time
 import unittest
 
 import numpy as np
@@ -32,20 +30,15 @@ class FakeLab:
 
     def __init__(self):
         self.publisher = rospy.Publisher("/sim/lab_state", LabState, queue_size=5)
-        self.running = threading.Event()
-        self.running.set()
-        threading.Thread(target=self.run, daemon=True).start()
+        self.running = True
+        self._timer = rospy.Timer(rospy.Duration(0.02), self._publish)
 
-    def run(self):
-        while not rospy.is_shutdown():
-            if self.running.wait(0.1):
-                message = LabState()
-                message.header.stamp = rospy.Time.now()
-                message.header.frame_id = "map"
-                message.robots, message.robot_poses = ["tb"], [Pose2D(0.4, 1.0, 0.0)]
-                message.laser_on, message.laser, message.laser_color = True, Point(SPOT[0], SPOT[1], 0.0), "green"
-                self.publisher.publish(message)
-            time.sleep(0.02)
+    def _publish(self, _event):
+        if self.running:
+            message = LabState(robots=["tb"], robot_poses=[Pose2D(0.4, 1.0, 0.0)])
+            message.header.stamp, message.header.frame_id = rospy.Time.now(), "map"
+            message.laser_on, message.laser, message.laser_color = True, Point(SPOT[0], SPOT[1], 0.0), "green"
+            self.publisher.publish(message)
 
 
 def is_lit(image):
@@ -103,11 +96,11 @@ class CamerasTest(unittest.TestCase):
     def test_survives_a_silent_lab(self):
         north = self.images["north"]
         north.wait(is_lit, "the spot")
-        self.lab.running.clear()
+        self.lab.running = False
         try:
             north.wait(lambda image: not is_lit(image), "the empty lab")
         finally:
-            self.lab.running.set()
+            self.lab.running = True
         north.wait(is_lit, "the spot again")
 
 

@@ -22,6 +22,8 @@ from closed_loop import DT, System
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
+DRAWN = ["define_border", "define_seed", "save"]
+SLIPS = ParticipantModel(slip=1.0)
 EVERYWHERE, NOWHERE = (lambda spot: True), (lambda spot: False)
 
 
@@ -51,8 +53,7 @@ def check_drawing(key, sim):
 def test_nrs_draws_the_border_and_shows_the_seed(key):
     sim = system(key)
     assert sim.run(120.0) == "saved"
-    assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save"]
-    assert {source for _, source, _ in sim.commands} == {"participant"}
+    assert (sim.commands, sim.sources) == (DRAWN, {"participant"})
     check_drawing(key, sim)
     assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(key).seed) < 0.03
 
@@ -61,17 +62,33 @@ def test_nrs_draws_the_border_and_shows_the_seed(key):
 def test_robot_only_leads_the_robot_there_and_draws_before_it(key):
     sim = system(key, "robot_only", covered=NOWHERE)
     assert sim.run(280.0) == "saved"
-    commands = [command for command, _, _ in sim.commands]
-    assert commands[0] == "guide_robot" and commands[-2:] == ["define_seed", "save"] and "define_border" in commands
-    assert {source for _, source, _ in sim.commands} == {"buttons"}
+    assert sim.commands[0] == "guide_robot" and sim.commands[-2:] == DRAWN[1:] and "define_border" in sim.commands
+    assert sim.sources == {"buttons"}
     check_drawing(key, sim)
 
 
-@pytest.mark.parametrize("covered", [lambda spot: spot[0] < 7.0, lambda spot: spot[1] < 4.2], ids=["end", "beginning"])
-def test_an_uncovered_part_is_drawn_once_the_robot_sees_it(covered):
-    sim = system("corner", covered=covered, dispatch_after=4.0)
-    assert sim.run(200.0) == "saved"
-    check_drawing("corner", sim)
+@pytest.mark.parametrize(
+    "key, method, limit, more, first",
+    [
+        ("corner", "nrs", 200.0, {"covered": lambda spot: spot[0] < 7.0, "dispatch_after": 4.0}, []),
+        ("corner", "nrs", 200.0, {"covered": lambda spot: spot[1] < 4.2, "dispatch_after": 4.0}, []),
+        (
+            "room",
+            "nrs",
+            280.0,
+            {"covered": NOWHERE, "dispatch_after": 1e9, "follows": True},
+            ["define_border", "guide_robot"],
+        ),
+        ("room", "nrs", 200.0, {"model": SLIPS}, ["define_border", "cancel"]),
+        ("room", "robot_only", 200.0, {"model": SLIPS}, ["guide_robot", "define_border", "cancel", "guide_robot"]),
+    ],
+    ids=["end not covered", "beginning not covered", "no camera, but a robot", "slip", "slip of robot_only"],
+)
+def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, more, first):
+    sim = system(key, method, **more)
+    assert sim.run(limit) == "saved"
+    assert sim.commands == [*first, *DRAWN]
+    check_drawing(key, sim)
 
 
 def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
@@ -86,40 +103,24 @@ def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
 def test_nobody_sees_anything():
     sim = system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
     assert sim.run(60.0) == "gave_up"
-    assert sim.commands[-1][0] == "cancel" and sim.percept.state == "default"
+    assert sim.commands[-1] == "cancel" and sim.percept.state == "default"
     assert sim.actions[-1].laser is None
 
 
 @pytest.mark.parametrize(
-    "refusal, then",
-    [
-        ("no_seed", ["define_seed", "save"]),
-        ("no_separation", ["cancel", "define_border", "define_seed", "save"]),
-        ("confirm_save", ["save"]),
-    ],
+    "refusal, then", [("no_seed", DRAWN[1:]), ("no_separation", ["cancel", *DRAWN]), ("confirm_save", ["save"])]
 )
 def test_what_follows_a_refusal(refusal, then):
     sim = system("room", refuse_saves=[refusal])
     sim.percept.state = "border"  # somebody else's
     assert sim.run(120.0) == "saved"
-    first = ["cancel", "define_border", "define_seed", "save"]
-    assert [command for command, _, _ in sim.commands] == first + then
+    assert sim.commands == ["cancel", *DRAWN, *then]
 
 
 def test_the_person_gives_up_after_some_tries():
     sim = system("room", refuse_saves=["no_separation"] * 9, model=ParticipantModel(tries=2))
     assert sim.run(200.0) == "gave_up"
-    assert [command for command, _, _ in sim.commands].count("save") == 2
-    assert "no_separation" in sim.script.reason
-
-
-@pytest.mark.parametrize("method", ["nrs", "robot_only"])
-def test_a_slip_is_noticed_and_begun_again(method):
-    sim = system("room", method, model=ParticipantModel(slip=1.0))
-    assert sim.run(200.0) == "saved"
-    commands = [command for command, _, _ in sim.commands]
-    assert commands.count("cancel") == 1 and commands.count("define_border") == 2 and commands[-1] == "save"
-    check_drawing("room", sim)
+    assert sim.commands.count("save") == 2 and "no_separation" in sim.script.reason
 
 
 def test_mistakes_are_drawn_for_each_run():
@@ -140,15 +141,6 @@ def test_a_seed_on_the_wrong_side(key):
     assert sim.run(120.0) == "saved"
     side = Polygon(WORLD.scenario(key).region)
     assert not side.contains(Point(np.mean(sim.seed, axis=0))) and side.contains(Point(WORLD.scenario(key).seed))
-
-
-def test_without_any_camera_the_robot_is_led_there():
-    sim = system("room", covered=NOWHERE, follows=True)
-    sim.dispatch_after = 1e9
-    assert sim.run(280.0) == "saved"
-    commands = [command for command, _, _ in sim.commands]
-    assert commands[0] == "define_border" and commands[1] == "guide_robot" and commands[-1] == "save"
-    check_drawing("room", sim)
 
 
 def test_the_person_moves_as_people_do_and_keeps_off_walls_and_robot():

@@ -85,8 +85,6 @@ class VoiceCommandsTest(unittest.TestCase):
         self.speak("has anyone seen my glasses")
         heard = self.heard.wait(lambda message: message.reason == "unlike_a_command", "the other sentence")
         self.assertFalse(heard.accepted or heard.success)
-        self.speak("this sentence goes on and on and on for much longer than any command could ever take")
-        self.heard.wait(lambda message: message.reason == "too_long", "the long sentence")
         self.assertEqual(self.requests, [])
 
     def test_a_slow_answer_does_not_make_it_deaf(self):

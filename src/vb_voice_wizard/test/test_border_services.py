@@ -1,17 +1,7 @@
-"""What the manager says of a border that other nodes do not give."""
+"""What the manager says was undone or made again."""
 
-from refusals import refused
-from vb_core.ros import services
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import UndoRedoResponse
-from vb_voice_wizard.dialogue import border_services
 from vb_voice_wizard.interaction_manager_node import _what_changed
-
-
-def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch):
-    monkeypatch.setattr(services, "call", lambda *_arguments, **_more: UndoRedoResponse(code="nothing_to_redo"))
-    with refused("nothing_to_redo"):
-        border_services.BorderServices(1.0, 1.0, 1.0).change("redo", "r1")
 
 
 def test_what_was_undone_is_named():

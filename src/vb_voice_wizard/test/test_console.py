@@ -69,15 +69,12 @@ def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
     assert "120 border" not in text(view)
 
 
-def test_a_notice_that_is_an_issue_too_is_said_once():
+def test_what_two_messages_tell_is_said_once():
     view = drawing()
     view.preview.issues[0].code = "robot_inside"
     view.notices = (Notice("robot_inside", Severity.WARNING),)
     assert text(view).count(f"! {sentences.translate('robot_inside')}") == 1
-
-
-def test_a_refused_preview_is_not_said_twice():
-    view = drawing()
+    # why a preview is refused is its sentence and its first issue
     why = BorderIssue(severity=BorderIssue.ERROR, message="It separates nothing.")
     view.preview = BorderPreview(available=True, message="It separates nothing.", issues=[why])
     assert text(view).count("It separates nothing.") == 1 and "restrict" not in text(view)

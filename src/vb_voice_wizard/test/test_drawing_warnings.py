@@ -8,48 +8,36 @@ from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
 SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera": "south"})
 
 
-def codes(warnings):
-    return [(warning.code, warning.camera) for warning in warnings.all]
-
-
-def test_an_error_of_a_camera_is_remembered_until_the_next_drawing():
+@pytest.mark.parametrize("drawing_first", [True, False])
+def test_an_error_of_a_camera_before_or_while_one_draws_is_remembered_until_the_next_drawing(drawing_first):
     warnings = DrawingWarnings()
-    warnings.start()
-    warnings.update([SILENT])
-    assert warnings.all == (SILENT,)
+    for step in (warnings.start, lambda: warnings.update([SILENT]))[:: 1 if drawing_first else -1]:
+        step()
+    for _ in range(2):
+        assert warnings.all == (SILENT,)
+        warnings.update([])
+        assert [(one.code, one.camera) for one in warnings.all] == [("camera_failed_meanwhile", "south")]
+        warnings.update([SILENT])
     warnings.update([])
-    assert codes(warnings) == [("camera_failed_meanwhile", "south")]
-    warnings.update([SILENT])
-    assert warnings.all == (SILENT,)
-    warnings.update([])
     warnings.start()
-    assert not warnings.all
-
-
-def test_an_error_that_was_there_before_the_drawing_concerns_it_too():
-    warnings = DrawingWarnings()
-    warnings.update([SILENT])
-    warnings.start()
-    warnings.update([])
-    assert codes(warnings) == [("camera_failed_meanwhile", "south")]
-
-
-@pytest.mark.parametrize("code", ["strokes_left_out", "piece_unseen", "seed_held_elsewhere"])
-def test_what_is_left_out_is_a_doubt_for_as_long_as_it_is_said(code):
-    warnings = DrawingWarnings()
-    warnings.start()
-    warnings.update([Notice(code, Severity.WARNING)])
-    assert codes(warnings) == [(code, "")]
-    warnings.update([])
     assert not warnings.all
 
 
 @pytest.mark.parametrize(
-    "notice",
-    [Notice("camera_silent", Severity.WARNING, camera="south"), Notice("robot_lost", Severity.ERROR, robot="ada")],
+    "notice, doubtful",
+    [
+        *(
+            (Notice(code, Severity.WARNING), True)
+            for code in ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
+        ),
+        (Notice("camera_silent", Severity.WARNING, camera="south"), False),
+        (Notice("robot_lost", Severity.ERROR, robot="ada"), False),
+    ],
 )
-def test_other_notices_are_no_doubt(notice):
+def test_what_is_left_out_is_a_doubt_for_as_long_as_it_is_said_and_other_notices_are_none(notice, doubtful):
     warnings = DrawingWarnings()
     warnings.start()
     warnings.update([notice])
+    assert warnings.all == ((notice,) if doubtful else ())
+    warnings.update([])
     assert not warnings.all

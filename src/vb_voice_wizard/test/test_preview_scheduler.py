@@ -28,14 +28,21 @@ def shown(
     return pace
 
 
-def test_the_first_one_is_due_at_once():
-    assert PreviewScheduler().delay(PreviewInputs(), 0.0) == 0.0
-    assert PreviewScheduler().delay(DRAWN, 0.0) == 0.0
-
-
-def test_nothing_is_done_while_nothing_changes():
-    assert shown().delay(DRAWN, 1e9) is None
-    assert shown().delay(changed(chain=places(CHAIN + 0.009), seed=places(SEED - 0.009)), 1e9) is None
+@pytest.mark.parametrize(
+    "pace, now, at, delay",
+    [
+        (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first one is due at once
+        (PreviewScheduler(), DRAWN, 0.0, 0.0),
+        (shown(), DRAWN, 1e9, None),  # nothing is done while nothing changes that can be seen
+        (shown(), changed(chain=places(CHAIN + 0.009), seed=places(SEED - 0.009)), 1e9, None),
+        (shown(), PreviewInputs(), 100.0, 0.0),  # another interaction is shown at once
+        (shown(), changed(interaction_id="i2"), 100.0, 0.0),
+        (shown(answered=False), DRAWN, 101.5, 0.5),  # a neighbour that is away is asked again
+        (shown(answered=False), DRAWN, 103.0, 0.0),
+    ],
+)
+def test_when_a_preview_is_due(pace, now, at, delay):
+    assert pace.delay(now, at) == (delay and pytest.approx(delay))
 
 
 @pytest.mark.parametrize(
@@ -58,16 +65,6 @@ def test_what_matters_is_looked_at_after_the_period(now):
 def test_slow_changes_add_up():
     pace, drifting = shown(), [changed(seed=places(SEED + step * 0.008)) for step in (1, 2)]
     assert [pace.delay(situation, 200.0) for situation in drifting] == [None, 0.0]
-
-
-def test_another_interaction_is_shown_at_once():
-    assert shown().delay(PreviewInputs(), 100.0) == 0.0
-    assert shown().delay(changed(interaction_id="i2"), 100.0) == 0.0
-
-
-def test_a_neighbour_that_is_away_is_asked_again():
-    assert shown(answered=False).delay(DRAWN, 101.5) == pytest.approx(0.5)
-    assert shown(answered=False).delay(DRAWN, 103.0) == 0.0
 
 
 @given(st.floats(0.0, 100.0))

@@ -258,7 +258,7 @@ class MqttNode:
 
     def _on_answer(self, _given: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:
-            self._show(request, answer.success, answer.code, states.sentence(answer, self._language))
+            self._show(request, answer.success, answer.code, messages.sentence_in(answer, self._language))
         elif request.command == STOP and error.code in _UNREACHED:
             self._show_unanswered(request)
         else:

@@ -15,8 +15,7 @@ import numpy as np
 from vb_core import sentences
 from vb_core.grid_map import UNKNOWN, GridMap
 from vb_core.notices import Notice, Severity
-from vb_core.ros.messages import array_from_points, mapping_from_values
-from vb_core.sentences import translate
+from vb_core.ros.messages import array_from_points, mapping_from_values, sentence_in
 from vb_core.zones import zone_of
 from vb_mqtt.entities import ANSWERS, NOTICES
 
@@ -30,12 +29,6 @@ _RESTRICTED, _SOFT = (60, 94, 213), (160, 175, 235)
 _LINE, _LINE_OFF = (0, 60, 170), (150, 150, 150)  # bgr
 
 
-def sentence(message: Any, language: str, prefix: str = "") -> str:
-    """Returns what a message with code, values and message says, in a language; `prefix`: of these fields."""
-    code, values, said = (getattr(message, prefix + field) for field in ("code", "values", "message"))
-    return translate(code, mapping_from_values(values), language, said)[:_TEXT] if code else ""
-
-
 def state_value(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the state and the last answer."""
     return {
@@ -44,7 +37,7 @@ def state_value(message: Any, language: str) -> Dict[str, Any]:
         "last_command": message.last_command,
         "last_source": message.last_source,
         "last_code": message.last_code,
-        "last_answer": sentence(message, language, "last_"),
+        "last_answer": sentence_in(message, language, "last_")[:_TEXT],
     }
 
 
@@ -59,7 +52,7 @@ def question_value(message: Any, language: str) -> Dict[str, Any]:
     asked = message.last_code.startswith(QUESTIONS) and since <= QUESTION_TIME
     answer = mapping_from_values(message.last_values).get("answer", "") if asked else ""
     return {
-        "question": sentence(message, language, "last_") if asked else NOBODY_ASKS,
+        "question": sentence_in(message, language, "last_")[:_TEXT] if asked else NOBODY_ASKS,
         "command": message.last_command if asked else "",
         "asked": message.last_source if asked else "",
         "answer": answer.replace(" ", "_"),

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
-from vb_core.ros.messages import mapping_from_values
+from vb_core.ros.messages import sentence_in
 from vb_core.vocabulary import COMMANDS, DEFAULT, STATES, STOP
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
 
@@ -53,11 +53,6 @@ class ConsoleContent:
         """Returns the words for a code in the operator's language."""
         return sentences.translate(code, values, self.language)
 
-    def sentence(self, said: Any) -> str:
-        """Returns what a message with code, values and English sentence says, in the operator's language."""
-        values = mapping_from_values(said.values)
-        return sentences.translate(said.code, values, self.language, said.message) if said.code else said.message
-
     def lines(self, now: float = 0.0) -> List[RenderableType]:
         """Writes what holds at a ROS time [s]: state, drawing, keys, what saving would do, and notices; each once."""
         said = dict(self._preview())
@@ -92,12 +87,15 @@ class ConsoleContent:
 
     def _preview(self) -> List[Tuple[str, str]]:
         preview = self.preview
-        good, text = preview.available and preview.success, self.sentence(preview)
+        good, text = preview.available and preview.success, sentence_in(preview, self.language)
         if good:
             text = self.words("preview_restricts", area=f"{preview.area_m2:.2f}")
             if preview.free_parts > 1:
                 text += " " + self.words("preview_parts", parts=preview.free_parts)
-        issues = [(self.sentence(one), WRONG if one.severity == BorderIssue.ERROR else BAD) for one in preview.issues]
+        issues = [
+            (sentence_in(one, self.language), WRONG if one.severity == BorderIssue.ERROR else BAD)
+            for one in preview.issues
+        ]
         return ([(text, GOOD if good else BAD)] if text else []) + [
             (f"! {what}", style) for what, style in issues if what not in text
         ]

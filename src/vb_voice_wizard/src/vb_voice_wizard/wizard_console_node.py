@@ -20,7 +20,7 @@ from rich.text import Text
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import commands
-from vb_core.ros.messages import BorderPreviewArray
+from vb_core.ros.messages import BorderPreviewArray, sentence_in
 from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
@@ -68,8 +68,8 @@ class WizardConsoleNode:
         if message.last_command and message.last_answered != self._answered:
             self._answered = message.last_answered
             who = message.last_source or self._view.words("console_somebody")
-            said = CommandResponse(code=message.last_code, values=message.last_values, message=message.last_message)
-            text = f"{who}, {self._view.words('command_' + message.last_command)}: {self._view.sentence(said)}"
+            said = sentence_in(message, self._view.language, "last_")
+            text = f"{who}, {self._view.words('command_' + message.last_command)}: {said}"
             self._say(text, GOOD if message.last_success else BAD)
 
     # ------------------------------------------------------------------ commands
@@ -91,7 +91,7 @@ class WizardConsoleNode:
             what = sentences.translate(error.code, error.values, self._view.language, error.message)
             self._say(self._view.words("console_try_again", what=what), BAD)
         elif answer is not None and answer.code in ("busy", "expired"):
-            self._say(self._view.sentence(answer), BAD)
+            self._say(sentence_in(answer, self._view.language), BAD)
 
     # ------------------------------------------------------------------ screen
     def _say(self, text: str, style: str) -> None:

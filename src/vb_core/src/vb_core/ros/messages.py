@@ -15,7 +15,7 @@ from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from vb_msgs.msg import BorderPreview
 
-from vb_core import geometry
+from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 
@@ -64,6 +64,15 @@ def values_from_mapping(values: Mapping[str, Any]) -> List[KeyValue]:
 def mapping_from_values(values: Iterable[KeyValue]) -> Dict[str, str]:
     """Converts a sentence's values from a message; inverse of `values_from_mapping`."""
     return {value.key: value.value for value in values}
+
+
+def sentence_in(message: Any, language: str, prefix: str = "") -> str:
+    """Returns what a message with code, values and message, its English sentence, says in a language.
+
+    `prefix`: of these fields' names, for instance "last_".
+    """
+    code, values, said = (getattr(message, prefix + field) for field in ("code", "values", "message"))
+    return sentences.translate(code, mapping_from_values(values), language, said) if code else said
 
 
 def points_from_array(points: np.ndarray) -> List[Point]:

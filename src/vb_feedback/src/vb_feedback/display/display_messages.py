@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Optional, Sequence
+from typing import List, Optional, Sequence
 
 import rospy
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
-from vb_core.ros.messages import array_from_points, mapping_from_values
+from vb_core.ros.messages import array_from_points, sentence_in
 from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionState, VirtualBorder
 from visualization_msgs.msg import Marker
 
@@ -77,16 +77,13 @@ def panel_from_state(
         )
     if state is None:
         return PanelContent(language=language)
-    message = state.last_message
-    if state.last_code:
-        message = sentences.translate(state.last_code, mapping_from_values(state.last_values), language, message)
     return PanelContent(
         state.name,
         # whole seconds, as they are shown: less is not a change
         int(state.guide_s + state.border_s + state.seed_s),
         tuple(state.available_commands),
         state.last_success,
-        message,
+        sentence_in(state, language, "last_"),
         tuple(cameras_seeing_spot),
         tuple(notices),
         stopped,
@@ -140,18 +137,13 @@ def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Pan
     """Returns why saving would fail, or what it would restrict and what to note."""
     if preview is None:
         return []
-
-    def translate(item: Any) -> str:
-        return sentences.translate(item.code, mapping_from_values(item.values), language, item.message)
-
     errors = [issue for issue in preview.issues if issue.severity == BorderIssue.ERROR]
     warnings = [issue for issue in preview.issues if issue.severity != BorderIssue.ERROR]
     if not preview.success:
-        why = translate((errors or [preview])[0])
+        why = sentence_in((errors or [preview])[0], language)
         return [PanelNotice(sentences.translate("preview_refused", {"why": why}, language), warning=True)]
     notices = [PanelNotice(sentences.translate("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
     if warnings:
-        notices.append(
-            PanelNotice(sentences.translate("preview_note", {"what": translate(warnings[0])}, language), warning=True)
-        )
+        what = sentence_in(warnings[0], language)
+        notices.append(PanelNotice(sentences.translate("preview_note", {"what": what}, language), warning=True))
     return notices
