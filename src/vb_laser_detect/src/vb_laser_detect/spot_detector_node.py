@@ -15,8 +15,8 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.image_format import AnyPicture, PixelReader
-from vb_core.ros.images import decode, message_from_image
+from vb_core.image_format import AnyPicture
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
@@ -72,7 +72,6 @@ class SpotDetectorNode:
         self._projector = FloorProjection(params.projection)
         self._detector = SpotDetector(params.detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
-        self._reader = PixelReader()
         # seconds as a float lose an image's nanoseconds; a spot is confirmed within so many images
         self._stamps: Deque[rospy.Time] = deque(maxlen=256)
         self._last_debug: Optional[rospy.Time] = None
@@ -108,8 +107,7 @@ class SpotDetectorNode:
             self._feed = CameraFeed(*where, given.source, given.capture, image, given.settings, self._mailbox, report)
             return self._feed.lens, depth
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), given.camera, image)
-        read, compressed = lambda message: self._reader.read(*decode(message)), given.image_transport == "compressed"
-        subscribe_images(image, compressed, given.frame, read, self._mailbox.put)
+        subscribe_images(image, given.image_transport, given.frame, self._mailbox.put)
         # image_rect, image_rect_color: the images are already undistorted
         return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image)), depth
 
@@ -169,7 +167,7 @@ class SpotDetectorNode:
         # what is rejected is an everyday event: counted, but not worth a warning
         rejected = [one.rejection for one in detector.candidates if one.rejection]
         rejected += ["late_image"] * (detector.late - late)
-        self._report.see_image(stamp, received.frame_id, picture, unplaced, took, located, rejected)
+        self._report.see_image(stamp, received.frame_id, picture, unplaced, took, len(located), rejected)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, received)
         if self._feed is not None:
