@@ -14,8 +14,7 @@ TOP = Path(__file__).resolve().parents[1]
 SAMPLES = {
     "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/clips.py": "{clips} --roles window",
-    "detection/constants.py": "--clips {clips} --only _MIN_LEVEL",
-    "detection/rendered.py": "'held still' --share 0.02",
+    "detection/rendered.py": "'robot turns' --share 0.02 --other {top}/src",
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",
     "lab/cameras.py": "--cameras 1 --seconds 1",
@@ -57,7 +56,7 @@ def clips(tmp_path_factory):
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_bench_runs(name, tmp_path, clips):
-    words = [word.format(folder=tmp_path, clips=clips) for word in shlex.split(SAMPLES[name])]
+    words = [word.format(top=TOP, folder=tmp_path, clips=clips) for word in shlex.split(SAMPLES[name])]
     done = subprocess.run(
         [sys.executable, str(TOP / "bench" / name), *words],
         stdout=subprocess.PIPE,

@@ -1,36 +1,30 @@
 #!/usr/bin/env python3
-"""One row for each kind of camera and images, in both roles: encodings, lasers, white levels, rates, sizes, JPEG, lenses.
+"""One row for each kind of camera and images, in both roles: encodings, lasers, white levels, rates, sizes, JPEG.
 
     python3 bench/detection/camera_kinds.py [--other REVISION|SRC] [--rows WORD ...] [--csv FILE]
 
 Rendered floors with a spot that is drawn across at the same speed per second, 1.5 s without it and 4 s (at least 24 images)
 with it (large images: 0.5 s and 1 s); a robot's camera looks round meanwhile, by up to 3 px per image. All versions see the
-same pictures in turns, as each comes. Errors are in the image [px], those of the rows of lenses on the floor [mm], 2.95 m
-below. Times are a thread's own, [ms] per image; on a busy computer only their ratio to the other version's counts.
+same pictures in turns, as each comes. Times are a thread's own, [ms] per image; on a busy computer only their ratio to the
+other version's counts.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-import time
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 import cv2
 import numpy as np
 
-from bench.detection.finder import Finder
+from bench.detection.finder import Count, Finder, LabeledFrame
 from bench.frame import TOP, Table, arguments, share, versions
-from vb_core import geometry
-from vb_core.camera_model import CameraModel
-from vb_core.errors import CodedError
-from vb_laser_detect.detection.projection import floor_points
 
 sys.path.insert(0, str(TOP / "src/vb_laser_detect/test"))
 from scenes import GREEN, RED, Scene  # noqa: E402
 
 NEAR_PX = 5.0
-POSE = geometry.transform(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 2.95))
 
 
 def uyvy(image: np.ndarray) -> np.ndarray:
@@ -49,11 +43,10 @@ SENT = {
     "bayer_rggb16": lambda image: image.astype(np.uint16) * 16,
     "yuv422": uyvy,
 }
-LENSES = {"raw": [-0.33, 0.12, 0.0, 0.0, 0.0], "rectified": [0.0] * 5, "fisheye": [-0.02, 0.004, -0.001, 0.0002]}
 
 
 class Kind(NamedTuple):
-    """One kind of camera; `encoding` and `lens` as in SENT and LENSES."""
+    """One kind of camera; `encoding` as in SENT."""
 
     name: str
     color: Tuple[float, float, float] = GREEN
@@ -63,7 +56,6 @@ class Kind(NamedTuple):
     white: float = 255.0
     jpeg: int = 0
     encoding: str = ""
-    lens: str = ""
 
 
 def kinds() -> List[Kind]:
@@ -76,24 +68,23 @@ def kinds() -> List[Kind]:
         sizes = (320, 240), (1920, 1080), (3840, 2160)
         found += [Kind(f"{kind}, {size[0]} x {size[1]}", bayer=bayer, size=size) for size in sizes]
     found += [Kind(f"{name} images", encoding=name, bayer="bayer" in name) for name in SENT]
-    found += [
+    return found + [
         Kind(f"bgr8, JPEG of quality 60, {name}", color, jpeg=60) for name, color in (("green", GREEN), ("red", RED))
     ]
-    return found + [Kind(f"bgr8, {lens} images of a lens with distortion", lens=lens) for lens in LENSES]
 
 
-def pictures(kind: Kind, moving: bool) -> Iterator[Tuple[float, np.ndarray, Optional[Tuple[float, float]]]]:
-    """Yields stamp [s], image, and where the spot is [px]."""
+def pictures(kind: Kind, moving: bool) -> Iterator[LabeledFrame]:
+    """Yields the images of a camera of a kind."""
     (width, height), margin = kind.size, 60 if moving else 0
     scene, small = Scene(width + margin, height + margin), width <= 640
     quiet = max(6, int((1.5 if small else 0.5) * kind.rate))
     for i in range(quiet + max(24, int((4.0 if small else 1.0) * kind.rate))):
-        angle, spot = 0.8 * i / kind.rate, None
+        angle, spots = 0.8 * i / kind.rate, []
         left, top = (margin * (0.5 + 0.4 * np.sin(0.12 * i + np.array([0.0, 1.0])))).astype(int)
         if i >= quiet:
-            spot = width * (0.5 + 0.33 * math.cos(angle)), height * (0.5 + 0.33 * math.sin(angle))
+            spots = [(width * (0.5 + 0.33 * math.cos(angle)), height * (0.5 + 0.33 * math.sin(angle)))]
         image = scene.render(
-            [spot] if spot else [],
+            spots,
             sigma=max(1.3, math.hypot(width, height) / 400.0),
             color=kind.color,
             floor=np.ascontiguousarray(scene.floor[top : top + height, left : left + width]),
@@ -104,41 +95,27 @@ def pictures(kind: Kind, moving: bool) -> Iterator[Tuple[float, np.ndarray, Opti
             image = cv2.imdecode(
                 cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, kind.jpeg])[1], cv2.IMREAD_COLOR
             )
-        yield i / kind.rate, SENT[kind.encoding](image) if kind.encoding else image, spot
+        image = SENT[kind.encoding](image) if kind.encoding else image
+        yield LabeledFrame(
+            i / kind.rate, image, spots, encoding=kind.encoding or ("bayer_rggb8" if kind.bayer else "bgr8")
+        )
 
 
 def measure(kind: Kind, preset: str, sources: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
     """Yields each version's figures."""
-    finders = {name: Finder(preset, source) for name, source in sources.items()}
-    told: Dict[str, List[Tuple[float, float, float]]] = {name: [] for name in sources}
-    took: Dict[str, List[float]] = {name: [] for name in sources}
-    encoding, truth = kind.encoding or ("bayer_rggb8" if kind.bayer else "bgr8"), {}
-    for t, image, spot in pictures(kind, preset == "mobile"):
-        truth[t] = spot
-        for name, finder in list(finders.items())[:: 1 - 2 * (len(truth) % 2)]:
-            began = time.thread_time()
-            try:
-                told[name] += [(one.stamp, one.u, one.v) for one in finder.find(image, t, encoding=encoding)]
-            except CodedError as error:
-                print(f"{name} refuses: {error}")
-            took[name].append(1e3 * (time.thread_time() - began))
-    near, images = NEAR_PX * max(1.0, kind.size[0] / 640.0), sum(spot is not None for spot in truth.values())
-    for name, spots in told.items():
-        pairs = [np.array([(u, v), truth[t] or (math.inf, math.inf)]) for t, u, v in spots]
-        good = [pair for pair in pairs if np.hypot(*(pair[0] - pair[1])) <= near]
-        if kind.lens:
-            matrix = CameraModel.ideal(*kind.size, 0.6 * kind.size[0]).matrix
-            camera = CameraModel(*kind.size, matrix, np.array(LENSES[kind.lens]), kind.lens == "fisheye")
-            good = [1e3 * floor_points(camera, POSE, pair)[:, :2] for pair in good]
-        errors = [float(np.hypot(*(pair[0] - pair[1]))) for pair in good]
+    reach = NEAR_PX * max(1.0, kind.size[0] / 640.0)
+    counts = {name: Count(Finder(preset, source), reach) for name, source in sources.items()}
+    for number, frame in enumerate(pictures(kind, preset == "mobile")):
+        for count in list(counts.values())[:: 2 * (number % 2) - 1]:
+            count.look(frame)
+    for name, count in counts.items():
         yield {
             "version": name,
-            "found": share(len(good), images),
-            "false": len(pairs) - len(good),
-            "median_error": float(np.median(errors)) if errors else math.nan,
-            "unit": "mm" if kind.lens else "px",
-            "ms": float(np.median(took[name])),
-            "of_other": float(np.median(np.divide(took[name], took.get("other", took[name])))),
+            "found": share(len(count.found), count.sums()["labels"]),
+            "false": len(count.false),
+            "median_error_px": float(np.median(count.errors or [math.nan])),
+            "ms": float(np.median(count.ms)),
+            "of_other": float(np.median(np.divide(count.ms, counts.get("other", count).ms))),
         }
 
 

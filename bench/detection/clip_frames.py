@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import zlib
 from pathlib import Path
-from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Taken
-from vb_core.image_format import Picture
-from vb_laser_detect.detection.projection import ImageGeometry
+from bench.detection.finder import LabeledFrame
 
 REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")
@@ -24,25 +23,6 @@ CAMERAS, ROOMS = (
     ("highres", "lifecam", "logitech", "no_interference"),
     ("indoor", "outdoor", "safari", "motion", "nobg"),
 )
-
-
-class LabeledFrame(NamedTuple):
-    """One image of a clip or scene.
-
-    Attributes:
-        image: as `SpotDetector.detect` takes it.
-        spots: (u, v) [px] of those in it.
-        unclear: (u, v) [px] of what is neither asked for nor wrong: a pulse's first or last light, or pulses without a label.
-        geometry: where its pixels are on the floor, or None.
-        shots: which one each of the spots belongs to, a clip's.
-    """
-
-    stamp: float
-    image: Union[np.ndarray, Picture]
-    spots: Sequence[Tuple[float, float]]
-    unclear: Sequence[Tuple[float, float]] = ()
-    geometry: Optional[ImageGeometry] = None
-    shots: Sequence[int] = ()
 
 
 def camera_and_room(group: str) -> Tuple[str, str]:
@@ -122,18 +102,17 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
 
 
 def frames_near_shots(
-    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None, role: str = "stationary"
+    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None
 ) -> Iterator[LabeledFrame]:
-    """Yields the frames of one clip that tell enough: those near a shot, and the first ones.
+    """Yields the frames of one clip that tell enough, seen by a camera that stands still: near a shot, and the first ones.
 
     Args:
         group: its name, and how it was taken.
         taken: how another camera takes the same pictures, and spots that are painted into them.
-        role: of the camera, see clips.py.
     """
     labelled = np.array([one["frame"] for one in video["labels"]])
     other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
-    for number, frame in enumerate(frames_of(folder / "clips" / name, video, role)):
+    for number, frame in enumerate(frames_of(folder / "clips" / name, video, "stationary")):
         far = not len(labelled) or np.abs(labelled - number).min() > NEAR_FRAMES
         if far and len(labelled) and number > FIRST_FRAMES:
             continue

@@ -19,70 +19,15 @@ in frames with pulses that nobody labelled. Frames are not independent: Wilson's
 from __future__ import annotations
 
 import json
-import math
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Sequence, Tuple
 
 import cv2
-import numpy as np
 
-from bench.detection.clip_frames import ROLES, LabeledFrame, frames_of, reach_in
-from bench.detection.finder import Finder
+from bench.detection.clip_frames import ROLES, frames_of, reach_in
+from bench.detection.finder import Count, Finder, figures
 from bench.detection.fitting import judges_of_clips
 from bench.frame import Table, arguments
-from vb_evaluation.statistics import proportion
-
-COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe")
-
-
-class Count:
-    """What a detector makes of one clip."""
-
-    def __init__(self, finder: Finder, reach: float) -> None:
-        self._finder, self._reach = finder, reach
-        self.sums = dict.fromkeys(COUNTED, 0)
-        self._shots, self._hit = set(), set()
-        self.errors: List[float] = []
-        self.places: List[Tuple[int, float, float]] = []
-        self.missed: List[Tuple[int, float, float]] = []
-
-    def look(self, frame: LabeledFrame, index: int) -> None:
-        """Searches a frame and counts."""
-        matched = set()
-        for spot in self._finder.find(frame.image, frame.stamp):
-            if spot.stamp != frame.stamp:
-                continue
-            apart, near = ([math.dist((spot.u, spot.v), one) for one in some] for some in (frame.spots, frame.unclear))
-            if min(apart, default=math.inf) < self._reach:
-                matched.add(int(np.argmin(apart)))
-                self.errors.append(min(apart))
-                continue
-            self.sums["false"] += 1
-            self.sums["false_off_fringe"] += min(near, default=math.inf) >= self._reach
-            self.places.append((index, round(spot.u, 1), round(spot.v, 1)))
-        self.missed += [(index, round(x), round(y)) for i, (x, y) in enumerate(frame.spots) if i not in matched]
-        self._shots |= set(frame.shots)
-        # painted spots belong to no shot
-        self._hit |= {frame.shots[i] for i in matched if i < len(frame.shots)}
-        for key, value in (("found", len(matched)), ("labels", len(frame.spots)), ("frames", 1)):
-            self.sums[key] += value
-        self.sums.update(shots=len(self._shots), shots_found=len(self._hit))
-
-
-def figures(counts: Sequence[Count]) -> Dict[str, Any]:
-    """Computes the figures of one clip, or of several."""
-    sums = {key: sum(one.sums[key] for one in counts) for key in COUNTED}
-    errors = [error for one in counts for error in one.errors]
-    recall, false = proportion(sums["found"], sums["labels"]), proportion(sums["false"], sums["frames"]).scaled(1e3)
-    return {
-        **sums,
-        "recall": sums["found"] / max(1, sums["labels"]),
-        "recall_95": f"{recall.low:.3f} to {recall.high:.3f}",
-        "false_per_1000": false.estimate,
-        "false_95": f"{false.low:.2f} to {false.high:.2f}",
-        "median_error_px": float(np.median(errors)) if errors else "",
-    }
 
 
 def main() -> int:
@@ -103,20 +48,14 @@ def main() -> int:
                 finders["left out"] = Finder(preset, None, judges[name], confirm_frames=1)
             if given.other:
                 finders["other"] = Finder(preset, given.other, confirm_frames=1)
-            here = {version: Count(one, reach_in(video)) for version, one in finders.items()}
-            for number, frame in enumerate(frames_of(given.folder / "clips" / name, video, role)):
+            here = {version: Count(one, reach_in(video), recalls=False) for version, one in finders.items()}
+            for frame in frames_of(given.folder / "clips" / name, video, role):
                 for count in here.values():
-                    count.look(frame, number)
+                    count.look(frame)
             for version, count in here.items():
                 counts.setdefault(version, []).append(count)
-                table.add(
-                    role=role,
-                    version=version,
-                    clip=name,
-                    **figures([count]),
-                    false_at=count.places[:12],
-                    missed_at=count.missed,
-                )
+                places = {"false_at": count.false[:12], "missed_at": count.missed()}
+                table.add(role=role, version=version, clip=name, **figures([count]), **places)
         for version, some in counts.items():
             table.add(role=role, version=version, clip="all", **figures(some))
     return 0

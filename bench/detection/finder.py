@@ -1,28 +1,41 @@
-"""A spot detector of this or another version, wired as the node does it: the only place that knows its interface."""
+"""A spot detector of this or another version, wired as the node does it, and what it makes of labelled frames.
+
+The only place that knows the detector's interface, and the only one that says which of its spots are right.
+"""
 
 from __future__ import annotations
 
+import math
+import time
 from pathlib import Path
-from typing import Any, List, Optional
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
 from bench.frame import import_from
-from vb_core.errors import CodedError
+from vb_evaluation.statistics import proportion
+
+Place = Tuple[float, float]
 
 
-class _TheirGeometry:
-    """An image's geometry for another version, whose own errors it raises."""
+class LabeledFrame(NamedTuple):
+    """One image of a clip or scene.
 
-    def __init__(self, geometry: Any, error: type) -> None:
-        self._geometry, self._error, self.to_floor = geometry, error, geometry.to_floor
+    Attributes:
+        image: as a driver sends it, in `encoding`.
+        spots: places of those in it, (u, v) [px] where nothing else is said.
+        unclear: of what is neither asked for nor wrong: a pulse's first or last light, pulses without a label, a spot half hidden.
+        geometry: makes its `ImageGeometry` with a version's module `projection`; None: it is not known.
+        shots: which one each of the spots belongs to, a clip's.
+    """
 
-    def point(self, u: float, v: float) -> Any:
-        """See `ImageGeometry.point`."""
-        try:
-            return self._geometry.point(u, v)
-        except CodedError as error:
-            raise self._error(error.code) from None
+    stamp: float
+    image: np.ndarray
+    spots: Sequence[Place]
+    unclear: Sequence[Place] = ()
+    geometry: Optional[Callable[[Any], Any]] = None
+    shots: Sequence[int] = ()
+    encoding: str = "bgr8"
 
 
 class Finder:
@@ -36,13 +49,98 @@ class Finder:
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
-        modules = import_from(source, "vb_laser_detect.detector", "vb_core.image_format", "vb_core.errors")
-        module, images, self._errors = modules
+        names = "vb_laser_detect.detector", "vb_core.image_format", "vb_laser_detect.detection.projection"
+        module, images, self._projection = import_from(source, *names)
         self._detector = module.SpotDetector(getattr(module.DetectorParams, role)(**changes), judge)
-        self._reader, self._other = images.PixelReader(), source is not None
+        self._reader = images.PixelReader()
 
-    def find(self, image: np.ndarray, stamp: float, geometry: Any = None, encoding: str = "bgr8") -> List[Any]:
-        """Searches an image as a driver sends it; returns spots, also of earlier images that were confirmed only now."""
-        if self._other and geometry is not None:
-            geometry = _TheirGeometry(geometry, self._errors.CodedError)
-        return self._detector.detect(self._reader.read(image, encoding), stamp, geometry)
+    def find(self, frame: LabeledFrame) -> List[Any]:
+        """Searches an image; returns spots, also of earlier images that were confirmed only now."""
+        geometry = frame.geometry(self._projection) if frame.geometry else None
+        return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry)
+
+
+class Count:
+    """What a detector makes of the frames of one clip, scene or camera.
+
+    Args:
+        reach: a spot so near to a frame's is right.
+        place_of: where a spot is, as the frames have it.
+        recalls: whether spots of earlier images, confirmed only now, count too.
+
+    Attributes:
+        found: stamp of each frame's spot that was found, and which of them it is.
+        errors: of those that are right.
+        false: frame's number, u, v [px] of the others; `fringe` of them are at unclear places.
+        ms: what each search took, of the thread's own time.
+    """
+
+    def __init__(
+        self,
+        finder: Finder,
+        reach: float,
+        place_of: Callable[[Any], Sequence[float]] = lambda spot: (spot.u, spot.v),
+        recalls: bool = True,
+    ) -> None:
+        self._finder, self._reach, self._place_of, self._recalls = finder, reach, place_of, recalls
+        self._frames: Dict[float, Tuple[int, LabeledFrame]] = {}
+        self.found: Set[Tuple[float, int]] = set()
+        self.false: List[Tuple[int, float, float]] = []
+        self.fringe, self.errors, self.ms = 0, [], []
+
+    def look(self, frame: LabeledFrame) -> None:
+        """Searches a frame and counts."""
+        self._frames[frame.stamp] = len(self._frames), frame._replace(image=None, geometry=None)
+        began = time.thread_time()
+        spots = self._finder.find(frame)
+        self.ms.append(1e3 * (time.thread_time() - began))
+        for spot in spots:
+            if spot.stamp != frame.stamp and not self._recalls:
+                continue
+            (number, truth), place = self._frames[spot.stamp], self._place_of(spot)
+            apart, near = ([math.dist(place, one) for one in some] for some in (truth.spots, truth.unclear))
+            if min(apart, default=math.inf) < self._reach:
+                self.found.add((spot.stamp, int(np.argmin(apart))))
+                self.errors.append(min(apart))
+            else:
+                self.false.append((number, round(spot.u, 1), round(spot.v, 1)))
+                self.fringe += min(near, default=math.inf) < self._reach
+
+    def missed(self) -> List[Tuple[int, int, int]]:
+        """Lists frame's number and place of what was not found."""
+        return [
+            (number, round(place[0]), round(place[1]))
+            for stamp, (number, frame) in self._frames.items()
+            for which, place in enumerate(frame.spots)
+            if (stamp, which) not in self.found
+        ]
+
+    def sums(self) -> Dict[str, int]:
+        """Returns what can be added up over clips."""
+        frames = [frame for _, frame in self._frames.values()]
+        of_found = ((self._frames[stamp][1].shots, which) for stamp, which in self.found)
+        return {
+            "frames": len(frames),
+            "labels": sum(len(frame.spots) for frame in frames),
+            "found": len(self.found),
+            "shots": len({shot for frame in frames for shot in frame.shots}),
+            "shots_found": len({shots[which] for shots, which in of_found if shots}),
+            "false": len(self.false),
+            "false_off_fringe": len(self.false) - self.fringe,
+        }
+
+
+def figures(counts: Sequence[Count], unit: str = "px") -> Dict[str, Any]:
+    """Computes the figures of one count, or of several."""
+    sums: Dict[str, int] = {key: sum(one.sums()[key] for one in counts) for key in counts[0].sums()}
+    errors = [error for one in counts for error in one.errors] or [math.nan]
+    recall, false = proportion(sums["found"], sums["labels"]), proportion(sums["false"], sums["frames"]).scaled(1e3)
+    return {
+        **sums,
+        "recall": sums["found"] / max(1, sums["labels"]),
+        "recall_95": f"{recall.low:.3f} to {recall.high:.3f}",
+        "false_per_1000": false.estimate,
+        "false_95": f"{false.low:.2f} to {false.high:.2f}",
+        f"median_error_{unit}": float(np.median(errors)),
+        f"p95_error_{unit}": float(np.percentile(errors, 95)),
+    }

@@ -13,6 +13,7 @@ from typing import Dict, Iterable, NamedTuple, Tuple
 
 import numpy as np
 import pandas
+from scipy.optimize import minimize
 
 from bench.detection.clip_frames import is_clip, left_out_with
 from vb_laser_detect.detection.features import SpotClassifier
@@ -39,8 +40,6 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     as three missed ones; the spots of all kinds weigh the same together. Classes must not be balanced within a kind:
     one that shows few other bright things would price each at dozens of spots, and shift its limits into the spots.
     """
-    from scipy.optimize import minimize
-
     names, truth = examples.columns[:-1], examples.truth.to_numpy()
     columns = examples[names].to_numpy().T
     kinds = np.array([_kind(group) for group in examples.index])
@@ -133,8 +132,6 @@ def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str,
 
 def calibrate(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
     """Makes a classifier's probabilities right on average on cameras and rooms that were not seen (Platt's scaling)."""
-    from scipy.optimize import minimize
-
     truth, judged = (np.concatenate(arrays) for arrays in zip(*((one.truth, one.logits) for one in left_out)))
 
     def loss(scaling: np.ndarray) -> float:

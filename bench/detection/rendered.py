@@ -12,7 +12,8 @@ import sys
 
 import cv2
 
-from bench.detection.hard_scenes import Camera, play
+from bench.detection.finder import Count, Finder, figures
+from bench.detection.hard_scenes import NEAR_MM, floor_place, frames
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
 from bench.frame import Table, arguments, versions
@@ -27,9 +28,14 @@ def main() -> int:
     table, room, rooms = Table(given.csv), lab(), Rooms(given.seed)
     for scene in ceiling_scenes(room) + mobile_scenes(room):
         if any(word in scene.title for word in given.scenes):
-            cameras = {name: Camera(scene, rooms, source) for name, source in versions(given).items()}
-            for version, outcome in zip(cameras, play(scene, list(cameras.values()), given.share)):
-                table.add(scene=scene.title, version=version, seed=given.seed, share=given.share, **outcome.summary())
+            finders = {version: Finder(scene.role, source) for version, source in versions(given).items()}
+            counts = {version: Count(finder, NEAR_MM, floor_place) for version, finder in finders.items()}
+            for frame in frames(scene, rooms, given.share):
+                for count in counts.values():
+                    count.look(frame)
+            for version, count in counts.items():
+                found = {**figures([count], "mm"), "false_at": count.false[:12]}
+                table.add(scene=scene.title, version=version, seed=given.seed, share=given.share, **found)
     return 0
 
 

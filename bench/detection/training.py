@@ -32,17 +32,15 @@ import pandas
 
 from bench.detection import clip_frames, fitting
 from bench.detection.augmentation import Taken, takes
-from bench.detection.clip_frames import LabeledFrame, frames_near_shots
-from bench.detection.hard_scenes import Camera, Scene, course
+from bench.detection.finder import Finder, LabeledFrame
+from bench.detection.hard_scenes import Scene, frames
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
 from bench.frame import TOP, Table, arguments
-from vb_core.image_format import PixelReader
 from vb_laser_detect.detection.features import Blob, SpotClassifier
-from vb_laser_detect.detector import DetectorParams, SpotDetector
 
 SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than rendered.py's
-SCENE_REACH_PX = 14.0
+SCENE_REACH_PX, CLEAR = 14.0, 0.7  # [px], and how much of a spot's light must arrive for an example
 
 
 class Oracle(SpotClassifier):
@@ -71,7 +69,7 @@ class Oracle(SpotClassifier):
         return any(math.hypot(blob.u - u, blob.v - v) < self.reach for u, v in places)
 
 
-def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float) -> pandas.DataFrame:
+def collect(shown: Iterable[LabeledFrame], role: str, group: str, reach: float) -> pandas.DataFrame:
     """Collects the examples of one clip or scene.
 
     Args:
@@ -82,10 +80,10 @@ def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, 
         A row for each blob: its features, NaN where one says nothing, and its truth; the group is the index.
     """
     oracle = Oracle(reach)
-    detector = SpotDetector(params, oracle)
-    for frame in frames:
+    finder = Finder(role, None, oracle, confirm_frames=1)
+    for frame in shown:
         oracle.frame = frame
-        detector.detect(frame.image, frame.stamp, frame.geometry)
+        finder.find(frame)
     # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
     values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
     names = list(oracle.rows[0]) if oracle.rows else None
@@ -94,26 +92,14 @@ def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, 
 
 def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> pandas.DataFrame:
     """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
-    frames = frames_near_shots(folder, name, video, group, taken)
-    return collect(frames, DetectorParams.stationary(confirm_frames=1), group, clip_frames.reach_in(video))
+    shown = clip_frames.frames_near_shots(folder, name, video, group, taken)
+    return collect(shown, "stationary", group, clip_frames.reach_in(video))
 
 
 def from_scene(scene: Scene, rooms: Rooms) -> pandas.DataFrame:
     """Examples of the first part of a rendered scene."""
-    camera, reader = Camera(scene, rooms), PixelReader()
-
-    def frames() -> Iterator[LabeledFrame]:
-        for t, index, snapshot in course(scene, SCENES_SHARE, LEARN_S):
-            image, frame, view = camera.picture(index, snapshot)
-            spot = view.spot(snapshot)
-            places = [tuple(spot.center)] if spot is not None else []
-            clear = places and view.spot_share(snapshot) >= 0.7
-            yield LabeledFrame(
-                t, reader.read(image, camera.encoding), places if clear else [], [] if clear else places, frame
-            )
-
-    preset = DetectorParams.mobile if scene.mobile else DetectorParams.stationary
-    return collect(frames(), preset(confirm_frames=1), scene.title, SCENE_REACH_PX)
+    shown = frames(scene, rooms, SCENES_SHARE, LEARN_S, CLEAR, on_floor=False)
+    return collect(shown, scene.role, scene.title, SCENE_REACH_PX)
 
 
 def parts_of(clips: Optional[Path], words: Sequence[str]) -> Iterator[Tuple[str, Callable[[], pandas.DataFrame]]]:

@@ -43,20 +43,10 @@ SLOW = 0.1  # [m/s]
 STEP = 0.005  # [s] of the hand's movement
 BEND = 0.01  # of a side's length
 BOX = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2]])
-
-
-@dataclass(frozen=True)
-class Eyes:
-    """How the pointer is seen."""
-
-    rates: Tuple[float, ...] = (25.0, 30.0)  # [1/s]
-    bias: float = 0.03  # [m]
-    noise: float = 0.005  # [m]
-    tremor: float = 0.012  # [m]
-    dropped: float = 0.2
-    bursts: float = 0.3  # [1/s]
-    strays: float = 0.03
-    setback: float = 0.0  # [s] by which all clocks are set back in the middle
+# how the pointer is seen
+RATES = (25.0, 30.0)  # [1/s] of the cameras
+BIAS, NOISE, TREMOR = 0.03, 0.005, 0.012  # [m]
+DROPPED, BURSTS, STRAYS = 0.2, 0.3, 0.03  # share, [1/s], share
 
 
 @dataclass
@@ -67,6 +57,7 @@ class Scene:
     closed: bool
     way: np.ndarray
     shown: np.ndarray
+    setback: float = 0.0  # [s] by which all clocks are set back in the middle
 
 
 def side(start, end, speed: float, rng: np.random.Generator) -> np.ndarray:
@@ -148,30 +139,30 @@ def sides_apart(rng: np.random.Generator) -> Scene:
     return Scene(np.vstack([drawn[number] for number in range(4)]), True, np.vstack(parts), np.concatenate(shown))
 
 
-def look(scene: Scene, eyes: Eyes, rng: np.random.Generator):
+def look(scene: Scene, rng: np.random.Generator):
     """Sees a scene; returns points, stamps and cameras, in the order in which they arrive."""
     end = len(scene.way) * STEP
     keep = np.exp(-STEP / 0.25)
-    hand = lfilter([1.0], [1.0, -keep], rng.normal(0.0, eyes.tremor * np.sqrt(1 - keep**2), scene.way.shape), axis=0)
+    hand = lfilter([1.0], [1.0, -keep], rng.normal(0.0, TREMOR * np.sqrt(1 - keep**2), scene.way.shape), axis=0)
     rows = []
-    for camera, rate in enumerate(eyes.rates):
+    for camera, rate in enumerate(RATES):
         t = np.arange(rng.uniform(0.0, 1.0 / rate), end, 1.0 / rate)
-        for begin in rng.uniform(0.0, end, rng.poisson(eyes.bursts * end)):
+        for begin in rng.uniform(0.0, end, rng.poisson(BURSTS * end)):
             t = t[(t < begin) | (t > begin + rng.exponential(0.2))]
         step = np.minimum((t / STEP).astype(int), len(scene.way) - 1)
-        seen = scene.shown[step] & (rng.random(len(t)) >= eyes.dropped)
+        seen = scene.shown[step] & (rng.random(len(t)) >= DROPPED)
         t, step = t[seen], step[seen]
         angle = rng.uniform(0.0, 2.0 * np.pi)
-        off = eyes.bias * np.array([np.cos(angle), np.sin(angle)])
-        at = scene.way[step] + hand[step] + off + rng.normal(0.0, eyes.noise, (len(t), 2))
+        off = BIAS * np.array([np.cos(angle), np.sin(angle)])
+        at = scene.way[step] + hand[step] + off + rng.normal(0.0, NOISE, (len(t), 2))
         rows.append(np.column_stack([t, at, np.full(len(t), camera)]))
-    count = int(round(eyes.strays * sum(map(len, rows))))
+    count = int(round(STRAYS * sum(map(len, rows))))
     low, high = scene.way.min(axis=0) - MARGIN, scene.way.max(axis=0) + MARGIN
     strays = np.column_stack([rng.uniform(0.0, end, count), rng.uniform(low, high, (count, 2))])
-    rows.append(np.column_stack([strays, rng.integers(0, len(eyes.rates), count)]))
+    rows.append(np.column_stack([strays, rng.integers(0, len(RATES), count)]))
     rows = np.vstack(rows)
     rows = rows[np.argsort(rows[:, 0])]
-    stamps = np.where(rows[:, 0] > 0.5 * end, rows[:, 0] - eyes.setback, rows[:, 0])
+    stamps = np.where(rows[:, 0] > 0.5 * end, rows[:, 0] - scene.setback, rows[:, 0])
     return rows[:, 1:3], stamps, rows[:, 3].astype(int)
 
 
@@ -204,23 +195,23 @@ def held(rng: np.random.Generator) -> Scene:
     return Scene(right[None], False, np.vstack(parts), np.concatenate(shown))
 
 
-def judge_seed(make: Callable, eyes: Eyes, modules: List[Any], rng: np.random.Generator) -> Judgement:
+def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Judges the seed as `judge` does a border; 15 cm beside the place that is meant it is bad."""
     scene, live, finding = make(rng), *modules[3:]
-    points, stamps, cameras = look(scene, eyes, rng)
+    points, stamps, cameras = look(scene, rng)
     drawn = live.DrawnBorder(dwells=finding.find_dwells(points, stamps=stamps, cameras=cameras))
     off = float(np.hypot(*(scene.truth[0] - drawn.seed)))
     told = drawn.other_dwell is not None
     return off > 0.15, off > 0.15 and not told, told, off
 
 
-def judge(make: Callable, eyes: Eyes, modules: List[Any], rng: np.random.Generator) -> Judgement:
+def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Returns whether the border is bad, whether silently, whether something is told, and how far off it is [m]."""
     extraction, collecting, errors = modules[:3]
     scene = make(rng)
     collector = collecting.Collector()
     collector.set_state(collecting.BORDER, "drawing", 0.0)
-    for at, stamp, camera in zip(*look(scene, eyes, rng)):
+    for at, stamp, camera in zip(*look(scene, rng)):
         collector.add(collecting.FloorSpot(stamp, *at, str(camera), 1.0, False))
     rows = collector.collection().border
     try:
@@ -234,16 +225,15 @@ def judge(make: Callable, eyes: Eyes, modules: List[Any], rng: np.random.Generat
     return bad, bad and not told, told, off
 
 
-USUAL = Eyes()
-ROWS: Dict[str, Tuple[Callable, Eyes, int]] = {
-    "figures and lines": (shapes, USUAL, 120),
-    "hidden piece of 0.5, 0.6, 0.8 m": (lambda rng: hidden(rng.choice([0.5, 0.6, 0.8]), rng), USUAL, 120),
-    "sides in the order 1-3-2-4": (sides_apart, USUAL, 30),
-    "pointer lifted once": (lifted, USUAL, 60),
-    "5 cm/s": (slow, USUAL, 80),
-    **{f"ring of {size:g} m": (lambda rng, size=size: ring(size, rng), USUAL, 40) for size in (0.2, 0.3)},
-    "clocks set back by 5 s": (lambda rng: polygon(BOX, True, rng), replace(USUAL, setback=5.0), 12),
-    "seed, held longer at a wrong place before": (held, USUAL, 60),
+ROWS: Dict[str, Tuple[Callable, int]] = {
+    "figures and lines": (shapes, 120),
+    "hidden piece of 0.5, 0.6, 0.8 m": (lambda rng: hidden(rng.choice([0.5, 0.6, 0.8]), rng), 120),
+    "sides in the order 1-3-2-4": (sides_apart, 30),
+    "pointer lifted once": (lifted, 60),
+    "5 cm/s": (slow, 80),
+    **{f"ring of {size:g} m": (lambda rng, size=size: ring(size, rng), 40) for size in (0.2, 0.3)},
+    "clocks set back by 5 s": (lambda rng: replace(polygon(BOX, True, rng), setback=5.0), 12),
+    "seed, held longer at a wrong place before": (held, 60),
 }
 
 
@@ -254,11 +244,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[""], help="rows with one of these in their names")
     given = parser.parse_args()
     table = Table(given.csv)
-    for number, (name, (make, eyes, count)) in enumerate(ROWS.items()):
+    for number, (name, (make, count)) in enumerate(ROWS.items()):
         for version, source in versions(given).items() if any(part in name for part in given.only) else ():
             modules, seeds = import_from(source, *MODULES), range(max(1, int(count * given.times)))
             look_at = judge_seed if make is held else judge
-            found = [look_at(make, eyes, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]
+            found = [look_at(make, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]
             bad, silent, told, off = np.array(found, float).T
             counts = {"bad": int(bad.sum()), "silent": share(int(silent.sum()), len(found)), "told": int(told.sum())}
             table.add(row=name, version=version, **counts, median_m=float(np.nanmedian(off)))

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import multiprocessing
 import os
-import subprocess
 import sys
 import time
 from contextlib import ExitStack
-from typing import List
+from typing import List, Tuple
 
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
@@ -24,9 +24,6 @@ from tornado.websocket import websocket_connect
 from bench.frame import Table, arguments, quantiles
 from bench.lab.page_lab import Pointer, node_process, start
 from vb_core.ros.commands import make_request, send
-from vb_evaluation.processes import spawn
-
-LISTENER = "from bench.lab import page; page.listen_many({port}, {count}, {seconds})"
 
 
 async def listen(port, until, stamps, sizes):
@@ -39,7 +36,7 @@ async def listen(port, until, stamps, sizes):
         except asyncio.TimeoutError:
             break
         if text is None:
-            raise SystemExit("the page hung up")
+            raise OSError("the page hung up")
         now = time.time()
         sizes.append(len(text))
         for camera, spot in json.loads(text).get("view", {}).get("spots", {}).items():
@@ -49,30 +46,29 @@ async def listen(port, until, stamps, sizes):
     link.close()
 
 
-def listen_many(port: int, count: int, seconds: float) -> None:
-    """Runs in a separate process; prints delays [s] and bytes as JSON."""
+def listen_many(port: int, count: int, seconds: float) -> Tuple[List[float], List[int]]:
+    """Runs in a separate process; returns delays [s], and the size of each message."""
     stamps, sizes, until = [], [], time.monotonic() + seconds
 
     async def run() -> None:
         await asyncio.gather(*(listen(port, until, stamps, sizes) for _ in range(count)))
 
     asyncio.run(run())
-    print(json.dumps([stamps, sum(sizes), len(sizes)]))
+    return stamps, sizes
 
 
 def cost(table: Table, port: int, counts: List[int], seconds: float) -> None:
     """Measures what so many browsers' links cost while somebody draws."""
     send(make_request("define_border", "bench", 10.0))  # lines are shown in that state
-    pointer, process = Pointer(), node_process()
+    pointer, process, ears = Pointer(), node_process(), multiprocessing.get_context("spawn").Pool(1)
     for count in counts:
-        script = LISTENER.format(port=port, count=count, seconds=seconds + 2)
-        ears = spawn([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
+        heard = ears.apply_async(listen_many, (port, count, seconds + 2))
         time.sleep(2.0)
         before, began = sum(process.cpu_times()[:2]), time.monotonic()
         pointer.run(seconds)
         used = (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - began)
-        delays, size, messages = json.loads(ears.communicate(timeout=60)[0])
-        each = {"kB_per_s": size / count / seconds / 1000, "messages_per_s": messages / count / seconds}
+        delays, sizes = heard.get(60)
+        each = {"kB_per_s": sum(sizes) / count / seconds / 1000, "messages_per_s": len(sizes) / count / seconds}
         table.add(what="links", browsers=count, cores=used, **quantiles(delays), **each, load=os.getloadavg()[0])
 
 

@@ -16,14 +16,20 @@ GOOD_DRAFT = {
     "enabled": True,
     "robots": [],
 }
-TEMPLATES = [
-    {"do": "command", "id": "1", "command": "save", "seen_stop": "", "age": 0},
-    {"do": "add", "id": "1", "draft": GOOD_DRAFT},
-    {"do": "update", "id": "1", "draft": GOOD_DRAFT, "border": "b1", "revision": 1},
-    {"do": "rename", "id": "1", "name": "x", "border": "b1", "revision": 1},
-    {"do": "remove", "id": "1", "border": "b1", "revision": 1},
-    {"do": "send", "id": "1", "robot": "ada", "goal": [1.0, 2.0]},
-]
+TARGET = {"border": "b1", "revision": 3}
+GOOD = {  # the fields of a request of each action
+    "command": {"command": "save", "seen_stop": "5a", "age": 0.1},
+    "preview": {"draft": GOOD_DRAFT, "border": ""},
+    "add": {"draft": GOOD_DRAFT},
+    "update": {"draft": GOOD_DRAFT, **TARGET},
+    "rename": {"name": "Küche 厨房", **TARGET},
+    "enable": {"enabled": False, **TARGET},
+    "remove": dict(TARGET),
+    "send": {"robot": "ada", "goal": [1.0, 2.0]},
+    "halt": {"robot": ""},
+    "confirm_map": {"same": True, "map_id": "0af3"},
+    "invite": {},
+}
 NASTY = [
     None,
     True,
@@ -99,9 +105,10 @@ def hostile_messages(count, seed):
             text = draw.choice(RAW)
             yield text if draw.random() < 0.7 else text + chr(draw.randrange(1, 0x2FF)) * draw.randrange(20)
             continue
-        message = copy.deepcopy(draw.choice(TEMPLATES))
+        action = draw.choice(sorted(GOOD))
+        message = {"do": action, "id": "1", **copy.deepcopy(GOOD[action])}
         for _ in range(draw.randrange(1, 4)):
-            path = draw.choice([path for path in _places(message) if path])
+            path = draw.choice([path for path in _places(message) if path] or [("id",)])
             target = message
             try:
                 for key in path[:-1]:

@@ -59,3 +59,14 @@ def test_a_time_that_is_not_known_is_refused(lookup):
     assert lookup.lookup("map", "camera", rospy.Time(5.5), 0.0) == pytest.approx(CAMERA)
     with refused("no_transform"):
         lookup.lookup("map", "camera", rospy.Time(9), 0.0)
+
+
+def test_where_a_frame_is_on_the_map_is_known_as_long_as_somebody_tells_it(lookup):
+    assert lookup.pose_on_map("base", 3.0) is None
+    place(lookup, "base", geometry.transform_from_pose2d(1.0, 2.0, 0.5), stamp=8, static=False)  # it is 10 s now
+    assert lookup.pose_on_map("base", 3.0) == pytest.approx((1.0, 2.0, 0.5))
+    assert lookup.pose_on_map("base", 1.5) is None
+    place(lookup, "fixed", geometry.transform_from_pose2d(math.inf, 2.0, 0.5))
+    assert lookup.pose_on_map("fixed", 3.0) is None
+    place(lookup, "fixed", geometry.transform_from_pose2d(3.0, 2.0, 0.5))
+    assert lookup.pose_on_map("fixed", 0.0) == pytest.approx((3.0, 2.0, 0.5))

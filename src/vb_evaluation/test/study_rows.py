@@ -11,6 +11,7 @@ import numpy as np
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.report.data import KEY, MEASURES
+from vb_evaluation.report.maps import write_truths
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
@@ -73,13 +74,9 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=F
     if maps:
         world = load_world(str(WORLD))
         prior = floor_plan.physical_map(world)
-        (folder / "maps").mkdir(exist_ok=True)
-        write_map(folder / "maps" / "physical", prior)
-        for key, scenario in world.scenarios.items():
-            truth = floor_plan.ground_truth(world, scenario)
-            write_map(
-                folder / "maps" / f"truth_{key}", prior.with_data(np.where(truth, 100, prior.data).astype(np.int8))
-            )
+        truths = {key: floor_plan.ground_truth(world, scenario) for key, scenario in world.scenarios.items()}
+        write_truths(folder, prior, truths)
+        for key, truth in truths.items():
             for row in rows:
                 if row["scenario"] == key and row["completed"]:
                     drawn = np.roll(truth, tuple(random.integers(-2, 3, 2)), (0, 1)) & (prior.data == 0)

@@ -23,11 +23,9 @@ def test_without_move_base_it_says_so_at_once(monkeypatch):
         raise rospy.ROSException("timeout exceeded")
 
     monkeypatch.setattr(rospy, "wait_for_service", nobody)
-    check = NavigationCheck.__new__(NavigationCheck)
-    check._move_base = "/robot1/move_base"
-    with pytest.raises(CodedError, match="/robot1/move_base/make_plan") as caught:
-        check.run()
-    assert caught.value.code == "no_planner" and waited == [("/robot1/move_base/make_plan", 2.0)]
+    with refused("no_planner") as caught:
+        NavigationCheck((0.0, 0.0), move_base="robot1/move_base").run()
+    assert "/robot1/move_base/make_plan" in str(caught.value) and waited == [("/robot1/move_base/make_plan", 2.0)]
 
 
 class Planner:

@@ -261,10 +261,10 @@ def test_a_study_s_methods_and_scenarios_come_in_their_order_and_what_was_not_pl
     assert study.scenarios == ["corner", "desk", "door"] and study.scenario_title("desk") == "The desk"
     assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1 and study.people
     assert len(study.missing) == 2 * 3 * 3 - 3 and "p2, The desk, Robot only" in study.missing
-    assert np.isnan(study.runs.helped).all() and not study.has_worlds
-    cells = {(row["scenario"], row["method"]): row["n"] for row in study.rows(lambda cell: {"n": len(cell.runs)})}
+    assert np.isnan(study.runs.helped).all() and sensitivity.plausible_worlds_section(study) == []
+    cells = {(row["scenario"], row["method"]): row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)})}
     assert cells["Door", "Other"] == 1 and sum(cells.values()) == 3
-    assert sum(row["n"] for row in study.rows(lambda cell: {"n": len(cell.runs)}, completed=1)) == 2
+    assert sum(row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)}, completed=1)) == 2
     rows[3].update(as_planned="1", helped="often")
     study_rows.write(tmp_path / "runs.csv", columns, rows)
     assert np.isnan(read_study(tmp_path).runs.completed.iloc[3]), "what is not known is no failure"

@@ -184,10 +184,10 @@ def test_the_corners_of_every_range_are_possible():
 
 def test_worlds_cover_all_scenarios_and_both_methods():
     jobs = plan.world_jobs(STUDY.changed({"design/worlds": 9}))
-    assert len(jobs) == 18 and {(job.task.scenario, job.task.method) for job in jobs} == {
+    assert len(jobs) == 18 and {(job.scenario, job.method) for job in jobs} == {
         (scenario, method) for scenario in STUDY.design.scenarios for method in STUDY.design.methods
     }
-    assert len({job.task.participant for job in jobs}) == 9
+    assert len({job.participant for job in jobs}) == 9
 
 
 def test_the_examples_of_the_documentation_work(tmp_path):

@@ -32,7 +32,7 @@ class DispatcherTest(unittest.TestCase):
         cls.ada, cls.bob = Body((5.0, 2.5, 0.0), "ada"), Body((5.4, 0.6, 0.0), "bob")
         cls.stimulus = Stimulus(pose=(0.5, 0.5, 0.0), others=(cls.ada, cls.bob))
         cls.stimulus.set_state(DEFAULT)
-        cls.bases = {body.name: FaultyMoveBase(body) for body in (cls.ada, cls.bob)}
+        cls.bases = {name: FaultyMoveBase(name) for name in ("ada", "bob")}
         cls.words = []
         rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.words.extend(n.code for n in message.notices))
         cls.maps = {
@@ -63,7 +63,6 @@ class DispatcherTest(unittest.TestCase):
         Maps, transforms and what navigation says of itself reach the dispatcher each in its own time. A drawing may
         begin before it has heard what a test has just said, and then another robot is rightly sent.
         """
-        poses = [(base.body, base.body.pose) for base in self.bases.values()]
 
         def is_first():
             self.draw_once(spot)
@@ -72,8 +71,6 @@ class DispatcherTest(unittest.TestCase):
             if asked and min(asked, key=asked.get) == first:
                 return True
             self.stop_drawing()
-            for body, pose in poses:
-                body.pose = pose
             return False
 
         wait_until(is_first, lambda: f"{first} to be sent first", 180.0)
@@ -94,11 +91,10 @@ class DispatcherTest(unittest.TestCase):
 
     def is_sent(self, name, count=1):
         wait_until(lambda: len(self.goals(name)) >= count, lambda: f"{count} goals of {name}; {self.goals(name)}")
-        return self.goals(name)[-1][1]
+        return self.goals(name)[-1]
 
     # ------------------------------------------------------------- who goes
     def test_waits_for_a_stationary_camera_then_sends_one_once_and_cancels(self):
-        self.bases["ada"].behavior = "hold"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (*SPOT, "ada", True)
         self.hear_spots(20)
@@ -112,7 +108,10 @@ class DispatcherTest(unittest.TestCase):
         self.hear_spots(30)
         self.assertEqual([len(self.goals(name)) for name in self.bases], [1, 0], "a spot that stays needs one goal")
         self.stimulus.set_state(GUIDE)
-        wait_until(lambda: self.bases["ada"].stopped, "the goal to be cancelled with the state")
+        wait_until(lambda: self.bases["ada"].cancelled, "the goal to be cancelled with the state")
+        self.stop_drawing()
+        self.draw_once((3.0, 3.5))
+        self.is_sent("ada")  # the next interaction is like any other
 
     def hear_spots(self, count):
         seen = []
@@ -121,12 +120,11 @@ class DispatcherTest(unittest.TestCase):
         listener.unregister()
 
     def test_a_goal_of_a_killed_dispatcher_is_cancelled_by_the_next_one(self):
-        self.bases["ada"].behavior = "hold"
         self.draw()
         self.stimulus.spot = None
         os.kill(process_of("/robot_monitor"), signal.SIGKILL)
         self.stimulus.set_state(DEFAULT)
-        wait_until(lambda: self.bases["ada"].stopped, "a dispatcher that comes back and cancels its goal", 120.0)
+        wait_until(lambda: self.bases["ada"].cancelled, "a dispatcher that comes back and cancels its goal", 120.0)
 
     def test_two_never_take_the_same_place(self):
         self.draw()
@@ -138,7 +136,6 @@ class DispatcherTest(unittest.TestCase):
         goal.goal_id.id = "somebody"
         goal.goal.target_pose.header.frame_id = "map"
         goal.goal.target_pose.pose = message_from_pose2d(*best)
-        self.bases["bob"].behavior = "hold"
         self.addCleanup(self.bases["bob"].rest)  # nobody else ends this goal
         somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
         wait_until(lambda: somebody.get_num_connections() > 1, "bob to hear of goals, and the monitor")
@@ -161,15 +158,13 @@ class DispatcherTest(unittest.TestCase):
 
     # ------------------------------------------------------------- faults
     def test_abort_another_takes_over(self):
-        self.bases["ada"].behavior = "abort"
+        self.bases["ada"].aborts = True
         self.draw()
         self.is_sent("bob")
-        wait_until(lambda: math.dist(self.bob.pose[:2], SPOT) < 1.6 and not self.bases["bob"].active, "bob to arrive")
 
     def test_navigation_that_dies_while_driving(self):
         self.draw()
         self.is_sent("ada")
-        wait_until(lambda: self.ada.velocity[0] > 0.0, "ada to drive")
         self.bases["ada"].die()
         self.is_sent("bob")
 
@@ -184,20 +179,6 @@ class DispatcherTest(unittest.TestCase):
         self.stimulus.spot = (*SPOT, "red", False)
         self.bases["bob"].revive()
         self.is_sent("bob")
-
-    def test_cancel_while_driving_stops_the_robot(self):
-        self.draw()
-        self.is_sent("ada")
-        wait_until(lambda: self.ada.velocity[0] > 0.3, "ada to drive")
-        cancelled = rospy.Time.now().to_sec()
-        self.stimulus.spot = None
-        self.stimulus.set_state(DEFAULT)
-        wait_until(lambda: self.bases["ada"].stopped, "ada to be stopped")
-        print(f"cancel to stop: {1e3 * (self.bases['ada'].stopped[0] - cancelled):.0f} ms")
-        self.assertEqual(self.ada.velocity, (0.0, 0.0))
-        # and the next interaction is like any other
-        self.draw_once((3.0, 3.5))
-        self.is_sent("ada", 2)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.vocabulary import DEFAULT, GUIDE
 from vb_msgs.msg import DriverState, NoticeArray, Stop
-from vb_robot import robot_driver_node
 
 
 class DriverTest(unittest.TestCase):
@@ -39,10 +38,6 @@ class DriverTest(unittest.TestCase):
         cls.stop = rospy.Publisher(names.STOP, Stop, queue_size=1)
         cls.wish = None
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.on_timer)
-        cls.stimulus.scan_range, cls.stimulus.scan_frame = (
-            7.0,
-            "/base_laser_link",
-        )  # as drivers of tf's first version do
         cls.stimulus.set_state(DEFAULT)
         wait_until(lambda: cls.drivers.get("") and cls.drivers.get("ada"), "both drivers")
 
@@ -67,7 +62,7 @@ class DriverTest(unittest.TestCase):
             cls.navigation.publish(message)
 
     def setUp(self):
-        self.stimulus.spot, self.stimulus.silent, self.stimulus.confidence = None, False, 1.0
+        self.stimulus.spot, self.stimulus.silent = None, False
         type(self).wish = None
         self.stimulus.set_state(DEFAULT)
         wait_until(lambda: self.stimulus.velocity == (0.0, 0.0) == self.ada.velocity, "both robots to stand")
@@ -159,14 +154,6 @@ class DriverTest(unittest.TestCase):
         self.stimulus.latch.resume(self.stimulus.latch.number)
         self.wait_driven()
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
-
-    def test_a_scanner_whose_frame_begins_with_a_slash_is_heard_and_without_a_scan_it_stops(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
-        self.stimulus.scan_range = None
-        self.wait_hold("scan_lost")
-        self.stimulus.scan_range = 7.0
-        self.wait_driven()
 
     def test_maps_of_different_geometry_stop_it(self):
         type(self).wish = (0.05, 0.2)
@@ -288,20 +275,6 @@ class DriverTest(unittest.TestCase):
     def test_the_path_is_that_of_the_planner_that_navigation_has(self):
         planner = rospy.Publisher("ada/move_base/GlobalPlanner/plan", Path, queue_size=1)
         wait_until(lambda: planner.get_num_connections() > 0, "the driver to listen")
-
-    def test_a_contact_that_cannot_be_heard_or_read_is_refused(self):
-        integer = {"topic": "bumper", "type": "std_msgs/UInt8"}
-        for wrong, complaint in (
-            ({"topic": "bumper", "type": "no_such_msgs/Bumper"}, "no_such_msgs/Bumper"),
-            ({**integer, "field": "pressed"}, "has no field"),
-            ({**integer, "field": "data", "sensor": "which"}, "has no field"),
-        ):
-            rospy.set_param("robot_profile", {"contacts": [wrong]})
-            try:
-                with self.assertRaisesRegex(Exception, complaint):
-                    robot_driver_node.build()
-            finally:
-                rospy.delete_param("robot_profile")
 
     def test_every_value_of_a_contact_but_the_clear_one_counts(self):
         bumper = rospy.Publisher("ada/bumper", UInt8, queue_size=1)

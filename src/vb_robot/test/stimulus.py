@@ -58,15 +58,12 @@ class Stimulus(Body):
         self.others = others  # Bodies
         self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
         self.spot_frame = "map"
-        self.scan_frame = "base_laser_link"
-        self.scan_range = None  # [m] what a scanner in the robot's middle sees straight ahead; None: no scans
         self._broadcaster = tf2_ros.TransformBroadcaster()
         self._map = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
         self._physical = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self._state = rospy.Publisher(names.STATE, InteractionState, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
         self._scans = rospy.Publisher("scan", LaserScan, queue_size=1)
-        self.confidence = 1.0
         self.silent = False  # the interaction manager is
         self._state_message, self._ticks = None, 0
         self._count = 0
@@ -115,22 +112,19 @@ class Stimulus(Body):
         transforms = [transform for body in (self, *self.others) for transform in body.step(now)]
         with self.lock:
             spot, frame = self.spot, self.spot_frame
-        if self.scan_range is not None:
-            scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
-            # the stamp is the first beam's, and the scanner turns slowly: what it sees is new all the same
-            scan.header.stamp, scan.time_increment = now - rospy.Duration(0.4), 0.4 / 360
-            scan.header.frame_id = self.scan_frame
-            scan.range_min, scan.range_max = 0.1, 8.0
-            # a flat obstacle 0.4 m wide ahead
-            angles = scan.angle_min + scan.angle_increment * np.arange(361)
-            with np.errstate(divide="ignore"):
-                hit = (np.abs(angles) < math.pi / 2) & (np.abs(np.tan(angles)) * self.scan_range < 0.2)
-                scan.ranges = np.where(hit, self.scan_range / np.cos(angles), np.inf).tolist()
-            self._scans.publish(scan)
+        # a scanner in the robot's middle that sees nothing near, its frame as drivers of tf's first version name it
+        scan = LaserScan(
+            angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0, ranges=[math.inf] * 361
+        )
+        # the stamp is the first beam's, and the scanner turns slowly: what it sees is new all the same
+        scan.header.stamp, scan.time_increment = now - rospy.Duration(0.4), 0.4 / 360
+        scan.header.frame_id = "/base_laser_link"
+        scan.range_min, scan.range_max = 0.1, 8.0
+        self._scans.publish(scan)
         transforms.append(message_from_transform(np.eye(4), "base_link", "base_laser_link", now))
         self._broadcaster.sendTransform(transforms)
         if spot is not None:
-            message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=self.confidence)
+            message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=1.0)
             message.header.stamp, message.header.frame_id = now, frame
             message.position = Point(spot[0], spot[1], 0.0)
             self.spots.publish(message)

@@ -26,15 +26,13 @@ class Lab:
     def __init__(self, robot=(7.0, 1.0, 0.0)):
         grid = room()
         self.dispatcher = Dispatcher({"": 0.18})
-        self.dispatcher.maps[""].view = VIEW
-        self.dispatcher.maps[""].set_map(grid)
-        self.dispatcher.maps[""].set_map(grid, "physical")
+        self.dispatcher.maps[""].update(VIEW, grid, grid)
         self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
         self.now, self.robot, self.goal, self.sent = 100.0, robot, SentGoalState.NONE, []
         self.spot, self.given = np.array([3.0, 2.5]), None
 
-    def see(self, camera, position, mobile=False, confidence=0.9):
-        self.dispatcher.sightings.add(Sighting(self.now, tuple(position), camera, mobile, confidence))
+    def see(self, camera, position, mobile=False):
+        self.dispatcher.sightings.add(Sighting(self.now, tuple(position), camera, mobile))
 
     def step(self, speed=0.0, robot_sees=True):
         """A quarter of a second in which the spot moves on along x [m/s]."""
@@ -97,19 +95,6 @@ def test_lost_spot_people_hold_still_where_they_notice_and_the_robot_looks_there
         assert lab.robot_views((EDGE + beyond, 2.5))
 
 
-@pytest.mark.parametrize("confidence, moved", [(0.28, False), (0.9, True)])
-def test_reflection_is_no_spot(confidence, moved):
-    lab = Lab()
-    lab.draw_until(EDGE + 0.4)
-    before = len(lab.sent)
-    lab.spot = np.array([EDGE + 2.0, 4.5])  # neither the camera nor the robot sees it
-    for _ in range(12):
-        for i in range(5):
-            lab.see("red", (1.0, 0.6 + 0.001 * i), confidence=confidence)
-        lab.step(robot_sees=False)
-    assert any(math.dist(pose[:2], (1.0, 0.6)) < 2.0 for _, pose in lab.sent[before:]) == moved
-
-
 def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes():
     lab = Lab()
     # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
@@ -143,7 +128,7 @@ def test_what_people_are_told():
 
 def test_that_nobody_sees_the_spot_and_no_robot_comes_is_told_once_it_lasts():
     lab = Lab()
-    lab.dispatcher.maps[""].view = None  # a robot whose camera is not known is not sent
+    lab.dispatcher.maps[""].update(None, room(), room())  # a robot whose camera is not known is not sent
     lab.draw_until(EDGE + 0.05, robot_sees=False)
     lost, told = lab.now, []
     while not told and lab.now < lost + 10.0:
@@ -167,8 +152,7 @@ def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
 
 def look(grid, drawing, robot):
     grounds = RobotMap(0.18)
-    grounds.set_map(grid)
-    grounds.view = VIEW
+    grounds.update(VIEW, grid, None)
     return grounds.make_planner(drawing, RobotStatus(robot), [])
 
 
@@ -203,8 +187,7 @@ def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit(
     parted.data[45:53, 80] = 0  # a gap of 0.4 m
     dispatcher = Dispatcher({"large": 0.18, "small": 0.10})
     for known in dispatcher.maps.values():
-        known.set_map(parted)
-        known.view = VIEW
+        known.update(VIEW, parted, None)
     dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):
         dispatcher.sightings.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))

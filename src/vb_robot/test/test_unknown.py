@@ -18,6 +18,7 @@ from vb_core.node_graph import NodeGraph
 from vb_core.vocabulary import state_of
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import PoseUncertainty
+from vb_robot.inputs import message_class
 from vb_robot.spots import Sighting, Sightings
 
 
@@ -160,13 +161,18 @@ def test_a_bumper_that_is_released_does_not_release_another_one():
     assert rig.step(0.5).v == 0.3
 
 
-def test_with_a_dropped_wheel_it_does_not_move_at_all():
-    rig = Rig().drives()
-    rig.arbiter.gate.set_contact(("wheel_drop", 0), "all")
-    for wish in ((0.3, 0.0), (-0.2, 0.0), (0.0, 0.5)):
-        rig.navigation = rig.teleop = wish
-        command = rig.step(0.2)
-        assert (command.v, command.w, command.code) == (0.0, 0.0, "contact")
+@pytest.mark.parametrize(
+    "more, complaint",
+    [
+        ({"type": "no_such_msgs/Bumper"}, "no_such_msgs/Bumper"),
+        ({"field": "pressed"}, "has no field pressed"),
+        ({"sensor": "which"}, "has no field which"),
+    ],
+)
+def test_a_contact_that_cannot_be_heard_or_read_is_refused(more, complaint):
+    given = {"topic": "bumper", "type": "std_msgs/UInt8", "field": "data", **more}
+    with pytest.raises(ParameterError, match=complaint):
+        message_class(RobotProfile.from_mapping({"contacts": [given]}).contacts[0])
 
 
 # ------------------------------------------------------------ scanners

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import unittest
 from contextlib import closing, contextmanager
 from pathlib import Path
-import signal
 
 import rospy
 from geometry_msgs.msg import Point
 
 from phone import Browser
-from vb_testing import Process, is_listening, process_of, wait_until
+from vb_testing import Process, is_listening, wait_until
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
 from vb_evaluation.processes import free_port
@@ -103,17 +101,6 @@ class PageTest(unittest.TestCase):
     def resume(self):
         self.browser.click("#resume", "Resume")
         wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
-
-    @contextmanager
-    def halted_manager(self, ends_with):
-        """A manager that hangs, which the page tells, and then gets a signal."""
-        process = process_of("/interaction_manager")
-        os.kill(process, signal.SIGSTOP)
-        try:
-            self.browser.wait_text("#banners", "has not responded for more than 0:0")
-            yield
-        finally:
-            os.kill(process, ends_with)
 
     @contextmanager
     def small_phone(self, *options, **more):

@@ -18,11 +18,6 @@ from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 
 class LostTest(PageTest):
-    def test_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
-        with self.halted_manager(signal.SIGCONT):
-            self.assertEqual(self.browser.run("return document.body.dataset.state"), "default")
-        self.browser.wait("!document.getElementById('banners').textContent", what="a manager that answers again")
-
     def test_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
         self.browser.click("#draw")
         self.browser.stroke(round_the(CARPET))

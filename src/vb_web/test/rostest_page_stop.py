@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 
 import numpy as np
@@ -11,7 +12,7 @@ import rostest
 
 from page_rig import PageTest
 from phone import PHONE, WALL
-from vb_testing import wait_until
+from vb_testing import process_of, wait_until
 from vb_core import names
 from vb_msgs.msg import DriverState
 
@@ -126,10 +127,16 @@ class StopTest(PageTest):
     def test_stop_reaches_robots_without_the_manager_and_one_of_them_tells_it(self):
         self.heard.pop(names.STOP, None)
         robot = rospy.Publisher(names.DRIVERS, DriverState, queue_size=1)
+        manager = process_of("/interaction_manager")
         # halted first: killed at once it would be restarted before anybody has missed it
-        with self.halted_manager(signal.SIGKILL):
+        os.kill(manager, signal.SIGSTOP)
+        try:
+            self.browser.wait_text("#banners", "has not responded for more than 0:0")
+            self.assertEqual(self.browser.run("return document.body.dataset.state"), "default")
             self.browser.click("#stop")
             wait_until(lambda: names.STOP in self.heard, "stop on its topic")
+        finally:
+            os.kill(manager, signal.SIGKILL)
 
         def told():
             robot.publish(robot="ada", stops=[self.heard[names.STOP].id])

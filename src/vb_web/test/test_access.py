@@ -22,7 +22,9 @@ def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert access.load_codes(path) == first
     assert first.viewer != first.operator
-    assert first.role_of(first.operator) == Role.OPERATOR and first.role_of(first.viewer) == Role.VIEWER
+    sessions = Sessions(first)
+    roles = [sessions.find(sessions.open(code))[0] for code in (first.viewer, first.operator)]
+    assert roles == [Role.VIEWER, Role.OPERATOR]
 
 
 PROTECT_NOTHING = [{"viewer": "short"}, {"operator": ""}, {"operator": "samesame", "viewer": "same-same"}]
@@ -39,15 +41,15 @@ def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
 
 
 def test_codes_are_taken_as_people_type_them():
-    assert CODES.role_of(" OPER at 33") == Role.OPERATOR
-    assert CODES.role_of("oper-at3") == Role.NOBODY
-    assert CODES.role_of("") == Role.NOBODY
+    sessions = Sessions(CODES)
+    assert sessions.find(sessions.open(" OPER at 33"))[0] == Role.OPERATOR
+    assert sessions.open("oper-at3") is sessions.open("") is None
 
 
 @pytest.mark.parametrize("role", [Role.VIEWER, Role.OPERATOR])
 def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
     path = tmp_path / "sessions.json"
-    cookie = Sessions(CODES, path).open(role)
+    cookie = Sessions(CODES, path).open(getattr(CODES, role.name.lower()))
     sessions = Sessions(CODES, path)  # as after a restart
     found, name = sessions.find(cookie)
     assert found == role and name and cookie not in path.read_text()
@@ -58,14 +60,14 @@ def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
 
 def test_a_new_code_ends_the_sessions_of_the_old_one(tmp_path):
     path = tmp_path / "sessions.json"
-    cookies = [Sessions(CODES, path).open(role) for role in (Role.VIEWER, Role.OPERATOR)]
+    cookies = [Sessions(CODES, path).open(code) for code in (CODES.viewer, CODES.operator)]
     changed = Sessions(AccessCodes(CODES.viewer, "new-code55"), path)
     assert [changed.find(cookie)[0] for cookie in cookies] == [Role.VIEWER, Role.NOBODY]
 
 
 def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypatch):
     path = tmp_path / "sessions.json"
-    cookie = Sessions(CODES, path).open(Role.VIEWER)
+    cookie = Sessions(CODES, path).open(CODES.viewer)
     monkeypatch.setattr(access.time, "time", lambda: path.stat().st_mtime + access.COOKIE_DAYS * 86400 + 60)
     assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
     monkeypatch.undo()
@@ -75,7 +77,7 @@ def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypa
 
 def test_many_viewers_log_no_operator_out():
     sessions = Sessions(CODES)
-    operator, *viewers = [sessions.open(role) for role in (Role.OPERATOR, *[Role.VIEWER] * 300)]
+    operator, *viewers = [sessions.open(code) for code in (CODES.operator, *[CODES.viewer] * 300)]
     assert sessions.find(operator)[0] == Role.OPERATOR
     assert [bool(sessions.find(cookie)[0]) for cookie in viewers] == [False] * 200 + [True] * 100
 
@@ -83,7 +85,7 @@ def test_many_viewers_log_no_operator_out():
 @given(st.text(max_size=200))
 def test_any_other_text_is_no_cookie(text):
     sessions = Sessions(CODES)
-    sessions.open(Role.OPERATOR)
+    sessions.open(CODES.operator)
     assert sessions.find(text) == sessions.find(None) == (Role.NOBODY, "")
 
 

@@ -6,35 +6,25 @@ import math
 import numpy as np
 import pytest
 
-from hostile import GOOD_DRAFT, hostile_messages
+from hostile import GOOD, GOOD_DRAFT, hostile_messages
 
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_web import action_requests
-from vb_web.action_requests import ACTIONS, Draft
+from vb_web.action_requests import ACTIONS
 
 BOUNDS = (0.0, 0.0), (8.0, 5.0)
-TARGET = {"border": "b1", "revision": 3}
-GOOD = {
-    "command": {"command": "save", "seen_stop": "5a", "age": 0.1},
-    "preview": {"draft": GOOD_DRAFT, "border": ""},
-    "add": {"draft": GOOD_DRAFT},
-    "update": {"draft": GOOD_DRAFT, **TARGET},
-    "rename": {"name": "Küche 厨房", **TARGET},
-    "enable": {"enabled": False, **TARGET},
-    "remove": dict(TARGET),
-    "send": {"robot": "ada", "goal": [1.0, 2.0]},
-    "halt": {"robot": ""},
-    "confirm_map": {"same": True, "map_id": "0af3"},
-    "invite": {},
-}
+
+
+def parse_text(text, bounds=BOUNDS):
+    return action_requests.check(*action_requests.read(text), bounds)
 
 
 def parse(**fields):
-    return action_requests.parse(json.dumps(fields), BOUNDS)
+    return parse_text(json.dumps(fields))
 
 
-def test_every_action_has_an_example_here():
+def test_every_action_has_an_example():
     assert set(GOOD) == set(ACTIONS)
 
 
@@ -91,34 +81,34 @@ def test_bad_drafts_are_refused(change):
 def test_numbers_that_are_none_are_refused(text):
     message = json.dumps({"do": "add", "id": "a", "draft": {**GOOD_DRAFT, "seed": ["SEED", 1]}}).replace('"SEED"', text)
     with pytest.raises(CodedError):
-        action_requests.parse(message, BOUNDS)
+        parse_text(message)
 
 
 def test_without_a_map_nothing_can_be_drawn():
     with refused("page_no_map"):
-        action_requests.parse(json.dumps({"do": "add", "id": "a", "draft": GOOD_DRAFT}), None)
+        parse_text(json.dumps({"do": "add", "id": "a", "draft": GOOD_DRAFT}), None)
     stop = json.dumps({"do": "command", "id": "a", "command": "stop", "seen_stop": "", "age": 0})
-    assert action_requests.parse(stop, None).values["command"] == "stop"
+    assert parse_text(stop, None).values["command"] == "stop"
 
 
 def test_a_message_that_is_too_long_or_too_deep_is_refused():
     long = json.dumps({"do": "rename", "id": "a", "name": "x" * 70000})
     for text in ("[" * 60000, long, "1" * 60000, b"{}", None, 5):
         with pytest.raises(CodedError):
-            action_requests.parse(text, BOUNDS)
+            parse_text(text)
 
 
 def test_what_gets_through_of_hostile_messages_is_harmless():
     passed = 0
     for text in hostile_messages(600, seed=1):
         try:
-            request = action_requests.parse(text, BOUNDS)
+            request = parse_text(text)
         except CodedError:
             continue
         passed += 1
         draft = request.values.get("draft")
-        if isinstance(draft, Draft):
-            assert (np.abs(draft.points) <= 9.0).all() and math.isfinite(draft.max_speed)
+        if draft is not None:
+            assert (np.abs(draft["points"]) <= 9.0).all() and math.isfinite(draft["max_speed"])
         for value in request.values.values():
             assert not isinstance(value, str) or (len(value) <= 300 and value.isprintable())
     assert 0 < passed < 1000

@@ -18,7 +18,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_web import access
 from vb_web.access import AccessCodes, Places, Role, Sessions
 from vb_web.images import ImageCache, EncodedImage
-from vb_web.server import PageServer, ServerParams, addresses
+from vb_web.server import PageParams, PageServer, addresses
 from vb_web.view import View
 
 CODES = AccessCodes("view-er22", "oper-at33")
@@ -38,7 +38,7 @@ class FakeBackend:
         self.gate = threading.Event()
         self.gate.set()
 
-    def act(self, request, source):
+    def carry_out(self, request, source):
         if request.action == "preview":
             self.previews.append(source)
             self.arrived.release()
@@ -50,11 +50,8 @@ class FakeBackend:
 
     def command(self, request, source):
         answered = asyncio.get_event_loop().create_future()
-        answered.set_result(self.act(request, source))
+        answered.set_result(self.carry_out(request, source))
         return answered
-
-    def bounds(self):
-        return BOUNDS
 
     def camera_jpeg(self, camera):
         return b"jpeg" if camera == "red" else None
@@ -66,11 +63,12 @@ class FakeBackend:
 class Running:
     """A server that listens on loopback."""
 
-    def __init__(self, sessions, params=ServerParams(port=0)):
+    def __init__(self, sessions, params=PageParams(port=0)):
         self.backend, self.view, self.images, self.faults = FakeBackend(), View(), ImageCache(), []
         self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
-        self.server = PageServer(params, sessions, self.view, self.images, self.backend, self.faults.append)
+        given = (self.view, self.images, self.backend, self.backend, lambda: BOUNDS, self.faults.append)
+        self.server = PageServer(params, sessions, *given)
         # one address asks for all: what limits it is tested on its own
         self.server.requests = self.server.connections = Limiter(rate=1e9, burst=1e9)
         self.server.start()
@@ -108,34 +106,39 @@ class Running:
         return asyncio.run(run())
 
 
+@contextlib.contextmanager
+def serving(*given):
+    running = Running(*given)
+    try:
+        yield running
+    finally:
+        running.server.close()
+    assert not running.faults
+
+
 @pytest.fixture
 def local():
-    running = Running(None)
-    yield running
-    running.server.close()
-    assert not running.faults
+    with serving(None) as running:
+        yield running
 
 
 @pytest.fixture
 def network():
-    running = Running(Sessions(CODES))
-    yield running
-    running.server.close()
-    assert not running.faults
+    with serving(Sessions(CODES)) as running:
+        yield running
 
 
 def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path):
-    params = ServerParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
+    params = PageParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
     assert addresses(params, 8420, ["lab"]) == ["http://lab:8420/"]
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
         addresses(params, 8420, ["lab"])
     subprocess.run(CERTIFICATE.split(), cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
     assert addresses(params, 8420, ["lab"]) == ["https://lab:8420/"]
-    own = ServerParams(codes_file=params.codes_file)  # this computer's own browser
+    own = PageParams(codes_file=params.codes_file)  # this computer's own browser
     assert addresses(own, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
-    running = Running(Sessions(CODES), params)
-    try:
+    with serving(Sessions(CODES), params) as running:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         given = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
         answer = log_in(running, CODES.viewer, **given)
@@ -143,13 +146,10 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
         assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # http: no answer at all
             running.ask("/session")
-    finally:
-        running.server.close()
-    assert not running.faults
 
 
 def cookie(running, role):
-    return f"{access.COOKIE}={running.server.sessions.open(role)}"
+    return f"{access.COOKIE}={running.server.sessions.open(getattr(CODES, role.name.lower()))}"
 
 
 async def answer_to(connection, **request):
@@ -480,4 +480,4 @@ def test_an_address_that_connects_too_often_is_hung_up_on_and_others_are_not(loc
 
 def test_a_port_that_is_taken_is_told(local):
     with refused("page_no_address"):
-        PageServer(ServerParams(port=local.server.port), None, View(), ImageCache(), FakeBackend(), print).start()
+        Running(None, PageParams(port=local.server.port))

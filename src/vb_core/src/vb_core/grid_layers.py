@@ -26,16 +26,13 @@ def crop(grid: GridMap, window: Window) -> GridMap:
     return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
 
 
-def clearance_grid(blocked: np.ndarray, resolution: float, edge: bool = True) -> np.ndarray:
+def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
     """Measures (H, W) float32 [m] how far each cell's centre is from the nearest blocked cell; 0 in blocked cells.
 
-    Half a cell's diagonal is taken off the distance between centres, so that it never says more than there is.
-
-    Args:
-        edge: whether the map's edge counts as blocked. If it does not and nothing is blocked, all is inf.
+    Half a cell's diagonal is taken off the distance between centres, so that it never says more than there is. The map's
+    edge is not blocked; if nothing is, all is inf.
     """
-    distance = distance_to(np.pad(blocked, 1, constant_values=edge))[1:-1, 1:-1]
-    return np.maximum(distance - np.sqrt(0.5), 0.0) * np.float32(resolution)
+    return np.maximum(distance_to(blocked) - np.sqrt(0.5), 0.0) * np.float32(resolution)
 
 
 def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float = 0.0) -> np.ndarray:

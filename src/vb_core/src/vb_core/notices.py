@@ -52,6 +52,11 @@ class Notice:
             values["camera"] = camera
         return cls(error.code, severity, camera=values.get("camera", ""), values=values, message=error.message)
 
+    @classmethod
+    def of_robot(cls, robot: str, code: str, severity: Severity, **values: str) -> "Notice":
+        """Makes a notice about a robot of this name, which is the sentence's `who`."""
+        return cls(code, severity, robot=robot, values={"who": sentences.robot_value(robot), **values})
+
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """Returns the text to show."""
         return sentences.translate(self.code, self.values, language, self.message)

@@ -11,8 +11,7 @@ Use it to compare a border in a map with the one that was meant, whatever drew i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Dict, Optional
+from typing import Dict, NamedTuple, Optional
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -63,8 +62,7 @@ def free_cells(grid: GridMap) -> np.ndarray:
     return (grid.data >= 0) & (grid.data < RESTRICTED)
 
 
-@dataclass(frozen=True)
-class BoundaryError:
+class BoundaryError(NamedTuple):
     """Distances [m] between the requested boundary and the one that the robot respects, both directions pooled."""
 
     mean: float
@@ -102,9 +100,7 @@ def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[
     Rounded, for the last bits differ between processors and libraries, and mean nothing.
     """
     error = boundary_error(prior, truth, restricted)
-    found = (
-        ("", "", "") if error is None else (round(100.0 * value, 2) for value in (error.mean, error.p95, error.largest))
-    )
+    found = ("", "", "") if error is None else (round(100.0 * value, 2) for value in error)
     return {"jaccard": round(jaccard(truth, restricted), 4), **dict(zip(ERRORS, found))}
 
 

@@ -18,16 +18,10 @@ def revision() -> str:
     """
     git = ["git", "-C", str(repository_top())]
     try:
-        found = subprocess.run(
-            [*git, "describe", "--always", "--abbrev=12"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            universal_newlines=True,
-            check=True,
-        ).stdout.strip()
+        found = subprocess.check_output(
+            [*git, "describe", "--always", "--abbrev=12"], stderr=subprocess.DEVNULL, universal_newlines=True
+        ).strip()
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    differs = subprocess.run(
-        [*git, "diff", "--quiet", "HEAD", "--", ".", ":!docs"], stderr=subprocess.DEVNULL
-    ).returncode
+    differs = subprocess.call([*git, "diff", "--quiet", "HEAD", "--", ".", ":!docs"], stderr=subprocess.DEVNULL)
     return found + ("-dirty" if differs else "")

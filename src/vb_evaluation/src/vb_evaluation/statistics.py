@@ -47,8 +47,9 @@ class Interval:
     confidence: float = math.nan
 
     def scaled(self, factor: float) -> "Interval":
-        """Returns the same in another unit."""
-        return Interval(self.estimate * factor, self.low * factor, self.high * factor, self.confidence)
+        """Returns the same in another unit, or turned round."""
+        low, high = sorted((self.low * factor, self.high * factor))
+        return Interval(self.estimate * factor, low, high, self.confidence)
 
     def text(self, digits: int) -> str:
         """Writes "2.41 [2.10, 2.80]"; "2.41 [?]" without limits, a dash where nothing is known."""

@@ -19,7 +19,7 @@ STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
 BLOCKED_THRESHOLD = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
 PATH_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
-MAX_PATH_CELLS = 10000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
+MAX_PATH_CELLS = 10000  # ... and coarser, where there would be more: a search costs 1 ms per 1,000
 START_TOLERANCE = 0.35  # [m] how far from free cells a path may start: a robot at a wall
 WINDOW_MARGIN = 3.0  # [m] of floor around what matters: a robot looks at it from 1.5 m, the line is extrapolated by 2 m
 MAX_WINDOW_REACH = 8.0  # [m] robots and lines farther away do not make the window larger
@@ -43,13 +43,12 @@ class ClearanceMap:
         grid: the map with borders: physical obstacles and borders.
         radius: [m] of the robot.
         physical: the map without borders, which decides what blocks the view; a border does not. None: `grid`.
-        edge: whether the map's edge is blocked; a window's is not.
     """
 
-    def __init__(self, grid: GridMap, radius: float, physical: Optional[GridMap] = None, edge: bool = True) -> None:
-        self.grid, self.radius, self.edge = grid, radius, edge
+    def __init__(self, grid: GridMap, radius: float, physical: Optional[GridMap] = None) -> None:
+        self.grid, self.radius = grid, radius
         self.blocked = (grid.data >= BLOCKED_THRESHOLD) | (grid.data < 0)
-        self.clearance = clearance_grid(self.blocked, grid.resolution, edge)
+        self.clearance = clearance_grid(self.blocked, grid.resolution)
         seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
         self.opaque = seen_through.data >= BLOCKED_THRESHOLD
 
@@ -80,8 +79,7 @@ class ClearanceMap:
         a window is joined straight to the free cells of its edge.
         """
         start, others = np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2)
-        # in a window a choice is made four times a second; a whole map is searched once
-        coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
+        coarse = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
         step = max(1, int(np.ceil(max(PATH_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
@@ -94,7 +92,7 @@ class ClearanceMap:
         for other in others:
             free[tuple(cells[np.linalg.norm(centers - other, axis=1) < 2.0 * self.radius + TRAVEL_MARGIN].T)] = False
         gaps = np.where(free[tuple(cells.T)], np.linalg.norm(centers - start, axis=1), np.inf)
-        if self.edge or self.grid.contains_cells(self.grid.world_to_cell(start))[0]:
+        if self.grid.contains_cells(self.grid.world_to_cell(start))[0]:
             gates = np.argsort(gaps, kind="stable")[:1]
             gates = gates[gaps[gates] <= START_TOLERANCE]
             gaps = np.zeros(len(gaps))

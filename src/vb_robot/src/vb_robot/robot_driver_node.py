@@ -21,7 +21,7 @@ from nav_msgs.msg import Path
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty, EmptyRequest
 
-from vb_core import geometry, names, sentences
+from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -139,36 +139,26 @@ class RobotDriverNode:
     def _subscribe(self, profile: RobotProfile, contacts: List[Tuple[Contact, Any]]) -> None:
         listen = rospy.Subscriber
         planner = str(rospy.get_param("move_base/base_global_planner", "NavfnROS")).split("/")[-1]
-        self._subscribers = [
-            listen("cmd_vel/navigation", Twist, self._on_request, NAVIGATION, queue_size=1, tcp_nodelay=True),
-            listen("cmd_vel/teleop", Twist, self._on_request, TELEOP, queue_size=1, tcp_nodelay=True),
-            *(
-                listen(topic, rospy.AnyMsg, self._on_command, queue_size=20, tcp_nodelay=True)
-                for topic in {profile.base.topic, profile.base.output}
-                if topic
-            ),
-            listen(names.STATE, InteractionState, self._on_state, queue_size=10),
-            listen(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True),
-            subscribe_spots(self._arbiter.add),
-            listen(
-                names.PROGRESS,
-                BorderProgress,
-                lambda message: self._arbiter.add_contributors(message.interaction_id, message.cameras),
-                queue_size=1,
-            ),
-            subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders")),
-            subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical")),
-            subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits")),
-            listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
-            listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1),
-            listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
-            listen(f"move_base/{planner}/plan", Path, self._on_plan, queue_size=1),
-            listen("move_base/recovery_status", RecoveryStatus, self._on_recovery, queue_size=5),
-        ]
+        listen("cmd_vel/navigation", Twist, self._on_request, NAVIGATION, queue_size=1, tcp_nodelay=True)
+        listen("cmd_vel/teleop", Twist, self._on_request, TELEOP, queue_size=1, tcp_nodelay=True)
+        for topic in {profile.base.topic, profile.base.output} - {""}:
+            listen(topic, rospy.AnyMsg, self._on_command, queue_size=20, tcp_nodelay=True)
+        listen(names.STATE, InteractionState, self._on_state, queue_size=10)
+        listen(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True)
+        subscribe_spots(self._arbiter.add)
+        listen(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
+        subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders"))
+        subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical"))
+        subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits"))
+        listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1)
+        listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1)
+        listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1)
+        listen(f"move_base/{planner}/plan", Path, self._on_plan, queue_size=1)
+        listen("move_base/recovery_status", RecoveryStatus, self._on_recovery, queue_size=5)
         if profile.scanner.present:
-            self._subscribers.append(listen(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1))
+            listen(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1)
         for contact, kind in contacts:
-            self._subscribers.append(listen(contact.topic, kind, functools.partial(self._on_contact, contact)))
+            listen(contact.topic, kind, functools.partial(self._on_contact, contact))
 
     # ------------------------------------------------------------- callbacks: only store
     def _on_request(self, message: Twist, source: str) -> None:
@@ -204,6 +194,9 @@ class RobotDriverNode:
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
         self._stops.store()
+
+    def _on_progress(self, message: BorderProgress) -> None:
+        self._arbiter.add_contributors(message.interaction_id, message.cameras)
 
     def _on_scan(self, message: LaserScan) -> None:
         frame = message.header.frame_id.lstrip("/")
@@ -333,14 +326,13 @@ class RobotDriverNode:
         if news == before and 0.0 <= now - at < STATE_PERIOD:
             return
         self._reported = (news, now)
-        code = f"robot_{command.code}"
         message = DriverState(
             robot=self._params.robot,
             source=command.source,
             code=command.code,
             speed=command.v,
             angular_velocity=command.w,
-            message=sentences.translate(code, {"who": sentences.robot_value(self._params.robot)}),
+            message=self._notice(_told(command.code), Severity.INFO).sentence(),
             stops=news[2],
         )
         message.header.stamp = rospy.Time.from_sec(now)
@@ -362,17 +354,16 @@ class RobotDriverNode:
             found.append(self._notice("stop_not_persisted", Severity.WARNING))
         if command.code in STOP_CODES and (held or command.source == STOP):
             severity = SEVERITIES.get(command.code, Severity.WARNING)
-            code = "robot_stopped_inside_border" if command.code == "inside_border" else f"robot_{command.code}"
-            found.append(self._notice(code, severity, others=self._arbiter.gate.other_publishers(now)))
+            found.append(self._notice(_told(command.code), severity, others=self._arbiter.gate.other_publishers(now)))
         return found
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
-        return Notice(
-            code,
-            severity,
-            robot=self._params.robot,
-            values={"who": sentences.robot_value(self._params.robot), **values},
-        )
+        return Notice.of_robot(self._params.robot, code, severity, **values)
+
+
+def _told(code: str) -> str:
+    """Returns the code of the sentence that says what stops or slows a robot."""
+    return "robot_stopped_inside_border" if code == "inside_border" else f"robot_{code}"
 
 
 def build() -> RobotDriverNode:

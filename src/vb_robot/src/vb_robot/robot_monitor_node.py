@@ -5,9 +5,8 @@ from __future__ import annotations
 import functools
 import math
 import threading
-from collections import deque
 from dataclasses import dataclass
-from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 import rosgraph
@@ -43,6 +42,7 @@ from vb_robot.driving.safety import limit_around
 from vb_robot.inputs import borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
+from vb_robot.spots import Sighting
 
 PERIOD = 0.2  # [s] between two looks at poses and speed limits
 DISPATCH_PERIOD = 0.25  # [s] between two decisions who looks from where: the spot moves 0.1 m at most in that time
@@ -131,7 +131,7 @@ class RobotMonitorNode:
         self._dispatched = {
             name: DispatchedRobot(self._robots[name], profile, transforms) for name, profile in profiles.items()
         }
-        self._inputs: Deque[Callable[[], None]] = deque()  # of the dispatcher, in the order in which they came
+        self._deciding = threading.Lock()  # the dispatcher's
         self._dispatch_timer = node.WakeTimer(DISPATCH_PERIOD)
         self._notices = NoticePublisher()
         self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
@@ -155,16 +155,15 @@ class RobotMonitorNode:
             on_map(within(robot.name, names.MAP_WITH_MARGIN), "keep_out", [robot])
             if robot.name:
                 on_map(within(robot.name, names.MAP_WITH_BORDERS[1:]), "own", [robot])
-        on_map(names.SPEED_LIMITS, "speed", [])
+        subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self, "_speed_limits"))
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.STOP, Stop, self._on_stop, queue_size=5, tcp_nodelay=True)
         if self._params.dispatch:
-            subscribe_spots(functools.partial(self._queue_input, self._dispatcher.sightings.add))
-            take_progress = functools.partial(self._queue_input, self._take_progress)
-            rospy.Subscriber(names.PROGRESS, BorderProgress, take_progress, queue_size=1)
+            subscribe_spots(self._on_spot)
+            rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
         """Gives planners their usual speed back, and cancels where robots look from: nothing would supervise it any more."""
@@ -180,13 +179,8 @@ class RobotMonitorNode:
     # ------------------------------------------------------------- callbacks
     def _on_map(self, which: str, robots: List[WatchedRobot], grid: GridMap) -> None:
         with self._lock:
-            if which == "speed":
-                self._speed_limits = grid
             for robot in robots:
                 robot.set_map(which, grid)
-                # a robot with a name has its own map
-                if which in ("physical", "own") or (which == "borders" and not robot.name):
-                    self._queue_input(self._take_map, robot.name, grid, which == "physical")
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
@@ -204,7 +198,9 @@ class RobotMonitorNode:
     def _on_state(self, message: InteractionState) -> None:
         self._stops.follow(message.stopped, message.stops)
         self._obey_stop()
-        self._queue_input(self._take_state, message)
+        with self._deciding:
+            state = state_of(message.name)
+            self._dispatcher.sightings.set_state(state, message.interaction_id, message.entered.to_sec())
         self._dispatch_timer.set()  # when the state ends the robots have to stop at once
 
     def _on_stop(self, message: Stop) -> None:
@@ -218,7 +214,7 @@ class RobotMonitorNode:
         if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
             self._cancelled_at = now
             for robot in self._robots.values():
-                if not robot.status(True).driver:
+                if not robot.is_driven():
                     robot.cancel_goals()
 
     def _limit(self, robot: WatchedRobot) -> Optional[float]:
@@ -230,42 +226,36 @@ class RobotMonitorNode:
         reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
         return limit_around(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
 
-    # ------------------------------------------------------------- to the spot: what comes in waits for one thread
-    def _queue_input(self, take: Callable[..., None], *what: Any) -> None:
-        if self._params.dispatch:
-            self._inputs.append(functools.partial(take, *what))
+    # ------------------------------------------------------------- to the spot
+    def _on_spot(self, sighting: Sighting) -> None:
+        with self._deciding:
+            self._dispatcher.sightings.add(sighting)
 
-    def _take_map(self, name: str, grid: GridMap, physical: bool) -> None:
-        self._dispatcher.maps[name].set_map(grid, "physical" if physical else "borders")
-
-    def _take_state(self, message: InteractionState) -> None:
-        self._dispatcher.sightings.set_state(state_of(message.name), message.interaction_id, message.entered.to_sec())
-
-    def _take_progress(self, message: BorderProgress) -> None:
+    def _on_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
-        self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, message.cameras)
+        with self._deciding:
+            self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, message.cameras)
 
     def _dispatch(self) -> None:
-        while self._inputs:
-            self._inputs.popleft()()
-        for name, sent in self._dispatched.items():
-            self._dispatcher.maps[name].view = sent.view
-        wanted = self._dispatcher.sightings.should_dispatch()
-        robots = {name: sent.status(wanted) for name, sent in self._dispatched.items()}
-        for name, goal in self._dispatcher.decide(rospy.get_time(), robots).items():
-            self._dispatched[name].set_goal(goal)
+        with self._deciding:
+            wanted = self._dispatcher.sightings.should_dispatch()
+            robots = {name: sent.status(wanted) for name, sent in self._dispatched.items()}
+            for name, sent in self._dispatched.items():
+                self._dispatcher.maps[name].update(sent.view, *self._robots[name].driving_maps())
+            for name, goal in self._dispatcher.decide(rospy.get_time(), robots).items():
+                self._dispatched[name].set_goal(goal)
 
     # ------------------------------------------------------------- goals
     def _review(self, robot: WatchedRobot) -> None:
-        if self._params.obey and self._stops.stopped and not robot.status(True).driver:
-            robot.cancel_goals()
-            robot.refuse(robot.notice("goal_while_stopped", Severity.WARNING))
-            return
         goal = robot.goal
-        with self._lock:
-            refusal = robot.judge(goal)
+        if self._params.obey and self._stops.stopped and not robot.is_driven():
+            robot.cancel_goals()
+            refusal: Optional[Notice] = robot.notice("goal_while_stopped", Severity.WARNING)
+        else:
+            with self._lock:
+                refusal = robot.judge(goal)
         if goal == robot.goal:
-            robot.refuse(refusal)
+            robot.refusal = refusal
         self._tell()
 
     def _send(self, request: Any) -> SendRobotResponse:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import enum
 import hashlib
-import hmac
 import ipaddress
 import json
 import secrets
@@ -54,13 +53,6 @@ class AccessCodes:
     viewer: str
     operator: str
 
-    def role_of(self, code: str) -> Role:
-        """Returns the role that a code gives; compares in constant time."""
-        typed = normalize(code).encode("utf-8")
-        roles = ((self.operator, Role.OPERATOR), (self.viewer, Role.VIEWER))
-        found = [role for known, role in roles if hmac.compare_digest(typed, normalize(known).encode("utf-8"))]
-        return found[0] if found else Role.NOBODY
-
 
 def _new_code() -> str:
     letters = "".join(secrets.choice(_ALPHABET) for _ in range(_CODE_LENGTH))
@@ -84,12 +76,11 @@ def load_codes(path: Path) -> AccessCodes:
     names = ("viewer", "operator")
     if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
-    codes = AccessCodes(**found)
-    if min(len(normalize(codes.viewer)), len(normalize(codes.operator))) < _CODE_LENGTH:
+    if min(map(len, map(normalize, found.values()))) < _CODE_LENGTH:
         raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
-    if normalize(codes.viewer) == normalize(codes.operator):
+    if len(set(map(normalize, found.values()))) < len(names):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
-    return codes
+    return AccessCodes(**found)
 
 
 def _digest(text: str) -> str:
@@ -106,7 +97,7 @@ class Sessions:
     """
 
     def __init__(self, codes: AccessCodes, path: Optional[Path] = None) -> None:
-        self.codes, self._path = codes, path
+        self._path = path
         self._roles = {_digest(normalize(codes.viewer)): Role.VIEWER, _digest(normalize(codes.operator)): Role.OPERATOR}
         self._lock = threading.Lock()
         self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, since when [s]
@@ -117,10 +108,14 @@ class Sessions:
         except (OSError, ValueError, TypeError, AttributeError):
             pass  # everybody logs in again
 
-    def open(self, role: Role) -> str:
-        """Opens a session and returns its cookie's value."""
-        code = next(code for code, known in self._roles.items() if known == role)
-        cookie = secrets.token_urlsafe(24)
+    def open(self, typed: str) -> Optional[str]:
+        """Opens a session with a code as typed, and returns its cookie's value; None if that is no code.
+
+        Digests are compared: how long that takes tells nothing of the code.
+        """
+        code, cookie = _digest(normalize(typed)), secrets.token_urlsafe(24)
+        if code not in self._roles:
+            return None
         others = [name for name, (of, _) in self._open.items() if of == code][: 1 - _MAX_SESSIONS]
         self._change({_digest(cookie): (code, time.time())}, others)
         return cookie

@@ -14,8 +14,6 @@ import unicodedata
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
 
-import numpy as np
-
 from vb_core.errors import CodedError
 from vb_core.vocabulary import COMMANDS
 from vb_core.zones import ZONES
@@ -37,28 +35,6 @@ Check = Callable[[Any, str, Optional[Bounds]], Any]  # of a value: gives what it
 
 
 @dataclass(frozen=True)
-class Draft:
-    """A border as drawn or edited on the page.
-
-    Attributes:
-        points: (N, 2) float64 [m], map frame.
-        kind: one of KINDS.
-        seed: (2,) [m], on the side to be restricted; ignored for a wall.
-        zone: the name of one of ZONES; max_speed [m/s] if it limits that.
-        robots: names of those that it is for; none: all.
-    """
-
-    points: np.ndarray
-    kind: str
-    seed: np.ndarray
-    name: str
-    zone: str
-    max_speed: float
-    enabled: bool
-    robots: Tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Request:
     """A checked request.
 
@@ -75,18 +51,8 @@ class Request:
     arrived: float = field(default_factory=time.monotonic)
 
 
-class RequestError(CodedError):
-    """A message that is not a valid request.
-
-    Attributes:
-        request_id: its id, if it has a usable one: the browser learns which request failed.
-    """
-
-    request_id = ""
-
-
-def _fail(field: str) -> RequestError:
-    return RequestError("page_bad_request", field=field)
+def _fail(field: str) -> CodedError:
+    return CodedError("page_bad_request", field=field)
 
 
 def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambda value: value) -> Check:
@@ -132,34 +98,32 @@ def _list_of(check: Check, least: int, most: int) -> Check:
 
 def _point(value: Any, field: str, bounds: Optional[Bounds]) -> Tuple[float, float]:
     if bounds is None:
-        raise RequestError("page_no_map")
+        raise CodedError("page_no_map")
     if not isinstance(value, list) or len(value) != 2:
         raise _fail(field)
     x, y = (_number(low - MARGIN, high + MARGIN)(number, field, None) for number, low, high in zip(value, *bounds))
     return x, y
 
 
-def _draft(value: Any, field: str, bounds: Optional[Bounds]) -> Draft:
-    if bounds is None:
-        raise RequestError("page_no_map")
+def _draft(value: Any, field: str, bounds: Optional[Bounds]) -> Dict[str, Any]:
     if not isinstance(value, dict) or set(value) != set(_BORDER):
         raise _fail(field)
     checked = {name: check(value[name], name, bounds) for name, check in _BORDER.items()}
     if ZONES[checked["zone"]].limits_speed and checked["max_speed"] < 0.02:
         raise _fail("max_speed")  # that slow is not at all: keep_out says so better
-    return Draft(**{**checked, "points": np.array(checked["points"]), "seed": np.array(checked["seed"])})
+    return checked
 
 
 _FLAG = _valid(lambda value: isinstance(value, bool))
-_BORDER: Dict[str, Check] = {
+_BORDER: Dict[str, Check] = {  # as drawn or edited on the page, a draft
     "name": _text(60),
     "kind": _choice(*KINDS),
     "zone": _choice(*ZONES),
-    "max_speed": _number(0.0, 2.0),
+    "max_speed": _number(0.0, 2.0),  # [m/s] if the zone limits that
     "enabled": _FLAG,
-    "robots": _list_of(_matching(_ROBOT), 0, MAX_ROBOTS),
-    "points": _list_of(_point, 2, MAX_POINTS),
-    "seed": _point,
+    "robots": _list_of(_matching(_ROBOT), 0, MAX_ROBOTS),  # that it is for; none: all
+    "points": _list_of(_point, 2, MAX_POINTS),  # [m] map frame
+    "seed": _point,  # [m] on the side to be restricted; ignored for a wall
 }
 _TARGET = {"border": _matching(_ID), "revision": _valid(lambda value: type(value) is int and 0 <= value < 2**53)}
 
@@ -182,15 +146,11 @@ def _refuse_constant(text: str) -> None:
     raise ValueError(text)
 
 
-def parse(text: Any, bounds: Optional[Bounds]) -> Request:
-    """Parses and checks a browser's message.
-
-    Args:
-        text: JSON, at most MAX_BYTES.
-        bounds: of the map; None if there is none yet.
+def read(text: Any) -> Tuple[str, Dict[str, Any]]:
+    """Reads a browser's message, JSON of at most MAX_BYTES; returns the request's id, and the rest, which is to be checked.
 
     Raises:
-        RequestError: "page_bad_request" with the field's name, "page_no_map".
+        CodedError: "page_bad_request" with the field's name.
     """
     if not isinstance(text, str) or len(text.encode("utf-8", "replace")) > MAX_BYTES:
         raise _fail("message")
@@ -200,15 +160,15 @@ def parse(text: Any, bounds: Optional[Bounds]) -> Request:
         raise _fail("message") from None
     if not isinstance(found, dict):
         raise _fail("message")
-    request_id = _matching(_ID)(found.pop("id", None), "id", None)
-    try:
-        return _request(request_id, found, bounds)
-    except RequestError as error:
-        error.request_id = request_id
-        raise
+    return _matching(_ID)(found.pop("id", None), "id", None), found
 
 
-def _request(request_id: str, found: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
+def check(request_id: str, found: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
+    """Checks a message that was read; `bounds`: of the map, None if there is none yet.
+
+    Raises:
+        CodedError: "page_bad_request" with the field's name, "page_no_map".
+    """
     action = found.pop("do", None)
     if not isinstance(action, str) or action not in ACTIONS:
         raise _fail("do")
@@ -216,7 +176,7 @@ def _request(request_id: str, found: Dict[str, Any], bounds: Optional[Bounds]) -
     if set(found) != set(fields):
         raise _fail(sorted(set(found) ^ set(fields))[0][:40])
     try:
-        values = {field: check(found[field], field, bounds) for field, check in fields.items()}
+        values = {field: check_value(found[field], field, bounds) for field, check_value in fields.items()}
     except OverflowError:  # a whole number too large for a float
         raise _fail("message") from None
     return Request(request_id, action, values)

@@ -22,13 +22,19 @@ from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.action_requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
-from vb_web.view import refusal, rounded
+from vb_web.view import answer, refusal, rounded
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _TIMEOUT = 20.0
 _INTEGRATOR = "$map_integrator"
 _MONITOR = "$robot_monitor"
 _UNREACHED = ("no_service", "no_response")
+_CHANGES = {  # of a stored border: the services, whose fields have the names of the request's
+    "update": (names.UPDATE_BORDER, UpdateBorder),
+    "rename": (names.RENAME_BORDER, RenameBorder),
+    "enable": (names.SET_BORDER_ENABLED, SetBorderEnabled),
+    "remove": (names.REMOVE_BORDER, RemoveBorder),
+}
 
 
 class ActionHandler:
@@ -79,15 +85,15 @@ class ActionHandler:
             answered.set_result(refusal(CodedError("page_too_fast")))
         return answered
 
-    def _on_answer(self, given: Any, answered: "asyncio.Future[Dict[str, Any]]", answer: Any, error: Any) -> None:
+    def _on_answer(self, given: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
         if error is None:
-            found = _answer(answer)
+            found = _answer(response)
         elif given.command != "stop" or error.code not in _UNREACHED:
             found = refusal(error)
         elif not self._robots_there():
             found = refusal(CodedError("page_stop_unheard"))
         else:  # robots that heard it keep it, and tell the manager once it is running
-            found = {"ok": True, "code": "page_stop_sent", "values": {}, "message": ""}
+            found = answer("page_stop_sent")
         answered.get_loop().call_soon_threadsafe(answered.set_result, found)
 
     @staticmethod
@@ -122,30 +128,22 @@ class ActionHandler:
         response = _call(names.ADD_BORDER, AddBorder, **fields)
         return {**_answer(response), "border": response.id}
 
-    def _update(self, request: Request, source: str) -> Dict[str, Any]:
-        border = apply_draft(request.values["draft"], self._stored(request.values["border"]))
-        return self._change(names.UPDATE_BORDER, UpdateBorder, request, source, border=border, frame_id=names.MAP_FRAME)
-
-    def _rename(self, request: Request, source: str) -> Dict[str, Any]:
-        return self._change(names.RENAME_BORDER, RenameBorder, request, source, name=request.values["name"])
-
-    def _enable(self, request: Request, source: str) -> Dict[str, Any]:
-        enabled = request.values["enabled"]
-        return self._change(names.SET_BORDER_ENABLED, SetBorderEnabled, request, source, enabled=enabled)
-
-    def _remove(self, request: Request, source: str) -> Dict[str, Any]:
-        return self._change(names.REMOVE_BORDER, RemoveBorder, request, source)
-
-    def _change(self, which: str, service: Any, request: Request, source: str, **fields: Any) -> Dict[str, Any]:
-        stored = self._stored(request.values["border"])  # only ids that are there get through
-        if "border" not in fields:
+    def _change(self, request: Request, source: str) -> Dict[str, Any]:
+        fields = dict(request.values)
+        stored = self._stored(fields.pop("border"))  # only ids that are there get through
+        if "draft" in fields:
+            fields.update(border=apply_draft(fields.pop("draft"), stored), frame_id=names.MAP_FRAME)
+        else:
             fields["id"] = stored.id
-        return _answer(_call(which, service, source=source, expected_revision=request.values["revision"], **fields))
+        revision = fields.pop("revision")
+        return _answer(_call(*_CHANGES[request.action], source=source, expected_revision=revision, **fields))
+
+    _update = _rename = _enable = _remove = _change
 
     def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
         places = ConfirmMap._request_class
-        answer = places.SAME_PLACE if request.values["same"] else places.OTHER_PLACE
-        fields = {"answer": answer, "source": source, "map_id": request.values["map_id"]}
+        place = places.SAME_PLACE if request.values["same"] else places.OTHER_PLACE
+        fields = {"answer": place, "source": source, "map_id": request.values["map_id"]}
         return _answer(_call(names.CONFIRM_MAP, ConfirmMap, **fields))
 
     # ------------------------------------------------------------- robots
@@ -157,7 +155,7 @@ class ActionHandler:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
     def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
-        return {"ok": True, "code": "ok", "values": {}, "message": "", **self._give_invitation()}
+        return {**answer("ok"), **self._give_invitation()}
 
 
 def _call(which: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
@@ -166,12 +164,8 @@ def _call(which: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> An
 
 
 def _answer(response: Any) -> Dict[str, Any]:
-    found: Dict[str, Any] = {
-        "ok": bool(response.success),
-        "code": response.code or ("ok" if response.success else "page_not_done"),
-        "values": mapping_from_values(response.values),
-        "message": response.message,
-    }
+    code = response.code or ("ok" if response.success else "page_not_done")
+    found = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
     if hasattr(response, "issues"):
         found["issues"] = issues_section(response.issues)
     return found

@@ -1,6 +1,6 @@
 """Answers browsers: files and images by HTTP, and one WebSocket for everything else.
 
-The idea: browsers get the view's sections as they change and send requests that `action_requests.parse` has to accept. No
+The idea: browsers get the view's sections as they change and send requests that `action_requests` has to accept. No
 request names a file: dictionaries hold what can be fetched.
 """
 
@@ -133,7 +133,7 @@ class _CameraHandler(_Handler):
     NEEDS = Role.OPERATOR
 
     async def get(self, camera: Optional[str]) -> None:
-        make = (self.page.backend.camera_jpeg, camera) if camera else (self.page.backend.floor_webp,)
+        make = (self.page.cameras.camera_jpeg, camera) if camera else (self.page.cameras.floor_webp,)
         data = await self.page.in_turn(self.session, *make)
         if data is None:
             raise web.HTTPError(404)
@@ -160,10 +160,9 @@ class _SessionHandler(_Handler):
             code = given["code"] if set(given) == {"code"} and isinstance(given["code"], str) else ""
         except (ValueError, TypeError, RecursionError):
             raise web.HTTPError(400) from None
-        role = sessions.codes.role_of(code)
-        if role == Role.NOBODY:
+        cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, code)
+        if cookie is None:
             raise web.HTTPError(401)
-        cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, role)
         self.set_cookie(
             access.COOKIE,
             cookie,
@@ -227,16 +226,16 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
-        request: Optional[action_requests.Request] = None
+        request_id = ""  # also a request that is refused is named, if it has a usable id
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
-            request = action_requests.parse(message, self.page.backend.bounds())
+            request_id, found = action_requests.read(message)
+            request = action_requests.check(request_id, found, self.page.bounds())
             if self.role < Role.OPERATOR:
                 raise CodedError("page_viewer_only")
         except CodedError as error:
             self._faults += 1
-            request_id = request.id if request else getattr(error, "request_id", "")
             self._tell({"re": request_id, **refusal(error)})
             if self._faults >= _MAX_FAULTS:
                 self.close(1008)

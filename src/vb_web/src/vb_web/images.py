@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -69,9 +69,12 @@ def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
     return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3)), cells
 
 
-def _png(pixels: np.ndarray, cells: int) -> EncodedImage:
+_PNG, _WEBP = (".png", [cv2.IMWRITE_PNG_COMPRESSION, 3]), (".webp", [cv2.IMWRITE_WEBP_QUALITY, 80])
+
+
+def _encode(pixels: np.ndarray, cells: float, kind: Tuple[str, List[int]] = _PNG) -> EncodedImage:
     # the map's last row is the image's first
-    data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
+    data = cv2.imencode(kind[0], np.ascontiguousarray(pixels[::-1]), kind[1])[1].tobytes()
     return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
@@ -82,7 +85,7 @@ def draw_map(grid: GridMap) -> EncodedImage:
     pixels[data > 0] = _INK
     pixels[..., 3] = np.where(data > 0, np.maximum(data, 0).astype(np.uint16) * 255 // 100, 0).clip(0, 255)
     pixels[data == UNKNOWN] = _UNKNOWN
-    return _png(pixels, cells)
+    return _encode(pixels, cells)
 
 
 def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage], floor: bool) -> Dict[str, Any]:
@@ -123,7 +126,7 @@ def draw_region(
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[..., :3] = tint
     pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0)
-    return _png(pixels, cells)
+    return _encode(pixels, cells)
 
 
 @dataclass(frozen=True)
@@ -174,8 +177,7 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     seen = weights > 0
     pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
     pixels[..., 3] = np.where(seen, 255, 0)
-    data = cv2.imencode(".webp", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_WEBP_QUALITY, 80])[1].tobytes()
-    return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
+    return _encode(pixels, cells, _WEBP)
 
 
 def encode_jpeg(image: np.ndarray, width: int = 960) -> bytes:

@@ -7,7 +7,6 @@ import socket
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Deque, Dict, List, Optional
 
@@ -18,11 +17,9 @@ from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.border_changes import border_changes
-from vb_core.errors import CodedError, ParameterError
-from vb_core.geometry import pose2d_from_transform
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.offer import Offer
-from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener
@@ -33,7 +30,7 @@ from vb_web import access, images, ros_view
 from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
 from vb_web.action_requests import Bounds
-from vb_web.server import Backend, PageServer, ServerParams, addresses
+from vb_web.server import PageParams, PageServer, addresses
 from vb_web.view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
@@ -42,19 +39,6 @@ _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's 
 _SESSIONS = "page_sessions.json"  # beside the codes
 _UNDER_WAY = ("saving", "changing")  # answers that another one follows
 _EVENTS = 100
-
-
-@dataclass(frozen=True)
-class PageParams(ServerParams):
-    """Parameters of the page; config/page.yaml explains them."""
-
-    cameras: list = param([])
-    image_transport: str = param("raw", choices=("raw", "compressed"))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not all(isinstance(name, str) and name for name in self.cameras):
-            raise ParameterError("cameras", f"expected names, got {self.cameras!r}")
 
 
 class PageNode:
@@ -92,8 +76,7 @@ class PageNode:
         self._view, self._images = View(), images.ImageCache()
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
-        self._borders: Optional[Dict[str, VirtualBorder]] = None  # None: not known yet
-        self._border_list: Optional[VirtualBorderArray] = None
+        self._borders: Optional[VirtualBorderArray] = None  # None: not known yet
         self._offer: Optional[Offer] = None  # None: it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
         self._frames: Dict[str, str] = {}  # of the robots, by name
@@ -112,7 +95,7 @@ class PageNode:
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionHandler(
-            lambda border_id: (self._borders or {}).get(border_id),
+            lambda border_id: _by_id(self._borders).get(border_id),
             lambda: self._connected(names.STATE),
             lambda: self._stoppable or self._connected(names.DRIVERS),
             self._invitation,
@@ -139,19 +122,14 @@ class PageNode:
         node.keep_private(*([] if local else secrets))
         self._codes = None if local else access.load_codes(codes)
         sessions = None if self._codes is None else access.Sessions(self._codes, codes.with_name(_SESSIONS))
-        backend = Backend(
-            self._actions.carry_out,
-            self._actions.command,
-            self._bounds,
-            self._camera_images.camera_jpeg,
-            self._camera_images.floor_webp,
-        )
         self._server = PageServer(
             params,
             sessions,
             self._view,
             self._images,
-            backend,
+            self._actions,
+            self._camera_images,
+            self._bounds,
             lambda error: node.shut_down_with_error(CodedError("internal_error")),
         )
         self._server.start()
@@ -216,11 +194,9 @@ class PageNode:
     def _show_robots(self) -> None:
         """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""
         message, found = self._robots.current() or (None, None)
-        with self._lock:
-            changed, self._offer = found != self._offer, found
-            if message is not None:
-                self._frames = {robot.robot: robot.frame for robot in message.robots}
+        changed, self._offer = found != self._offer, found
         if message is not None and found is not None:
+            self._frames = {robot.robot: robot.frame for robot in message.robots}
             # a Stop does not go from under a finger because a driver is just being started again
             self._stoppable = self._stoppable or "stop" in found.commands
             stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
@@ -233,21 +209,17 @@ class PageNode:
             self._show_borders()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        known = {border.id: border for border in message.borders}
-        with self._lock:
-            before, self._borders, self._border_list = self._borders, known, message
+        before, self._borders = self._borders, message
         self._show_borders()
-        for kind, border in border_changes(before, known) if before is not None else ():
+        for kind, border in border_changes(_by_id(before), _by_id(message)) if before is not None else ():
             self._tell(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
         """Shows the newest list; from several threads, of which none can bring back an older one."""
         with self._showing:
-            with self._lock:
-                message, known_offer = self._border_list, self._offer
-            if message is None:
+            if self._borders is None:
                 return
-            section = ros_view.borders_section(message, known_offer)
+            section = ros_view.borders_section(self._borders, self._offer)
             self._marks = mark_borders(self._marks, [border["id"] for border in section["list"]])
             for border in section["list"]:
                 border["mark"] = self._marks[border["id"]]
@@ -307,21 +279,12 @@ class PageNode:
     def _look_at_robots(self) -> None:
         if not self._server.browsers:
             return
-        with self._lock:
-            frames = dict(self._frames)
-        for robot, frame in frames.items():
-            stamp = self._transforms.newest(names.MAP_FRAME, frame)
-            if not stamp.is_zero() and (rospy.Time.now() - stamp).to_sec() > _SILENCE_TIMEOUT:
-                self._poses.pop(robot, None)  # nobody knows where it is by now
+        for robot, frame in self._frames.items():
+            pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
+            if pose is None:
+                self._poses.pop(robot, None)
                 continue
-            try:
-                pose = self._transforms.lookup(names.MAP_FRAME, frame, stamp, 0.0)
-            except CodedError:
-                continue
-            x, y, yaw = pose2d_from_transform(pose)
-            if not np.isfinite([x, y, yaw]).all():
-                continue
-            old = self._poses.get(robot)
+            (x, y, yaw), old = pose, self._poses.get(robot)
             if old is None or np.hypot(x - old[0], y - old[1]) > 0.005 or abs(np.sin((yaw - old[2]) / 2.0)) > 0.005:
                 self._poses[robot] = [rounded(x), rounded(y), rounded(yaw)]
         self._view.put("robots", dict(self._poses))
@@ -365,6 +328,10 @@ class PageNode:
 
     def _invitation(self) -> Dict[str, Any]:
         return {"addresses": self._addresses, **({} if self._codes is None else vars(self._codes))}
+
+
+def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
+    return {border.id: border for border in message.borders} if message is not None else {}
 
 
 def _own_addresses() -> List[str]:

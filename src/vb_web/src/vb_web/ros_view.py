@@ -6,7 +6,7 @@ Lengths are metres. Chains and points travel as whole centimetres, [x0, y0, x1, 
 from __future__ import annotations
 
 import base64
-from typing import Any, Dict, Iterable, List, Optional
+from typing import Any, Dict, Iterable, List, Mapping, Optional
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -16,10 +16,9 @@ from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorde
 from vb_core import sentences
 from vb_core.notices import Notice
 from vb_core.offer import Offer, unkept
-from vb_core.ros.messages import mapping_from_values, points_from_array
+from vb_core.ros.messages import mapping_from_values
 from vb_core.zones import ZONES, zone_of
 from vb_web import images
-from vb_web.action_requests import Draft
 from vb_web.view import rounded
 
 KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
@@ -31,6 +30,11 @@ def centimeters(points: Iterable[Point]) -> List[int]:
     found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
     found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
     return np.rint(found * 100.0).astype(int).ravel().tolist()
+
+
+def as_it_is(message: Any, fields: str) -> Dict[str, Any]:
+    """Returns those fields of a message that the page gets by the same name and as they are."""
+    return {field: getattr(message, field) for field in fields.split()}
 
 
 def coded_sentence(message: Any) -> Dict[str, Any]:
@@ -47,18 +51,14 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
     """Converts the state of the interaction; times become seconds."""
     ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
-        "name": message.name,
-        "available_commands": list(message.available_commands),
-        "stopped": bool(message.stopped),
-        "stopped_by": message.stopped_by,
-        "stop_number": message.stop_number,
+        **as_it_is(message, "name available_commands stopped stopped_by stop_number"),
         "ends_in_s": max(0, int(ends)),
-        "confirm": bool(message.confirm_save),
+        "confirm": message.confirm_save,
         "outcome": message.last_outcome,
         "last": {
             "command": message.last_command,
             "source": message.last_source,
-            "ok": bool(message.last_success),
+            "ok": message.last_success,
             "code": message.last_code,
             "values": mapping_from_values(message.last_values),
             "message": message.last_message,
@@ -74,9 +74,8 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
         "points": centimeters(message.points),
         "chain": centimeters(message.chain),
         "left_out": centimeters(message.left_out),
-        "closed": bool(message.closed),
         "seed": centimeters([message.seed]) if message.has_seed else [],
-        "cameras_seeing_spot": list(message.cameras_seeing_spot),
+        **as_it_is(message, "closed cameras_seeing_spot"),
         **coded_sentence(message),
     }
 
@@ -99,9 +98,9 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
         return {"available": False}
     return {
         "available": True,
-        "ok": bool(message.success),
+        "ok": message.success,
         "area": rounded(message.area_m2, 2),
-        "parts": int(message.free_parts),
+        "parts": message.free_parts,
         "issues": issues_section(message.issues),
         "region": region_uri(message.region),
         **coded_sentence(message),
@@ -111,20 +110,15 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
 def border_section(border: VirtualBorder) -> Dict[str, Any]:
     """Converts one border."""
     return {
-        "id": border.id,
-        "name": border.name,
+        **as_it_is(border, "id name enabled in_force reason robots"),
         "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimeters([border.seed]),
-        "enabled": bool(border.enabled),
-        "in_force": bool(border.in_force),
-        "reason": border.reason,
         "zone": zone_of(border.zone).name,
         "max_speed": rounded(border.max_speed, 2),
         "area": rounded(border.area_m2, 2),
         "before": centimeters(border.before),
         "after": centimeters(border.after),
-        "robots": list(border.robots),
     }
 
 
@@ -137,11 +131,8 @@ def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, A
 def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) -> Dict[str, Any]:
     """Converts all borders. `found`: what is connected, if that is known."""
     return {
-        "revision": int(message.revision),
-        "map_id": message.map_id,
-        "map_name": message.map_name,
-        "unconfirmed": bool(message.needs_confirmation),
-        "available_commands": list(message.available_commands),
+        **as_it_is(message, "revision map_id map_name available_commands"),
+        "unconfirmed": message.needs_confirmation,
         "list": [_with_unkept(border_section(border), found) for border in message.borders],
         **coded_sentence(message),
     }
@@ -150,11 +141,9 @@ def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) 
 def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
     """Converts what is offered and told of the robots; `more`: further commands to offer."""
     return {
-        "state": found.state,
-        "interaction": bool(message.interaction),
+        **as_it_is(found, "state zones goes"),
+        "interaction": message.interaction,
         "commands": [*found.commands, *more],
-        "zones": list(found.zones),
-        "goes": list(found.goes),
         "robots": [robot.robot for robot in message.robots],
         "lines": [
             {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
@@ -199,28 +188,24 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
     """Converts the notices that people should know now."""
     return [
         {
+            **as_it_is(notice, "code message robot camera"),
             "severity": int(notice.severity),
-            "code": notice.code,
             "values": dict(notice.values),
-            "message": notice.message,
-            "robot": notice.robot,
             "border": notice.border_id,
-            "camera": notice.camera,
         }
         for notice in notices
     ]
 
 
-def apply_draft(draft: Draft, border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft into a border's message; fields that a draft lacks stay as they are."""
-    border.name = draft.name
-    border.points = points_from_array(draft.points)
-    border.kind = KINDS[draft.kind]
-    border.seed = Point(float(draft.seed[0]), float(draft.seed[1]), 0.0)
-    zone = ZONES[draft.zone]
+def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
+    """Puts a draft, checked by `action_requests`, into a border's message; fields that it lacks stay as they are."""
+    border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
+    border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
+    border.kind = KINDS[draft["kind"]]
+    border.seed = Point(*draft["seed"], 0.0)
+    zone = ZONES[draft["zone"]]
     if not zone.soft or border.occupancy in (0.0, 1.0):
         border.occupancy = zone.occupancy
     border.zone = zone.number
-    border.max_speed = draft.max_speed if zone.limits_speed else 0.0
-    border.enabled, border.robots = draft.enabled, list(draft.robots)
+    border.max_speed = draft["max_speed"] if zone.limits_speed else 0.0
     return border

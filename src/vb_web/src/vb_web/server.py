@@ -49,12 +49,19 @@ _SEND_PATIENCE = 20  # [s] for a browser to take what is sent to it
 
 
 @dataclass(frozen=True)
-class ServerParams(Parameters):
-    """The server's parameters; config/page.yaml explains them."""
+class PageParams(Parameters):
+    """Parameters of the page; config/page.yaml explains them."""
 
     address: str = param("127.0.0.1")
     port: int = param(8420, "", low=0, high=65535)
     codes_file: str = param("~/.ros/virtual_borders/page_codes.yaml")
+    cameras: list = param([])
+    image_transport: str = param("raw", choices=("raw", "compressed"))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not all(isinstance(name, str) and name for name in self.cameras):
+            raise ParameterError("cameras", f"expected names, got {self.cameras!r}")
 
     @property
     def certificate(self) -> Optional[Tuple[Path, Path]]:
@@ -72,44 +79,30 @@ class ServerParams(Parameters):
         return files if all(there) else None  # type: ignore[return-value]
 
 
-@dataclass(frozen=True)
-class Backend:
-    """The functions that the server calls; called from threads, they may take seconds.
-
-    Attributes:
-        act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the
-            same as an answer that is not ok.
-        command: does so with a command, without a thread; the answer comes later.
-        bounds: where points may be; None without a map.
-        camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
-        floor_webp: the floor as the ceiling cameras see it; None if none does.
-    """
-
-    act: Callable[[action_requests.Request, str], Dict[str, Any]]
-    command: Callable[[action_requests.Request, str], "asyncio.Future[Dict[str, Any]]"]
-    bounds: Callable[[], Optional[action_requests.Bounds]]
-    camera_jpeg: Callable[[str], Optional[bytes]]
-    floor_webp: Callable[[], Optional[bytes]]
-
-
 class PageServer:
     """Serves the page from its own thread.
 
     Args:
         sessions: None only for loopback addresses: every user of this computer is an operator.
+        actions: carries requests out, an `actions.ActionHandler`; cameras: makes their images, a
+            `camera_images.CameraImages`. What is asked of both in threads may take seconds.
+        bounds: returns where points may be; None without a map.
         on_fault: called once with the error that ended the server's thread.
     """
 
     def __init__(
         self,
-        params: ServerParams,
+        params: PageParams,
         sessions: Optional[Sessions],
         view: View,
         images: ImageCache,
-        backend: Backend,
+        actions: Any,
+        cameras: Any,
+        bounds: Callable[[], Optional[action_requests.Bounds]],
         on_fault: Callable[[BaseException], None],
     ) -> None:
-        self.params, self.sessions, self.view, self.images, self.backend = params, sessions, view, images, backend
+        self.params, self.sessions, self.view, self.images = params, sessions, view, images
+        self.actions, self.cameras, self.bounds = actions, cameras, bounds
         self.logins = Limiter(rate=5.0 / 60.0, burst=5.0)
         self.requests = Limiter(rate=40.0, burst=120.0)
         self.connections = Limiter(rate=5.0, burst=100.0)
@@ -237,7 +230,7 @@ class PageServer:
         key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self.answers:
             if request.action == "command":
-                self.answers[key] = self.backend.command(request, source)
+                self.answers[key] = self.actions.command(request, source)
             else:
                 self.answers[key] = asyncio.ensure_future(self._carry_out(request, person, source))
             while len(self.answers) > 300:
@@ -247,8 +240,8 @@ class PageServer:
     async def _carry_out(self, request: action_requests.Request, person: str, source: str) -> Dict[str, Any]:
         try:
             if request.action == "preview":
-                return await self.in_turn(person, self.backend.act, request, source)
-            return await asyncio.get_event_loop().run_in_executor(self.pool, self.backend.act, request, source)
+                return await self.in_turn(person, self.actions.carry_out, request, source)
+            return await asyncio.get_event_loop().run_in_executor(self.pool, self.actions.carry_out, request, source)
         except CodedError as error:
             return refusal(error)
 
@@ -282,7 +275,7 @@ class _BoundedServer(HTTPServer):
         super().handle_stream(stream, address)
 
 
-def addresses(params: ServerParams, port: int, own: List[str]) -> List[str]:
+def addresses(params: PageParams, port: int, own: List[str]) -> List[str]:
     """Returns the page's addresses, the most useful first.
 
     Args:

@@ -32,10 +32,14 @@ def as_message(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
+def answer(code: str, ok: bool = True, values: Optional[Dict[str, str]] = None, message: str = "") -> Dict[str, Any]:
+    """Makes the answer to a request: its code, the values of that code's sentence, and the sentence in English."""
+    return {"ok": ok, "code": code, "values": values or {}, "message": message}
+
+
 def refusal(error: CodedError) -> Dict[str, Any]:
     """Converts an error to an answer."""
-    values = {key: str(value) for key, value in error.values.items()}
-    return {"ok": False, "code": error.code, "values": values, "message": error.message}
+    return answer(error.code, False, {key: str(value) for key, value in error.values.items()}, error.message)
 
 
 class View:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Optional
+
 import numpy as np
 import rospy
 import tf2_ros
 
+from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.geometry import pose2d_from_transform
+from vb_core.poses import Pose
 from vb_core.ros.messages import transform_from_message
 
 
@@ -36,6 +41,17 @@ class TransformLookup:
             reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
         return transform_from_message(found.transform)
+
+    def pose_on_map(self, frame: str, silence: float) -> Optional[Pose]:
+        """Returns where a frame is on the map, (x, y, yaw) [m, m, rad]; None if nobody has told it for so long [s]."""
+        stamp = self.newest(names.MAP_FRAME, frame)
+        if not stamp.is_zero() and abs((rospy.Time.now() - stamp).to_sec()) > silence:
+            return None
+        try:
+            found = pose2d_from_transform(self.lookup(names.MAP_FRAME, frame, stamp, 0.0))
+        except CodedError:
+            return None
+        return found if np.isfinite(found).all() else None
 
     def newest(self, target: str, source: str) -> rospy.Time:
         """Returns the time of the newest transform; zero for a fixed one, and if there is none."""

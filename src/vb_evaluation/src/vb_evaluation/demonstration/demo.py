@@ -36,11 +36,11 @@ from vb_evaluation import metrics
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch
+from vb_evaluation.report.paper import METHOD_TITLES
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
-METHODS = {"nrs": "network robot system", "robot_only": "robot only"}
 NAVIGATIONS = ("standin", "move_base")
 DRIVE_TIMEOUT = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
 READY_TIMEOUT = 90.0  # [s]
@@ -78,7 +78,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
     path = Path(given.world).expanduser().resolve() if given.world else top / "src/vb_sim/worlds/lab.yaml"
     world = load_world(str(path))
     for key, value, known in (
-        ("METHOD", given.method, METHODS),
+        ("METHOD", given.method, METHOD_TITLES),
         ("NAVIGATION", given.navigation, NAVIGATIONS),
         ("SCENARIO", given.scenario, world.scenarios),
     ):
@@ -88,13 +88,8 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
         raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
     if not given.seed.isdigit():
         raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'")
-    given.world_path, given.world, given.scenario, given.seed = (
-        path,
-        world,
-        world.scenarios[given.scenario],
-        int(given.seed),
-    )
-    given.out = Path(given.out).resolve()
+    given.world_path, given.world, given.scenario = path, world, world.scenarios[given.scenario]
+    given.seed, given.out = int(given.seed), Path(given.out).resolve()
     return given
 
 
@@ -125,7 +120,7 @@ class Demo:
     def run(self) -> int:
         """Shows the story from beginning to end; returns what `main` does."""
         options, proof = self.options, self.options.scenario.proof
-        self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHODS[options.method]}")
+        self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method].lower()}")
         self._launch()
         self._register()
         observer = Observer()

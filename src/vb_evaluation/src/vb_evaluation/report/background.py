@@ -6,14 +6,15 @@ from typing import List
 
 import pandas
 
+from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, questionnaire
-from vb_evaluation.report.blocks import Block, Grid, Text, columns
-from vb_evaluation.report.data import WARNINGS, StudyResults, read_sheet
+from vb_evaluation.report.blocks import Block, Grid, columns
+from vb_evaluation.report.data import SHEETS, WARNINGS, StudyResults, read_sheet
 
 
 def participants_section(study: StudyResults) -> List[Block]:
     """Says who took part and what they answered; empty for simulated people."""
-    path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
+    path, about = (study.folder / name for name in SHEETS)
     blocks: List[Block] = []
     if study.people and about.is_file():
         asked = read_sheet(about, ("participant",)).drop(columns="participant")
@@ -34,7 +35,7 @@ def participants_section(study: StudyResults) -> List[Block]:
                 "statement": answers.statement,
                 "nrs": float(answers.first.mean()),
                 "robot_only": float(answers.second.mean()),
-                **effect_sizes.test_row(answers.comparison),
+                **effect_sizes.test_row(statistics.compare_paired(answers.first, answers.second)),
             }
             for answers in found.answers
         ]
@@ -44,12 +45,12 @@ def participants_section(study: StudyResults) -> List[Block]:
             "statement", "nrs", "robot_only", "shift", "z", "p", "holm", "r", "n", shift="Difference", n="People"
         )
         blocks += [
-            Text(
+            (
                 "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
                 "Wilcoxon signed-rank test; Holm over the statements and over the scales."
             ),
             Grid("questionnaire", heads, rows, {"z": 3}),
-            Text(f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}."),
+            f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}.",
         ]
     return blocks
 

@@ -1,4 +1,4 @@
-"""The parts of a section of the page: text, figures and tables. A table is both shown and written as CSV."""
+"""The parts of a section of the page: paragraphs, figures and tables. A table is both shown and written as CSV."""
 
 from __future__ import annotations
 
@@ -7,13 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, List, Sequence, Tuple, Union
 
 from vb_evaluation.statistics import Interval, format_number
-
-
-@dataclass(frozen=True)
-class Text:
-    """A paragraph."""
-
-    words: str
 
 
 @dataclass(frozen=True)
@@ -94,4 +87,4 @@ class Grid:
         }
 
 
-Block = Union[Text, Figure, Grid]
+Block = Union[str, Figure, Grid]  # a paragraph, images, or a table

@@ -9,7 +9,7 @@ import io
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import pandas
@@ -20,6 +20,7 @@ from vb_evaluation.report import paper
 
 RUNS, WORLDS = "runs.csv", "worlds.csv"
 DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
+SHEETS = ("questionnaire.csv", "demographics.csv")  # that people fill in
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
@@ -36,11 +37,8 @@ _FLAGS = {
 }
 
 
-class Cell(NamedTuple):
-    """The runs of one scenario with one method; `published` are the paper's (Jaccard index, completeness), or nan."""
-
-    runs: pandas.DataFrame
-    published: Tuple[float, float]
+# of the runs of one scenario with one method, and the paper's Jaccard index and completeness, or nan
+Measure = Callable[[pandas.DataFrame, float, float], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -66,11 +64,6 @@ class StudyResults:
         """Returns whether people took part."""
         return bool(self.meta.get("people", False))
 
-    @property
-    def has_worlds(self) -> bool:
-        """Returns whether there are runs in plausible worlds, and what was drawn for them."""
-        return WORLDS in self.tables and len(self.methods) > 1 and (self.folder / DRAWS).is_file()
-
     def scenario_title(self, key: str) -> str:
         """Returns a scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper.scenario_title(key))
@@ -92,12 +85,12 @@ class StudyResults:
         """(method, baseline) that are compared; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
 
-    def by_scenario(self) -> Iterator[Tuple[str, pandas.DataFrame]]:
-        """Yields each scenario's title and runs."""
+    def by_scenario(self, runs: Optional[pandas.DataFrame] = None) -> Iterator[Tuple[str, pandas.DataFrame]]:
+        """Yields each scenario's title and runs, all or of these."""
         for scenario in self.scenarios:
-            yield self.scenario_title(scenario), select(self.runs, scenario=scenario)
+            yield self.scenario_title(scenario), select(self.runs if runs is None else runs, scenario=scenario)
 
-    def rows(self, measure: Callable[[Cell], Mapping[str, Any]], **where: object) -> List[Dict[str, Any]]:
+    def rows(self, measure: Measure, **where: object) -> List[Dict[str, Any]]:
         """Makes a table's rows, one for each scenario and method: both titles, and what is measured of its runs.
 
         Args:
@@ -108,9 +101,7 @@ class StudyResults:
                 "scenario": self.scenario_title(scenario),
                 "method": paper.method_title(method),
                 **measure(
-                    Cell(
-                        select(self.runs, scenario=scenario, method=method, **where), paper.published(scenario, method)
-                    )
+                    select(self.runs, scenario=scenario, method=method, **where), *paper.published(scenario, method)
                 ),
             }
             for scenario in self.scenarios

@@ -1,9 +1,10 @@
-"""Draws representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
+"""Writes a study's maps, and draws representative ones as in the paper's figure of the accuracy (Sect. 5.8.4)."""
 
 from __future__ import annotations
 
 import base64
-from typing import List, Optional, Sequence, Tuple
+from pathlib import Path
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ import pandas
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_core.map_files import read_map
+from vb_core.map_files import read_map, write_map
 from vb_evaluation import metrics
 from vb_evaluation.report.data import StudyResults, select
 from vb_evaluation.report.paper import method_title
@@ -21,6 +22,15 @@ TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), 
 FREE, OCCUPIED, UNKNOWN = (255, 255, 255), (0, 0, 0), (176, 176, 176)
 MIN_WIDTH_PX = 640
 HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go round the feet of furniture
+
+
+def write_truths(folder: Path, physical: GridMap, truths: Mapping[str, np.ndarray]) -> None:
+    """Writes the physical map, and ground truths (H, W) bool by scenario, into a study's folder, for map_server."""
+    maps = folder / "maps"
+    maps.mkdir(parents=True, exist_ok=True)
+    write_map(maps / "physical", physical)
+    for scenario, truth in truths.items():
+        write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, np.int8(100), physical.data)))
 
 
 def draw_map(

@@ -9,8 +9,8 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, maps, paper
-from vb_evaluation.report.blocks import Block, Figure, Grid, Text, columns
-from vb_evaluation.report.data import ERRORS, STATES, Cell, StudyResults, known, pairs, select
+from vb_evaluation.report.blocks import Block, Figure, Grid, columns
+from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 # measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
@@ -39,20 +39,19 @@ def summary_section(study: StudyResults) -> List[Block]:
 
 
 def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str) -> Grid:
-    both, rows = study.comparison, []
-    for scenario in study.scenarios:
-        here = select(runs, scenario=scenario)
-        rows.append(
-            {
-                "scenario": study.scenario_title(scenario),
-                "pairs": len(pairs(here, "time_total_s", both)[0]),
-                "error": effect_sizes.shift(here, "error_mean_cm", both, True),
-                "time": effect_sizes.shift(here, "time_total_s", both),
-                "speedup": effect_sizes.ratio(here, both),
-                "jaccard": effect_sizes.shift(here, "jaccard", both, True),
-                "completed": effect_sizes.completed_more(here, both),
-            }
-        )
+    both = study.comparison
+    rows = [
+        {
+            "scenario": title,
+            "pairs": len(pairs(here, "time_total_s", both)[0]),
+            "error": effect_sizes.shift(here, "error_mean_cm", both, True),
+            "time": effect_sizes.shift(here, "time_total_s", both),
+            "speedup": effect_sizes.ratio(here, both),
+            "jaccard": effect_sizes.shift(here, "jaccard", both, True),
+            "completed": effect_sizes.completed_more(here, both),
+        }
+        for title, here in study.by_scenario(runs)
+    ]
     keys = ("scenario", "pairs", "error", "time", "speedup", "jaccard", "completed")
     heads = columns(
         *keys,
@@ -70,28 +69,20 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
     for title, here in study.by_scenario():
         for column, (words, margin, sign, digits) in MARGINS.items():
             first, second = pairs(here, column, study.comparison, True)
-            interval = effect_sizes.shift(here, column, study.comparison, True, 0.9).scaled(sign)
-            low, high = sorted((interval.low, interval.high))
+            gain = effect_sizes.shift(here, column, study.comparison, True, 0.9).scaled(sign)
             rows.append(
                 {
                     "scenario": title,
                     "measure": words,
-                    "gain": statistics.Interval(interval.estimate, low, high, interval.confidence).text(digits),
-                    "margin": f"{margin:g}",
-                    "reading": "not worse" if low > -margin else ("worse" if high < -margin else "open"),
-                    "equivalent": "yes" if low > -margin and high < margin else "no",
+                    **_beside_margin(gain, margin, digits),
                     "n": len(first),
                     "p_value": statistics.not_worse_p(sign * (first - second), margin),
                 }
             )
     for column in MARGINS if study.people else ():
         effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column][0]])
-    points = effect_sizes.completed_more(study.runs, study.comparison, 0.9)
-    reading = "not worse" if points.low > -POINTS else ("worse" if points.high < -POINTS else "open")
-    rows.append({"scenario": "all", "measure": "completed [points]", "gain": points.text(0), "margin": f"{POINTS}"})
-    rows[-1].update(
-        reading=reading, equivalent="yes" if reading == "not worse" and points.high < POINTS else "no", n=""
-    )
+    points = _beside_margin(effect_sizes.completed_more(study.runs, study.comparison, 0.9), POINTS, 0)
+    rows.append({"scenario": "all", "measure": "completed [points]", **points, "n": ""})
     keys = ["scenario", "measure", "gain", "margin", "reading", "equivalent", "n", *(["holm"] if study.people else [])]
     words = (
         "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
@@ -100,12 +91,23 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
     return [Grid("not_worse", columns(*keys, gain="Gain [90 %]"), rows, words=words)]
 
 
+def _beside_margin(gain: statistics.Interval, margin: float, digits: int) -> Dict[str, str]:
+    """Says what the 90 % interval of a gain means for a margin."""
+    not_worse = gain.low > -margin
+    return {
+        "gain": gain.text(digits),
+        "margin": f"{margin:g}",
+        "reading": "not worse" if not_worse else ("worse" if gain.high < -margin else "open"),
+        "equivalent": "yes" if not_worse and gain.high < margin else "no",
+    }
+
+
 def error_section(study: StudyResults) -> List[Block]:
     """Reports the boundary error in centimetres."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        worst = known(cell.runs, "error_max_cm")
-        medians = {column: statistics.median(known(cell.runs, column)) for column in ERRORS}
+    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
+        worst = known(runs, "error_max_cm")
+        medians = {column: statistics.median(known(runs, column)) for column in ERRORS}
         return {**medians, "worst": float(worst.max()) if len(worst) else math.nan, "runs": len(worst)}
 
     rows = study.rows(measure, completed=1)
@@ -114,7 +116,7 @@ def error_section(study: StudyResults) -> List[Block]:
     errors = {key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS}
     heads = columns("scenario", "method", *ERRORS, "worst", "runs", **errors, worst="worst run's largest [cm]")
     return [
-        Text(
+        (
             "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
             "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
             "over runs with bootstrap intervals."
@@ -127,14 +129,14 @@ def error_section(study: StudyResults) -> List[Block]:
 def time_section(study: StudyResults) -> List[Block]:
     """Reports interaction time by state."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        states = {state: float(cell.runs[f"time_{state}_s"].mean()) for state in STATES}
-        return {**states, "total": statistics.mean(known(cell.runs, "time_total_s")), "runs": len(cell.runs)}
+    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
+        states = {state: float(runs[f"time_{state}_s"].mean()) for state in STATES}
+        return {**states, "total": statistics.mean(known(runs, "time_total_s")), "runs": len(runs)}
 
     states = {state: f"{state.capitalize()} [s]" for state in STATES}
     heads = columns("scenario", "method", *STATES, "total", "runs", **states, total="Total, mean [s]")
     return [
-        Text(
+        (
             "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
             "attempts that were cancelled included (paper, Sect. 5.5)."
         ),
@@ -146,17 +148,17 @@ def time_section(study: StudyResults) -> List[Block]:
 def accuracy_section(study: StudyResults) -> List[Block]:
     """Reports the paper's Jaccard index, with representative maps."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        done = known(cell.runs, "jaccard")
+    def measure(runs: pandas.DataFrame, published: float, _: float) -> Dict[str, Any]:
+        done = known(runs, "jaccard")
         least = float(done.min()) if len(done) else math.nan
-        return {"median": statistics.median(done), "least": least, "paper": cell.published[0], "runs": len(done)}
+        return {"median": statistics.median(done), "least": least, "paper": published, "runs": len(done)}
 
     rows = study.rows(measure, completed=1)
     images, notes = maps.representatives(study)
     heads = columns("scenario", "method", "median", "least", "paper", "runs", least="Smallest")
     blocks: List[Block] = [
-        Text("Restricted cells against those that were asked for, over completed runs."),
-        Text(
+        "Restricted cells against those that were asked for, over completed runs.",
+        (
             "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
             "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart."
         ),
@@ -165,26 +167,26 @@ def accuracy_section(study: StudyResults) -> List[Block]:
     ]
     if images:
         blocks += [
-            Text(
+            (
                 "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
                 "(green), restricted beyond the ground truth (red), union (blue outline)."
             ),
             Figure(images),
         ]
-    return [*blocks, *map(Text, notes)]
+    return [*blocks, *notes]
 
 
 def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        done = known(cell.runs, "completed")
+    def measure(runs: pandas.DataFrame, _: float, published: float) -> Dict[str, Any]:
+        done = known(runs, "completed")
         share = statistics.proportion(int(done.sum()), len(done)).scaled(100.0)
-        return {"completed": f"{int(done.sum())} of {len(done)}", "share": share, "paper": 100 * cell.published[1]}
+        return {"completed": f"{int(done.sum())} of {len(done)}", "share": share, "paper": 100 * published}
 
     heads = columns("scenario", "method", "completed", "share", "paper", share="Share [%]", paper="Paper [%]")
     return [
-        Text("Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals."),
+        "Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals.",
         Grid("completeness", heads, study.rows(measure), {"share": 0, "paper": 1}),
         *_who_completed(study),
         *_what_became(study),
@@ -214,9 +216,9 @@ def _what_became(study: StudyResults) -> List[Block]:
         return []
     there = list(dict.fromkeys(study.runs.outcome))
 
-    def measure(cell: Cell) -> Dict[str, Any]:
-        counts = {name: int((cell.runs.outcome == name).sum()) for name in there}
-        return {**counts, **{name: int((cell.runs[name] > 0).sum()) for name in ("helped", "problems")}}
+    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
+        counts = {name: int((runs.outcome == name).sum()) for name in there}
+        return {**counts, **{name: int((runs[name] > 0).sum()) for name in ("helped", "problems")}}
 
     keys = ("scenario", "method", *there, *(("helped", "problems") if study.people else ()))
     heads = columns(*keys, helped="With help", problems="With a problem of the system")

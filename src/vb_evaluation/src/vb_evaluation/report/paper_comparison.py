@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper
-from vb_evaluation.report.blocks import Block, Grid, Text, columns
+from vb_evaluation.report.blocks import Block, Grid, columns
 from vb_evaluation.report.data import StudyResults, known, pairs, select
 from vb_evaluation.report.paper import METHODS, PAPER
 from vb_evaluation.statistics import Interval
@@ -34,8 +34,8 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
         difference="Here minus paper",
     )
     return [
-        Text(f"{paper.CITATION}. It measured 15 people in a real lab."),
-        Text(
+        f"{paper.CITATION}. It measured 15 people in a real lab.",
+        (
             "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
             "people do better than real people is wrong in that figure, too. "
             f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."

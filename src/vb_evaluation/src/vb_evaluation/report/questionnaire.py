@@ -10,15 +10,13 @@ UEQ-S: Schrepp, Hinderks, Thomaschewski, "Design and Evaluation of a Short Versi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, NamedTuple
 
 import numpy as np
 import pandas
 
 from vb_core.errors import CodedError
-from vb_evaluation import statistics
 from vb_evaluation.report.data import read_sheet, yes_or_no
 from vb_evaluation.report.paper import METHODS
 
@@ -48,8 +46,16 @@ UEQ_SCALES = (
 QUESTION = "Did the smart environment support the interaction process?"
 
 
-@dataclass(frozen=True)
-class Answers:
+# the columns that the CSV file must have, and those of the UEQ-S, which it may leave out
+COLUMNS = [
+    "participant",
+    *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS),
+    "helped",
+]
+UEQ_COLUMNS = [f"u{number}_{method}" for number in range(1, len(UEQ_S) + 1) for method in METHODS]
+
+
+class Answers(NamedTuple):
     """The answers of one statement or scale, of those who answered for both methods.
 
     Attributes:
@@ -60,33 +66,13 @@ class Answers:
     first: np.ndarray
     second: np.ndarray
 
-    @property
-    def comparison(self) -> statistics.PairedComparison:
-        """Wilcoxon test and effect sizes, first minus second."""
-        return statistics.compare_paired(self.first, self.second)
 
-
-@dataclass(frozen=True)
-class Questionnaire:
+class Questionnaire(NamedTuple):
     """All answers; `helped` of `asked` said yes to the question."""
 
-    answers: Tuple[Answers, ...]
+    answers: List[Answers]
     helped: int
     asked: int
-
-
-def ueq_columns() -> List[str]:
-    """Lists the columns of the UEQ-S, which a file may leave out."""
-    return [f"u{number}_{method}" for number in range(1, len(UEQ_S) + 1) for method in METHODS]
-
-
-def columns() -> List[str]:
-    """Lists the columns that the CSV file must have."""
-    return [
-        "participant",
-        *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS),
-        "helped",
-    ]
 
 
 def read(path: Path) -> Questionnaire:
@@ -95,7 +81,7 @@ def read(path: Path) -> Questionnaire:
     Raises:
         CodedError: "bad_questionnaire" naming the column, or the line.
     """
-    sheet = read_sheet(path, columns(), "bad_questionnaire")
+    sheet = read_sheet(path, COLUMNS, "bad_questionnaire")
     for line, name in sheet.participant[sheet.participant.duplicated() | (sheet.participant == "")].items():
         raise CodedError(
             "bad_questionnaire",
@@ -108,7 +94,7 @@ def read(path: Path) -> Questionnaire:
             _answer(text, f"{path}, line {line}: {column}", most)
             for line, text in sheet.get(column, pandas.Series(dtype=str)).items()
         ]
-        for most, names in ((5, columns()[1:-1]), (7, ueq_columns()))
+        for most, names in ((5, COLUMNS[1:-1]), (7, UEQ_COLUMNS))
         for column in names
     }
     parts = [(words, [f"s{number}"], 0.0) for number, (words, _) in enumerate(STATEMENTS, 1)]
@@ -126,7 +112,7 @@ def read(path: Path) -> Questionnaire:
         for line, text in sheet.helped.items()
         if text
     ]
-    return Questionnaire(tuple(answers), sum(said), len(said))
+    return Questionnaire(answers, sum(said), len(said))
 
 
 def _answer(text: str, where: str, most: int) -> float:

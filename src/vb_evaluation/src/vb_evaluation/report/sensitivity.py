@@ -8,7 +8,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import paper
-from vb_evaluation.report.blocks import Block, Grid, Text, columns
+from vb_evaluation.report.blocks import Block, Grid, columns
 from vb_evaluation.report.data import DRAWS, WORLDS, StudyResults, read_sheet, select
 
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exactly
@@ -19,7 +19,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
 
     Empty where draws.csv or worlds.csv is missing.
     """
-    if not study.has_worlds:
+    if WORLDS not in study.tables or len(study.methods) < 2 or not (study.folder / DRAWS).is_file():
         return []
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).columns[1:]
     table, (first, baseline) = study.tables[WORLDS], study.comparison
@@ -27,7 +27,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base")
     )
     return [
-        Text(
+        (
             f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
             f"{table.draw.nunique()} draws."
         ),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import os
 import signal
 import sys
@@ -61,8 +60,7 @@ def _run(given: argparse.Namespace, console: Console) -> int:
     jobs = plan.select(plan.jobs(study, given.quick), **{name: getattr(given, name) for name in ONLY})
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, WORLDS)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
-    facts = {**campaign.made_by(), "date": datetime.date.today().isoformat()}
-    failed = campaign.run_jobs(study, jobs, given.out, max(1, given.processes), facts, console)
+    failed = campaign.run_jobs(study, jobs, given.out, console, max(1, given.processes))
     console.print(f"written to {given.out}")
     return 1 if failed else 0
 

@@ -6,6 +6,7 @@ the row and the map. So neither the number of workers nor their order nor an int
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 import json
 import os
@@ -14,7 +15,7 @@ import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import joblib
 import numpy as np
@@ -23,11 +24,12 @@ from rich.progress import track
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_core.grid_map import FREE, OCCUPIED, GridMap
+from vb_core.grid_map import FREE, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation.metrics import restricted_cells
 from vb_evaluation.provenance import repository_top, revision
 from vb_evaluation.report.data import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
+from vb_evaluation.report.maps import write_truths
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study, study_from_mapping
 from vb_evaluation.study.plan import Job
@@ -47,52 +49,24 @@ class Outcome:
     fault: str = ""
 
 
-# a study's document and sources, and a job, to its outcome
-Work = Callable[[Mapping[str, Any], Mapping[str, Any], Job], Outcome]
-
-
 def columns(file: str) -> Tuple[str, ...]:
     """Lists the columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
     order = ("order", "map") if file == RUNS else ()
     return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
-def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
-    """Carries out one run: its row and the resulting map."""
-    # only running needs ROS: reading a study does not
-    from vb_evaluation.study.runner import run
-
-    varied = study.changed(job.changes) if job.changes else study
-    result = run(varied, job.task)
-    row = {**job.columns(study.design.seed), **measure(result)}
-    if job.file == RUNS:
-        name = f"maps/p{job.task.participant:02d}_{job.task.scenario}_{job.task.method}.yaml"
-        row.update(order=job.order, map=name if result.saved else "")
-    return row, result.posterior
-
-
-def run_jobs(
-    study: Study,
-    jobs: Sequence[Job],
-    folder: Path,
-    processes: int = 1,
-    facts: Optional[Mapping[str, Any]] = None,
-    console: Optional[Console] = None,
-    work: Optional[Work] = None,
-) -> int:
+def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1) -> int:
     """Carries out the remaining runs; returns how many failed because of a fault in the program.
-
-    Args:
-        facts: for study.json.
-        work: what a worker does with a job, instead of a run.
 
     Raises:
         CodedError: "other_study".
         KeyboardInterrupt: after it was said what is done.
     """
-    console = console or Console(highlight=False, soft_wrap=True)
-    open_folder(folder, configuration(study), {**(facts or {}), **about(study)})
-    write_truths(study, folder / "maps")
+    facts = about(study)
+    open_folder(folder, configuration(study), facts)
+    world = study.world
+    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
+    write_truths(folder, floor_plan.physical_map(world), truths)
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(
@@ -102,19 +76,18 @@ def run_jobs(
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
     failed = 0
-    made_with = revision()
     parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
     try:
-        outcomes = parallel(joblib.delayed(work or _work)(study.document, study.sources, job) for job in waiting)
+        outcomes = parallel(joblib.delayed(_work)(study.document, study.sources, job) for job in waiting)
         for outcome in track(outcomes, "study", len(waiting), console=console):
             job = outcome.job
             if outcome.row is None:
                 failed += 1
-                console.print(f"failed: {job.words}: {outcome.fault}", markup=False)
+                console.print(f"failed: {job.name}: {outcome.fault}", markup=False)
                 continue
             if outcome.grid is not None and outcome.row.get("map"):
                 write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-            row = {**outcome.row, "revision": made_with}
+            row = {**outcome.row, "revision": facts["revision"]}
             write_atomically(_row(folder, job), json.dumps(row, default=lambda value: value.item()).encode())
     except KeyboardInterrupt:
         done = sum(_row(folder, job).exists() for job in jobs)
@@ -136,10 +109,19 @@ def _row(folder: Path, job: Job) -> Path:
 
 
 def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
+    """Carries out one run, of the study of a document and the files that it names."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        row, grid = row_of(study_from_mapping(document, sources), job)
-        return Outcome(job, row, grid if job.file == RUNS else None)
+        # only running needs ROS: reading a study does not
+        from vb_evaluation.study.runner import run
+
+        study = study_from_mapping(document, sources)
+        done = run(study.changed(job.changes) if job.changes else study, job)
+        row = {**job.columns(study.design.seed), **measure(done)}
+        if job.file != RUNS:
+            return Outcome(job, row)
+        name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
+        return Outcome(job, {**row, "order": job.order, "map": "" if done.seed is None else name}, done.posterior)
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
@@ -180,21 +162,16 @@ def configuration(study: Study) -> str:
 
 
 def about(study: Study) -> Dict[str, Any]:
-    """Facts about a study that its rows lack."""
+    """Facts that a study's rows lack: what it is, and what it is made by."""
     return {
         "seed": study.design.seed,
         "world": study.world.name,
         "robot_start": study.world.robots[0].start_pose(),
         "scenarios": {key: study.world.scenario(key).title for key in study.design.scenarios},
-    }
-
-
-def made_by() -> Dict[str, str]:
-    """Returns revision, command and machine, for study.json."""
-    return {
         "revision": revision(),
         "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
         "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}",
+        "date": datetime.date.today().isoformat(),
     }
 
 
@@ -207,13 +184,3 @@ def pack_areas(folder: Path) -> None:
     others = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")
     areas = {path.stem: restricted_cells(physical, read_map(path)) for path in others}
     np.savez_compressed(folder / AREAS, floor=physical.data == FREE, **areas)
-
-
-def write_truths(study: Study, maps: Path) -> None:
-    """Writes the physical map, and each scenario's ground truth, as map_server files."""
-    prior = floor_plan.physical_map(study.world)
-    maps.mkdir(parents=True, exist_ok=True)
-    write_map(maps / "physical", prior)
-    for key in study.design.scenarios:
-        cells = floor_plan.ground_truth(study.world, study.world.scenario(key))
-        write_map(maps / f"truth_{key}", prior.with_data(np.where(cells, np.int8(OCCUPIED), prior.data)))

@@ -58,8 +58,6 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
             value = float(values[1]) * draw(key, values[0], rng)
         else:
             value = _KINDS[kind](rng, *(float(entry) for entry in values))
-    except ParameterError:
-        raise
     except (TypeError, ValueError, KeyError, AttributeError):
         raise ParameterError(
             key, f"expected a number, or one of mixture, scaled, {', '.join(_KINDS)}, got {spec!r}"

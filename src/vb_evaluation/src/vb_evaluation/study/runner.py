@@ -8,6 +8,7 @@ import tempfile
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
@@ -23,13 +24,13 @@ from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.lab_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.people import Traits
-from vb_evaluation.study.result import Result, RunTask
+from vb_evaluation.study.plan import Job
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import replaced
 from vb_fusion import live_extraction
-from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
+from vb_msgs.msg import LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
 from vb_sim.robot.costmap import Costmap
 from vb_sim.person.hand import perceive_border
@@ -50,18 +51,47 @@ _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
 
 
-class _RunRecorder:
-    """Subscribes to what a run is measured by."""
+class LiveRun:
+    """A lab with one participant, and the live system in it; what is measured once `run` has ended.
 
-    def __init__(self) -> None:
-        self.posterior: Optional[GridMap] = None
+    Attributes:
+        scenario: as it is with this person's place to stand; its truth is (H, W) bool, the cells to restrict.
+        prior, posterior: the map without and with borders.
+        seed: (x, y) [m] of the border that was saved; None if none was.
+        spots: every spot that a camera reported.
+        script: what the person does and meant; an idle one until the person has come.
+        records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
+        too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
+    """
+
+    def __init__(self, study: Study, job: Job) -> None:
+        self._study, self._job = study, job
+        self._traits = study.traits(job.participant)
+        self._world = study.world
+        self._seed = study.run_seed(job.participant)
+        self.prior = self.posterior = floor_plan.physical_map(self._world)
+        self.scenario = personal_scenario(
+            self._world,
+            self._world.scenario(job.scenario),
+            self._traits,
+            self.prior,
+            study.marks(job.participant, job.scenario),
+        )
+        self.truth = floor_plan.ground_truth(self._world, self.scenario)
+        self.lab = Lab(self._world, study.models, self._seed)
+        self.too_bright = False
         self.seed: Optional[Tuple[float, float]] = None
         self.spots: List[LaserSpot] = []
-        self.path: List[Tuple[float, float]] = []
+        self.records: List[Dict[str, Any]] = []
+        nobody = SimpleNamespace(seed=self.scenario.seed, tries=0)
+        self.script: Any = SimpleNamespace(outcome="", reason="", person=nobody)
+        self._cache = _kept_cache()
+
+    def _watch(self) -> None:
+        """Subscribes to what a run is measured by."""
         rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
         rospy.Subscriber(names.SPOTS, LaserSpot, self.spots.append)
-        rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab)
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self.posterior = grid_from_message(message)
@@ -70,34 +100,7 @@ class _RunRecorder:
         for border in message.borders:
             self.seed = (border.seed.x, border.seed.y)
 
-    def _on_lab(self, message: LabState) -> None:
-        place = (message.robot_poses[0].x, message.robot_poses[0].y)
-        if not self.path or np.hypot(self.path[-1][0] - place[0], self.path[-1][1] - place[1]) > 0.02:
-            self.path.append(place)
-
-
-class LiveRun:
-    """A lab with one participant, and the live system in it."""
-
-    def __init__(self, study: Study, task: RunTask) -> None:
-        self._study, self._task = study, task
-        self._traits = study.traits(task.participant)
-        self._world = study.world
-        self._seed = study.run_seed(task.participant)
-        self._prior = floor_plan.physical_map(self._world)
-        self.scenario = personal_scenario(
-            self._world,
-            self._world.scenario(task.scenario),
-            self._traits,
-            self._prior,
-            study.marks(task.participant, task.scenario),
-        )
-        self._cache = _kept_cache()
-        self._lab = Lab(self._world, study.models, self._seed)
-        self._too_bright = False
-        self._participant: Optional[ParticipantNode] = None
-
-    def run(self) -> Result:
+    def run(self) -> LiveRun:
         """Runs until the person is done, or time is up."""
         self._cache.enter(self._world, replace(self._study.models, body=self._traits.body))
         timing = self._study.timing
@@ -106,11 +109,11 @@ class LiveRun:
             scheduler,
             {names.COMMAND: timing.command_s, names.GET_DRAWN_BORDER: timing.save_s, names.SPOTS: timing.spot_s},
         )
-        cameras = METHODS[self._task.method](self._world)
+        cameras = METHODS[self._job.method](self._world)
         arguments = {
             "world": "study",
             "cameras": " ".join(cameras) or "none",
-            "method": self._task.method,
+            "method": self._job.method,
             "robots": " ".join(filter(None, (robot.namespace.strip("/") for robot in self._world.robots))),
             "rviz": "false",
             "page": "false",
@@ -129,33 +132,25 @@ class LiveRun:
         with tempfile.TemporaryDirectory() as state, graph.installed(), replaced(
             {live_extraction: {"extract_chain": chain}}
         ):
-            watching: List[_RunRecorder] = []
-            graph.start(Node("/study", {}), lambda: watching.append(_RunRecorder()))
+            graph.start(Node("/study", {}), self._watch)
             start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, lab_nodes)
             graph.start(Node("/participant", {}), self._participant_comes)
             until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
-            scheduler.run(lambda: self._outcome() != "", until)
+            scheduler.run(lambda: self.script.outcome != "", until)
             # what has been saved arrives; what has not been ended is, so that its time is in the log
             over: List[bool] = []
             graph.start(Node("/study", {}), lambda: over.append(self._end()))
             scheduler.run(lambda: bool(over), scheduler.now_ns + _LONGEST_END_NS)
-            records = _records(Path(state))
-            return self._result(watching[0], records)
+            log = Path(state) / "interactions.jsonl"
+            self.records += map(json.loads, log.read_text(encoding="utf-8").splitlines() if log.exists() else ())
+        return self
 
     def _end(self) -> bool:
-        if self._outcome() != "saved":
+        if self.script.outcome != "saved":
             with contextlib.suppress(CodedError):
                 commands.send(commands.make_request("cancel", "study", 5.0))
         rospy.rostime.wallsleep(0.5)
         return True
-
-    @property
-    def _script(self) -> Any:
-        """What the person does; None before the person has come."""
-        return self._participant._script if self._participant is not None else None
-
-    def _outcome(self) -> str:
-        return self._script.outcome if self._script else ""
 
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
         """What stands for the scripts of the simulated lab's nodes: of this run's own making."""
@@ -163,7 +158,7 @@ class LiveRun:
 
         def ceiling_cameras() -> None:
             shown = [self._world.camera(name) for name in cameras]
-            self._too_bright = StudyCeilingCameras(self._cache, shown, self._seed, idle_every).too_bright
+            self.too_bright = StudyCeilingCameras(self._cache, shown, self._seed, idle_every).too_bright
 
         def robot_camera() -> None:
             name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
@@ -171,40 +166,16 @@ class LiveRun:
             StudyRobotCamera(self._cache, robot, self._seed, prefix, idle_every)
 
         return {
-            "lab_simulator": lambda: LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams)),
+            "lab_simulator": lambda: LabSimulatorNode(self.lab, parameters.read(LabSimulatorParams)),
             "ceiling_cameras": ceiling_cameras,
             "robot_camera": robot_camera,
-            "map_server": lambda: MapServerNode(self._prior),
+            "map_server": lambda: MapServerNode(self.prior),
         }
 
     def _participant_comes(self) -> None:
         rospy.rostime.wallsleep(WARM_UP_TIME)
-        params = ParticipantParams(method=self._task.method, seed=self._seed, scenario=self.scenario.key)
-        self._participant = ParticipantNode(self._world, self.scenario, self._traits.model, params)
-
-    def _result(self, seen: _RunRecorder, records: Tuple[Dict[str, Any], ...]) -> Result:
-        script = self._script
-        return Result(
-            self.scenario,
-            self._prior,
-            seen.posterior or self._prior,
-            floor_plan.ground_truth(self._world, self.scenario),
-            records,
-            seen.seed,
-            tuple(script.person.seed if script else self.scenario.seed),
-            script.outcome if script else "",
-            script.reason if script else "",
-            script.person.tries if script else 0,
-            tuple(seen.spots),
-            np.array(seen.path),
-            sum(robot.collisions for robot in self._lab.robots),
-            self._too_bright,
-        )
-
-
-def _records(state: Path) -> Tuple[Dict[str, Any], ...]:
-    path = state / "interactions.jsonl"
-    return tuple(json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()) if path.exists() else ()
+        params = ParticipantParams(method=self._job.method, seed=self._seed, scenario=self.scenario.key)
+        self.script = ParticipantNode(self._world, self.scenario, self._traits.model, params)._script
 
 
 def personal_scenario(
@@ -234,6 +205,6 @@ def _kept_cache() -> RenderCache:
     return RenderCache()
 
 
-def run(study: Study, task: RunTask) -> Result:
+def run(study: Study, job: Job) -> LiveRun:
     """Carries out one run; the same result for the same arguments, whatever was run before."""
-    return LiveRun(study, task).run()
+    return LiveRun(study, job).run()

@@ -6,9 +6,7 @@ import argparse
 import secrets
 import sys
 from pathlib import Path
-from typing import Any, Callable, List, Optional
-
-from rich.console import Console
+from typing import Any, Callable, Iterable, Iterator, List, Optional
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
@@ -17,14 +15,13 @@ from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, pro
 from vb_evaluation.report import answers
 from vb_evaluation.report.page import write_report
 
-_console = Console(highlight=False, soft_wrap=True)
-
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs a command; 0 if it worked, 2 with one line if not."""
+    """Runs a command and prints what it says; 0 if it worked, 2 with one line if not."""
     given = _parser().parse_args(arguments)
     try:
-        given.run(given)
+        for line in given.run(given):
+            print(line)
     except CodedError as error:
         print(f"study_kit: {error}", file=sys.stderr)
         return 2
@@ -41,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", required=True)
 
-    def command(name: str, run: Callable[[argparse.Namespace], Any], words: str) -> Callable[..., Any]:
+    def command(name: str, run: Callable[[argparse.Namespace], Iterable[Any]], words: str) -> Callable[..., Any]:
         sub = commands.add_parser(name, help=words)
         sub.set_defaults(run=run)
         return sub.add_argument
@@ -56,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     argument("--out", type=_path, default=Path("protocol.csv"))
     argument = command(
         "forms",
-        lambda given: [print(path) for path in forms.write(given.folder)],
+        lambda given: forms.write(given.folder),
         "write information, consent, demographics and questionnaire to be printed",
     )
     argument("folder", type=_path)
@@ -72,10 +69,18 @@ def _parser() -> argparse.ArgumentParser:
     argument = command("report", _report, "write the report of a study's folder")
     argument("folder", type=_path)
     argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
-    argument = command("judge", _judge, "write pictures of what was drawn, for somebody who does not know the method")
+    argument = command(
+        "judge",
+        lambda given: [blind.write(given.study or given.results.parent, given.results)],
+        "write pictures of what was drawn, for somebody who does not know the method",
+    )
     argument("results", type=_path)
     argument("--study", type=_path, help="the protocol's folder; default: the one that holds the results")
-    argument = command("export", _export, "write a copy without anything that tells who somebody is")
+    argument = command(
+        "export",
+        lambda given: privacy.export(given.results, given.out),
+        "write a copy without anything that tells who somebody is",
+    )
     argument("results", type=_path)
     argument("--out", type=_path, required=True)
     argument = command("delete", _delete, "delete a participant's recordings and answers for good")
@@ -84,62 +89,48 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _power(given: argparse.Namespace) -> None:
-    _console.print(
+def _power(given: argparse.Namespace) -> Iterator[Any]:
+    yield (
         f"pairs for a power of {statistics.POWER:.0%} of a two-sided Wilcoxon test, alpha {statistics.ALPHA} in a family of "
         f"{given.tests}, by the effect d_z (mean difference over the differences' standard deviation):"
     )
     for effect in (0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5):
-        _console.print(f"  {effect:.1f}: {statistics.people_needed(effect, given.tests)}")
+        yield f"  {effect:.1f}: {statistics.people_needed(effect, given.tests)}"
 
 
-def _report(given: argparse.Namespace) -> None:
-    print(write_report(given.folder))
+def _report(given: argparse.Namespace) -> Iterator[Any]:
+    yield write_report(given.folder)
     if given.page:
         answers.write_page(given.folder, given.page)
 
 
-def _judge(given: argparse.Namespace) -> None:
-    print(blind.write(given.study or given.results.parent, given.results))
+def _delete(given: argparse.Namespace) -> Iterator[Any]:
+    yield from (f"deleted: {words}" for words in privacy.delete(given.protocol, given.participant))
+    yield "measure the study again: its results still contain the participant"
 
 
-def _export(given: argparse.Namespace) -> None:
-    for path in privacy.export(given.results, given.out):
-        print(path)
-
-
-def _delete(given: argparse.Namespace) -> None:
-    for words in privacy.delete(given.protocol, given.participant):
-        print(f"deleted: {words}")
-    print("measure the study again: its results still contain the participant")
-
-
-def _plan(given: argparse.Namespace) -> None:
+def _plan(given: argparse.Namespace) -> Iterator[Any]:
     seed = secrets.randbelow(10**9) if given.seed is None else given.seed
     protocol.write(given.out, protocol.plan(given.participants, given.scenarios, given.methods, seed))
     conduct.write_template(given.out.parent)
-    print(given.out)
+    yield given.out
 
 
-def _run(given: argparse.Namespace) -> None:
+def _run(given: argparse.Namespace) -> Iterator[Any]:
     planned = conduct.next_run(given.protocol, given.participant, given.again)
-    say = lambda words: _console.print(words, markup=False)  # noqa: E731
-    run = conduct.conduct_run(planned, conduct.roslaunch, conduct.read_keys(), say)
+    run = conduct.conduct_run(planned, conduct.roslaunch, conduct.read_keys(), print)
     if planned.last:
-        _console.print(
-            f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html", markup=False
-        )
+        yield f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html"
     if "ended" not in run:
         raise CodedError("unfinished", f"the run was not ended: {planned.folder} is kept, --again does the run again")
-    print(planned.folder)
+    yield planned.folder
 
 
-def _measure(given: argparse.Namespace) -> None:
-    for note in measure.measure(
-        given.protocol, given.ground_truth, given.out, read_map(given.map) if given.map else None
-    ):
-        _console.print(f"look at this: {note}", markup=False)
-    print(write_report(given.out))
+def _measure(given: argparse.Namespace) -> Iterator[Any]:
+    physical = read_map(given.map) if given.map else None
+    for note in measure.measure(given.protocol, given.ground_truth, given.out, physical):
+        yield f"look at this: {note}"
+    yield write_report(given.out)
 
 
 if __name__ == "__main__":

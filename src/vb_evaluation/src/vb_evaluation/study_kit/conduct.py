@@ -66,13 +66,8 @@ class NextRun:
 
 def write_template(folder: Path) -> None:
     """Puts kit.yaml beside a protocol, unless there is one."""
-    try:
-        with open(str(folder / SETTINGS), "x", encoding="utf-8") as stream:
-            stream.write(TEMPLATE)
-    except FileExistsError:
-        return
-    except OSError as error:
-        raise CodedError("cannot_write", what=str(folder / SETTINGS), reason=error.strerror) from None
+    if not (folder / SETTINGS).exists():
+        write_atomically(folder / SETTINGS, TEMPLATE.encode("utf-8"))
 
 
 def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
@@ -91,8 +86,8 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
         raise CodedError(
             "no_participant", f"{path} has no participant '{participant}'; there are {known}", participant=participant
         )
-    begun = [entry for entry in mine if _folder(path, entry).exists()]
-    open_ = [entry for entry in begun if "ended" not in Recording(last_attempt(_folder(path, entry))).run]
+    begun = [entry for entry in mine if entry.folder(path).exists()]
+    open_ = [entry for entry in begun if "ended" not in Recording(last_attempt(entry.folder(path))).run]
     if again and begun:
         entry = (open_ or begun)[-1]
     elif open_:
@@ -107,10 +102,10 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
         if not waiting:
             raise CodedError("all_done", f"{participant} has done all runs", participant=participant)
         entry = waiting[0]
-    folder, number = _folder(path, entry), 2
+    planned, number = entry.folder(path), 2
+    folder = planned
     while folder.exists():
-        folder = _folder(path, entry).with_name(f"{_folder(path, entry).name}_{number}")
-        number += 1
+        folder, number = planned.with_name(f"{planned.name}_{number}"), number + 1
     launch, arguments = _settings(path.parent / SETTINGS, entry.method)
     cameras = tuple(name for name in arguments.get("cameras", "").split() if name != "none")
     given = (f"{key}:={value}" for key, value in sorted(arguments.items()))
@@ -183,10 +178,6 @@ def conduct_run(
 
 def _now() -> str:
     return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-
-
-def _folder(path: Path, entry: protocol.Entry) -> Path:
-    return path.parent / Path(entry.recording).expanduser()
 
 
 def _write(folder: Path, run: Mapping[str, Any]) -> None:

@@ -49,7 +49,7 @@ def write(folder: Path) -> List[Path]:
             for first in questionnaire.METHODS
         },
         "demographics.csv": ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n",
-        "questionnaire.csv": ",".join(questionnaire.columns() + questionnaire.ueq_columns()) + "\n",
+        "questionnaire.csv": ",".join(questionnaire.COLUMNS + questionnaire.UEQ_COLUMNS) + "\n",
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,8 @@ from vb_evaluation import metrics
 from vb_evaluation.study_kit import blind, protocol
 from vb_evaluation.study_kit.ground_truth import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
-from vb_evaluation.report.data import META, REQUIRED, RUNS, STATES, WARNINGS, read_meta, write_table
+from vb_evaluation.report.data import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS, read_meta, write_table
+from vb_evaluation.report.maps import write_truths
 
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
@@ -58,21 +59,17 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
     if (out / RUNS).exists() and not read_meta(out / META).get("people"):
         raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
-    folders = [last_attempt(protocol_file.parent / Path(entry.recording).expanduser()) for entry in entries]
+    folders = [last_attempt(entry.folder(protocol_file)) for entry in entries]
     physical = physical or _physical(folders)
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
-    maps = out / "maps"
-    maps.mkdir(parents=True, exist_ok=True)
-    write_map(maps / "physical", physical)
-    for scenario, truth in truths.items():
-        write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
+    write_truths(out, physical, truths)
     judged = blind.read(protocol_file.parent)
     rows, notes = [], []
     for entry, folder in zip(entries, folders):
         noted = judged.get(entry.recording, entry.completed)
         try:
-            row, words = _row(entry, noted, Recording(folder), physical, truths[entry.scenario], maps)
+            row, words = _row(entry, noted, Recording(folder), physical, truths[entry.scenario], out / "maps")
         except CodedError as error:
             if error.code != "bad_recording":
                 raise
@@ -81,7 +78,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
     write_table(out / WARNINGS, ["warning"], [{"warning": note} for note in notes])
-    for name in ("questionnaire.csv", "demographics.csv"):
+    for name in SHEETS:
         if (protocol_file.parent / name).is_file():
             write_atomically(out / name, (protocol_file.parent / name).read_bytes())
     (out / META).write_text(

@@ -10,11 +10,10 @@ from typing import List
 import pandas
 
 from vb_core.errors import CodedError
-from vb_evaluation.report.data import RUNS, read_sheet
+from vb_evaluation.report.data import RUNS, SHEETS, read_sheet
 from vb_evaluation.study_kit import blind, protocol
 from vb_evaluation.study_kit.measure import attempts
 
-SHEETS = ("questionnaire.csv", "demographics.csv")
 # free text, dates, folders and versions may tell who it was
 IDENTIFYING = ("note", "recording", "interaction", "map", "revision")
 AGE_BAND = 10  # [years]

@@ -32,6 +32,10 @@ class Entry:
     note: str = ""
     order: int = 0
 
+    def folder(self, protocol: Path) -> Path:
+        """Returns the recording's folder, relative to that of the protocol's file."""
+        return protocol.parent / Path(self.recording).expanduser()
+
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
     """Rows of a protocol to fill in: see `order_runs`."""

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple, TypeVar, get_type_hints
 
 import numpy as np
 import yaml
@@ -27,8 +26,7 @@ TOPICS = [names.MAP_WITH_BORDERS, names.BORDERS, names.DETECTORS]  # what is rea
 Row = TypeVar("Row")
 
 
-@dataclass(frozen=True)
-class LoggedInteraction:
+class LoggedInteraction(NamedTuple):
     """One line of the interaction log; times in seconds."""
 
     interaction_id: str
@@ -129,12 +127,7 @@ def _read_bag(path: Path, states: Dict[float, Dict[str, Any]], cameras: Set[str]
 
 
 def _interaction(row: Dict[str, Any]) -> LoggedInteraction:
-    return LoggedInteraction(
-        **{
-            name: (str if kind == "str" else float)(row[name])
-            for name, kind in LoggedInteraction.__annotations__.items()
-        }
-    )
+    return LoggedInteraction(*(kind(row[name]) for name, kind in get_type_hints(LoggedInteraction).items()))
 
 
 def _read(path: Path, read: Callable[[str], Any]) -> Any:

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 class Delivery:
     """A message on its way: packed once, and unpacked once for each type that is wanted."""
 
-    def __init__(self, data: bytes, header: Dict[str, str]) -> None:
-        self._data, self._header = data, header
+    def __init__(self, message: Any, header: Dict[str, str]) -> None:
+        buffer = io.BytesIO()
+        message.serialize(buffer)
+        self._data, self._header = buffer.getvalue(), header
         self._messages: Dict[type, Any] = {}
 
     def message(self, kind: type) -> Any:
@@ -68,9 +70,7 @@ class Publisher:
             return
         if not self._topic.subscribers and not self._latch:
             return
-        buffer = io.BytesIO()
-        message.serialize(buffer)
-        delivery = Delivery(buffer.getvalue(), self._header)
+        delivery = Delivery(message, self._header)
         if self._latch:
             self.latched = delivery
         for subscriber in self._topic.subscribers:
@@ -182,7 +182,7 @@ class ServiceProxy:
         service, scheduler = self._graph.services.get(self.resolved_name), self._graph.scheduler
         if service is None:
             raise rospy.ServiceException(f"service [{self.resolved_name}] unavailable")
-        asked = _repacked(request, service.kind._request_class)
+        asked = Delivery(request, {}).message(service.kind._request_class)
         caller, answers = greenlet.getcurrent(), []
 
         def serve() -> None:
@@ -203,18 +203,10 @@ class ServiceProxy:
         scheduler.wait()
         if isinstance(answers[0], rospy.ServiceException):
             raise answers[0]
-        return _repacked(answers[0], self._kind._response_class)
+        return Delivery(answers[0], {}).message(self._kind._response_class)
 
     def close(self) -> None:
         """Ends it."""
-
-
-def _repacked(message: Any, kind: type) -> Any:
-    buffer = io.BytesIO()
-    message.serialize(buffer)
-    result = kind()
-    result.deserialize(buffer.getvalue())
-    return result
 
 
 class Timer:

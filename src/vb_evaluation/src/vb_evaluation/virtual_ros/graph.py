@@ -20,14 +20,8 @@ from vb_evaluation.virtual_ros.stand_ins import StandIns, master_stand_ins, repl
 
 _CONNECTIONS = (Publisher, Subscriber, Service, ServiceProxy, Timer)
 LOG = logging.getLogger("vb_evaluation.nodes")
-_LEVELS = {
-    "debug": logging.DEBUG,
-    "info": logging.INFO,
-    "warn": logging.WARNING,
-    "err": logging.ERROR,
-    "error": logging.ERROR,
-    "fatal": logging.CRITICAL,
-}
+_LEVELS = {word: getattr(logging, word.upper()) for word in ("debug", "info", "warn", "error", "fatal")}
+_LEVELS["err"] = logging.ERROR
 
 
 class Node:
@@ -159,9 +153,6 @@ class _Rospy:
         return self._graph.node.name
 
     get_caller_id = get_name
-
-    def get_namespace(self) -> str:
-        return rosgraph.names.namespace(self.get_name())
 
     def resolve_name(self, name: str, caller_id: Any = None) -> str:
         return self._graph.node.resolve(name)

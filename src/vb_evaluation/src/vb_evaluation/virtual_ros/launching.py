@@ -6,7 +6,7 @@ import ast
 import importlib
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Callable, Collection, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Collection, Mapping, Tuple
 
 import rospkg
 
@@ -15,30 +15,15 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 _STATE = "/folder-of-this-run"
 
 
-class LaunchedNode(NamedTuple):
-    """A node that a launch file names."""
-
-    package: str
-    type: str
-    name: str
-    remappings: Tuple[Tuple[str, str], ...]
-
-
 @lru_cache(maxsize=32)
-def read_launch(path: str, arguments: Tuple[str, ...]) -> Tuple[Tuple[LaunchedNode, ...], Mapping[str, Any]]:
-    """Nodes and parameters of a launch file; arguments as "name:=value"."""
+def read_launch(path: str, arguments: Tuple[str, ...]) -> Any:
+    """Reads a launch file as roslaunch does, with its `nodes` and `params`; arguments as "name:=value"."""
     from roslaunch.config import ROSLaunchConfig
     from roslaunch.xmlloader import XmlLoader
 
     config = ROSLaunchConfig()
     XmlLoader(resolve_anon=False).load(path, config, argv=list(arguments), verbose=False)
-    nodes = tuple(
-        LaunchedNode(
-            node.package, node.type, f"{node.namespace}{node.name}", tuple(tuple(pair) for pair in node.remap_args)
-        )
-        for node in config.nodes
-    )
-    return nodes, {key: parameter.value for key, parameter in config.params.items()}
+    return config
 
 
 def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[str] = ()) -> None:
@@ -47,7 +32,7 @@ def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[s
     A module that is imported during a run takes the names it imports as they are then: what replaces them for this run
     would stay in it, and the next run in this process would call into one that is over.
     """
-    for launched in read_launch(str(path), _given(arguments))[0]:
+    for launched in read_launch(str(path), _given(arguments)).nodes:
         if launched.type not in without:
             for statement in ast.walk(ast.parse(_path(launched.package, launched.type).read_text(encoding="utf-8"))):
                 if isinstance(statement, ast.ImportFrom) and statement.module:
@@ -68,17 +53,16 @@ def start_launch(
         without: types of nodes to omit.
         instead: type of a node to what is called for it, instead of its script; it gets the node's name.
     """
-    nodes, parameters = read_launch(str(path), _given(arguments))
-    for key, value in parameters.items():
+    config = read_launch(str(path), _given(arguments))
+    for key, parameter in config.params.items():
+        value = parameter.value
         graph.parameters.set_param(
             key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value
         )
-    for launched in nodes:
-        if launched.type in without:
-            continue
-        node = Node(launched.name, dict(launched.remappings))
-        main = instead.get(launched.type) or _script(launched.package, launched.type)
-        graph.start(node, main)
+    for launched in config.nodes:
+        if launched.type not in without:
+            node = Node(f"{launched.namespace}{launched.name}", dict(launched.remap_args))
+            graph.start(node, instead.get(launched.type) or _script(launched.package, launched.type))
 
 
 def _given(arguments: Mapping[str, str]) -> Tuple[str, ...]:

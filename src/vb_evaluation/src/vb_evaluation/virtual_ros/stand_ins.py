@@ -82,7 +82,6 @@ def _Threading(scheduler: Scheduler) -> _Module:
         Event=lambda: Event(scheduler),
         Condition=lambda lock=None: Condition(scheduler, lock),
         Thread=lambda *given, **named: Thread(scheduler, *given, **named),
-        get_ident=lambda: id(greenlet.getcurrent()),
     )
 
 
@@ -224,33 +223,21 @@ class Event:
         return self._set or self._line.wait(_ns(timeout)) or self._set
 
 
-class Thread:
-    """threading.Thread."""
+class Thread(real_threading.Thread):
+    """threading.Thread, as a task."""
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        group: None = None,
-        target: Optional[Callable] = None,
-        name: str = "",
-        args: Tuple = (),
-        kwargs: Optional[Dict[str, Any]] = None,
-        daemon: Optional[bool] = None,
-    ) -> None:
-        self._scheduler = scheduler
-        self._work = lambda: target(*args, **(kwargs or {})) if target is not None else None
-        self._over = Event(scheduler)
-        self._started = False
-        self.name, self.daemon = name, daemon
+    def __init__(self, scheduler: Scheduler, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._scheduler, self._over = scheduler, Event(scheduler)
+        self._task: Optional[Task] = None
 
     def start(self) -> None:
         """Starts the thread."""
-        self._started = True
-        self._scheduler.spawn(self._run)
+        self._task = self._scheduler.spawn(self._until_over)
 
-    def _run(self) -> None:
+    def _until_over(self) -> None:
         try:
-            self._work()
+            self.run()
         finally:
             self._over.set()
 
@@ -261,7 +248,7 @@ class Thread:
 
     def is_alive(self) -> bool:
         """Returns whether it has begun and not ended."""
-        return self._started and not self._over.is_set()
+        return self._task is not None and not self._over.is_set()
 
 
 class Queue:
@@ -290,15 +277,12 @@ class Queue:
 @contextlib.contextmanager
 def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
     """Replaces attributes of modules or classes, and restores them at the end."""
-    before = [(target, name, getattr(target, name)) for target, names in targets.items() for name in names]
-    try:
+    with contextlib.ExitStack() as undone:
         for target, names in targets.items():
             for name, value in names.items():
+                undone.callback(setattr, target, name, getattr(target, name))
                 setattr(target, name, value)
         yield
-    finally:
-        for target, name, value in before:
-            setattr(target, name, value)
 
 
 def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> Dict[str, Callable[..., Any]]:

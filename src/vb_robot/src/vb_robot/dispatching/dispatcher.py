@@ -8,11 +8,10 @@ from typing import Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core import sentences
 from vb_core.grid_layers import Window, crop
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_core.vocabulary import BORDER, SEED
+from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import Fleet, RobotStatus
 from vb_robot.dispatching.drawing import NO_POINTS, DrawingState
@@ -30,30 +29,30 @@ class RobotMap:
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
-        self.view: Optional[FloorView] = None
-        self._maps: Dict[str, GridMap] = {}
+        self._view: Optional[FloorView] = None
+        self._maps: Tuple[Optional[GridMap], Optional[GridMap]] = (None, None)
         self._clearance_map: Optional[Tuple[Window, ClearanceMap]] = None
 
-    def set_map(self, grid: GridMap, which: str = "borders") -> None:
-        """Stores the map with the borders that are for this robot, or the one without ("physical")."""
-        self._maps[which], self._clearance_map = grid, None
+    def update(self, view: Optional[FloorView], borders: Optional[GridMap], physical: Optional[GridMap]) -> None:
+        """Stores what the camera sees, the map with the borders that are for this robot, and the one without any."""
+        self._view = view
+        if borders is not self._maps[0] or physical is not self._maps[1]:
+            self._maps, self._clearance_map = (borders, physical), None
 
     def make_planner(self, drawing: DrawingState, status: RobotStatus, others: Sequence) -> Optional[ViewpointPlanner]:
         """Makes the planner that knows what the robot can see of a drawing; None before map, pose and camera are known."""
-        if self.view is None or status.pose is None or "borders" not in self._maps:
+        borders, physical = self._maps
+        if self._view is None or status.pose is None or borders is None:
             return None
         window = bounding_window(drawing.spot, drawing.chain, [status.pose[:2]])
         if self._clearance_map is None or self._clearance_map[0] != window:
-            grids = {which: crop(grid, window) for which, grid in self._maps.items()}
-            self._clearance_map = (
-                window,
-                ClearanceMap(grids["borders"], self._radius, grids.get("physical"), edge=False),
-            )
-        return ViewpointPlanner(self._clearance_map[1], self.view, drawing, others)
+            seen_through = crop(physical, window) if physical is not None else None
+            self._clearance_map = window, ClearanceMap(crop(borders, window), self._radius, seen_through)
+        return ViewpointPlanner(self._clearance_map[1], self._view, drawing, others)
 
 
 class Dispatcher:
-    """Decides where robots go, from an interaction's messages. It must be used by one thread.
+    """Decides where robots go, from an interaction's messages. It must be used by one thread at a time.
 
     A goal is given only after a stationary camera saw the spot in this interaction: with none of them the person
     guides the robot. From then on every camera's spots tell where the spot is.
@@ -104,9 +103,7 @@ class Dispatcher:
             planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
             seeing[name] = (status, planner)
         goals = self._fleet.step(now, known.key if wanted else None, time_since_seen, seeing)
-        newest = known.newest()
-        lost = drawing is not None and known.state == BORDER and (newest is None or now - newest.stamp > LOST_TIMEOUT)
-        self._tell(now, lost)
+        self._tell(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
@@ -137,7 +134,6 @@ class Dispatcher:
         self.notice = None
         if lost and comes:
             who = self._fleet.serving or ""
-            values = {"who": sentences.robot_value(who)}
-            self.notice = Notice("spot_not_seen_robot_looks", Severity.INFO, robot=who, values=values)
+            self.notice = Notice.of_robot(who, "spot_not_seen_robot_looks", Severity.INFO)
         elif now - self._unserved_since >= UNSERVED_TIME:
             self.notice = Notice("spot_not_seen_no_robot", Severity.WARNING)

@@ -56,7 +56,7 @@ class ViewpointPlanner:
         self.look_at = drawing.look_at(self._ahead)
         area = drawing.expected_area(clearance_map)
         # the border to come would lock a robot in: it stands clear of its area, and drives over none of it
-        apart = None if area is None else clearance_grid(area, clearance_map.grid.resolution, edge=False)
+        apart = None if area is None else clearance_grid(area, clearance_map.grid.resolution)
         self._outside = None if apart is None else apart >= clearance_map.radius + STOP_MARGIN
         self._touching = None if apart is None else apart < clearance_map.radius
         drawn = geometry.resample_chain(drawing.chain, 0.1, drawing.closed) if len(drawing.chain) > 1 else drawing.chain

@@ -91,7 +91,7 @@ class Gate:
         self.registered: Tuple[str, ...] = ()
         self.clock_age = 0.0
         self.stamps: Dict[str, float] = {}
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._scan: Optional[Scan] = None
         self._fixes: Deque[Fix] = deque(maxlen=64)
         self._located = False  # whether the newest of them holds
@@ -99,14 +99,14 @@ class Gate:
         self._correction = 0.0, -math.inf  # its stamp, and when that was new [s]
         self._jump_hold_until = -math.inf
         self._other_publishers: Dict[str, float] = {}  # who else commanded this robot, and when
-        self._limited_at: Optional[float] = None  # [s] the time of the last command
+        self._limited_at = -math.inf  # [s] the time of the last command
 
     # ------------------------------------------------------------- inputs
     def set_scan(self, scan: Scan, stamp: float) -> None:
         """Stores a scan taken at a time [s]."""
         with self._lock:
             self._scan = scan
-            self._record("scan", stamp)
+            self.record_input("scan", stamp)
 
     def set_pose(
         self, pose: Optional[Pose], stamp: float, correction: float = 0.0, odometry: Optional[Pose] = None
@@ -128,7 +128,7 @@ class Gate:
                 return
             fixes, fix = self._fixes, Fix(stamp, pose, odometry)
             if not known or not fixes or stamp != fixes[-1].stamp:
-                self._record("pose", stamp)  # the same one again is as old as before
+                self.record_input("pose", stamp)  # the same one again is as old as before
             # the last one stays, however old: also after a pause it must be where the odometry says
             while len(fixes) > 1 and not stamp - JUMP_WINDOW <= fixes[0].stamp <= stamp:
                 fixes.popleft()
@@ -141,14 +141,11 @@ class Gate:
     def record_input(self, what: str, stamp: float) -> None:
         """Records the stamp [s] of an input's newest message; a stamp slightly in the future counts as now."""
         with self._lock:
-            self._record(what, stamp)
-
-    def _record(self, what: str, stamp: float) -> None:
-        ahead = self._limited_at is not None and self._limited_at < stamp < self._limited_at + MAX_FUTURE_STAMP
-        stamp = self._limited_at if ahead and self._limited_at is not None else stamp
-        if 0.0 < stamp - self.stamps.get(what, stamp) < 1.0:
-            self._periods.setdefault(what, deque(maxlen=5)).append(stamp - self.stamps[what])
-        self.stamps[what] = stamp
+            if self._limited_at < stamp < self._limited_at + MAX_FUTURE_STAMP:
+                stamp = self._limited_at
+            if 0.0 < stamp - self.stamps.get(what, stamp) < 1.0:
+                self._periods.setdefault(what, deque(maxlen=5)).append(stamp - self.stamps[what])
+            self.stamps[what] = stamp
 
     def set_contact(self, sensor: Tuple[str, int], blocks: str) -> None:
         """Stores what the contact of one sensor of a topic forbids: "forward" or "all"; "": it is clear."""

@@ -77,11 +77,11 @@ class Workspace:
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
         self.borders, self._radius = borders, radius
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
-        self._to_lethal = clearance_grid(forbidden(borders, physical), borders.resolution, edge=False)
+        self._to_lethal = clearance_grid(forbidden(borders, physical), borders.resolution)
         self.keep_out = borders.with_data(
             np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
         )
-        self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution, edge=False)
+        self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
 
     def distance_to_keep_out(self, place) -> float:
         """Returns the distance [m] from a place (2,) [m] to what borders forbid to enter; 0 within it."""

@@ -107,7 +107,7 @@ class GoalReview:
 
     def _connected(self, grid: GridMap) -> np.ndarray:
         """Numbers the floor (H, W) that the robot can reach within itself; 0: no room. Unknown floor may be free."""
-        room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution, edge=False) >= self._radius
+        room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
     def _room_at(self, which: str, place, reach: float) -> int:

@@ -13,7 +13,7 @@ from geometry_msgs.msg import Point
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
 
-from vb_core import geometry, names, sentences
+from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -46,11 +46,11 @@ class WatchedRobot:
 
     Attributes:
         goals: of its navigation, as its newest message has them: status by id.
+        refusal: why its present goal is refused, to be told; None: it is not.
     """
 
     def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
         self.name, self.frame = name, frame
-        self.who = sentences.robot_value(name)
         self.wiring = Wiring()
         self.pose: Optional[Pose] = None
         self.goals: Dict[str, int] = {}
@@ -58,11 +58,11 @@ class WatchedRobot:
         self.goal: Optional[Tuple[float, float]] = None
         self.speed: Optional[PlannerSpeed] = None
         self._driver_heard, self._in_control = -math.inf, False
-        self._running, self._path = False, np.zeros((0, 2))
+        self._path = np.zeros((0, 2))
         self._maps: dict = {}
         self._known: Sequence[KnownBorder] = ()
         self._review: Optional[GoalReview] = None
-        self._refusal: Optional[Notice] = None
+        self.refusal: Optional[Notice] = None
         self._goal_at = -math.inf
         self._transforms, self._on_goal = transforms, on_goal
         self._ids = itertools.count()
@@ -92,8 +92,11 @@ class WatchedRobot:
         if self.goal is not None and self._is_told(rospy.get_time()):
             self._on_goal(self)
 
+    def _has_goal(self) -> bool:
+        return any(status in RUNNING for status in self.goals.values())
+
     def _is_told(self, now: float) -> bool:
-        return self._running or now - self._goal_at < TOLD_AT_LEAST
+        return self._has_goal() or now - self._goal_at < TOLD_AT_LEAST
 
     def look(self, graph: Any) -> None:
         """Looks at the ROS graph and the parameters of its navigation."""
@@ -115,15 +118,11 @@ class WatchedRobot:
 
     def locate(self) -> None:
         """Looks up where it is."""
-        pose = None
-        try:
-            found = self._transforms.lookup(names.MAP_FRAME, self.frame, rospy.Time(0), 0.0)
-            newest = self._transforms.newest(names.MAP_FRAME, self.frame)
-            if newest.is_zero() or abs((rospy.Time.now() - newest).to_sec()) < POSE_SILENCE:
-                pose = geometry.pose2d_from_transform(found)
-        except CodedError:
-            pass
-        self.pose = pose
+        self.pose = self._transforms.pose_on_map(self.frame, POSE_SILENCE)
+
+    def is_driven(self) -> bool:
+        """Returns whether it has a driver that is in control."""
+        return self._has_driver() and self._in_control
 
     def _has_driver(self) -> bool:
         return 0.0 <= rospy.get_time() - self._driver_heard < DRIVER_SILENCE
@@ -136,13 +135,12 @@ class WatchedRobot:
             place = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ [x, y, 0.0, 1.0]
         except CodedError:
             return  # navigation cannot know either where that is
-        self.goal, self._path, self._refusal = (float(place[0]), float(place[1])), np.zeros((0, 2)), None
+        self.goal, self._path, self.refusal = (float(place[0]), float(place[1])), np.zeros((0, 2)), None
         self._goal_at = rospy.get_time()
         self._on_goal(self)
 
     def _take_status(self, message: GoalStatusArray) -> None:
         self.goals = {entry.goal_id.id: entry.status for entry in message.status_list}
-        self._running = any(status in RUNNING for status in self.goals.values())
         self._status_at = rospy.get_time()
 
     def is_navigating(self) -> bool:
@@ -159,7 +157,7 @@ class WatchedRobot:
     def status(self, cancels: bool) -> RobotStatus:
         """Returns what is connected. `cancels`: whether goals are cancelled while a stop is in force."""
         seen = self.wiring
-        goal = self.goal if self._running else None
+        goal = self.goal if self._has_goal() else None
         return RobotStatus(
             robot=self.name,
             frame=self.frame,
@@ -168,7 +166,7 @@ class WatchedRobot:
             missing_maps=seen.missing_maps,
             unheard=seen.unheard,
             plans_round_borders=seen.plans_round_borders,
-            driver=self._has_driver() and self._in_control,
+            driver=self.is_driven(),
             obeys_stop=cancels and bool(seen.move_base),
             obeys_speed=self.speed is not None and self.speed.obeys,
             localized=self.pose is not None,
@@ -176,6 +174,10 @@ class WatchedRobot:
             goal=Point(*goal, 0.0) if goal else Point(),
             path=points_from_array(self._path) if goal else [],
         )
+
+    def driving_maps(self) -> Tuple[Optional[GridMap], Optional[GridMap]]:
+        """Returns the map with the borders that are for it, and the one without any; None: not known yet."""
+        return self._maps.get("own" if self.name else "borders"), self._maps.get("physical")
 
     def _with_borders(self) -> Optional[GridMap]:
         return self._maps.get("own", self._maps.get("borders"))
@@ -196,15 +198,11 @@ class WatchedRobot:
         found = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
         return self.notice(found[0], Severity.WARNING, border=quoted(found[1])) if found else None
 
-    def refuse(self, refusal: Optional[Notice]) -> None:
-        """Keeps why its present goal is refused, to be told."""
-        self._refusal = refusal
-
     def notices(self, now: float) -> List[Notice]:
         """Returns what people should know of its goal and its place at a time [s]."""
         found = []
-        if self._refusal is not None and self._is_told(now):
-            found.append(self._refusal)
+        if self.refusal is not None and self._is_told(now):
+            found.append(self.refusal)
         review, pose = self.review(), self.pose
         if review is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not by the map that it plans on, which may have a margin
@@ -215,7 +213,7 @@ class WatchedRobot:
 
     def notice(self, code: str, severity: Severity, **values: str) -> Notice:
         """Makes a notice about this robot."""
-        return Notice(code, severity, robot=self.name, values={"who": self.who, **values})
+        return Notice.of_robot(self.name, code, severity, **values)
 
     # ------------------------------------------------------------- what is asked of navigation
     def send_to(self, place) -> None:
