@@ -17,6 +17,30 @@ class Example(Parameters):
     limits: Tuple[float, ...] = param((0.1, 0.2), low=0.0)
 
 
+@dataclass(frozen=True)
+class Groups(Parameters):
+    example: Example = param(Example())
+    parts: tuple = param((), of=Example)
+
+
+def test_a_group_and_the_entries_of_a_list_are_read_and_checked_as_parameters_are():
+    found = Groups.from_mapping({"example": {"speed": 1}, "parts": [{}, {"count": 5}]})
+    assert found == Groups(Example(speed=1.0), (Example(), Example(count=5)))
+    assert Groups(Example(speed=1.0)).describe() == "example/speed=1.0 m/s"
+    assert Groups.from_mapping({"example": None}) == Groups()
+    mistakes = (
+        ({"example": {"speed": 7.0}}, "example/speed"),
+        ({"example": {"sped": 0.1}}, "example/sped"),
+        ({"example": 3}, "example"),
+        ({"parts": [{}, {"size": 0.0}]}, "parts[1]/size"),
+        ({"parts": 3}, "parts"),
+    )
+    for mapping, key in mistakes:
+        with pytest.raises(ParameterError) as caught:
+            Groups.from_mapping(mapping, "/node")
+        assert caught.value.key == f"/node/{key}"
+
+
 def test_defaults_and_values():
     params = Example.from_mapping({"speed": 1, "limits": [0.0, 1.0]})
     assert params.speed == 1.0 and isinstance(params.speed, float)

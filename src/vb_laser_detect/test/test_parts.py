@@ -140,7 +140,7 @@ def test_statistics():
     assert (summary.rejections, summary.rejection_counts) == (["no_transform"], [1])
     assert statistics.summary(100.0)["rate_hz"] == 0.0
     assert statistics.summary(1.0)["processed"] == 50
-    statistics.count_image(12.0, 11.98, 0.002, 3, backfilled=2)
+    statistics.count_image(12.0, 11.98, 0.002, 3)
     assert [statistics.summary(12.0)[key] for key in ("processed", "detected", "spots")] == [51, 28, 28]
 
 

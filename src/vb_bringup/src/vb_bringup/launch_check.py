@@ -119,9 +119,9 @@ def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
 
 def check_detector(argument: str, value: str) -> None:
     """Raises CodedError "bad_parameter", naming file and key, and as `read_parameters`."""
-    from vb_laser_detect import detector_params
+    from vb_laser_detect.detector_params import SpotDetectorNodeParams
 
-    detector_params.check(read_parameters(argument, value), value)
+    SpotDetectorNodeParams.from_mapping(read_parameters(argument, value), value)
 
 
 def check_detectors(argument: str, value: str) -> None:

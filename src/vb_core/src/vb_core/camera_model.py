@@ -192,12 +192,7 @@ class CameraModel:
         """Returns which of pixels (N, 2) are in the image, (N,) bool."""
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         with np.errstate(invalid="ignore"):
-            return (
-                (pixels[:, 0] >= -0.5)
-                & (pixels[:, 0] <= self.width - 0.5)
-                & (pixels[:, 1] >= -0.5)
-                & (pixels[:, 1] <= self.height - 0.5)
-            )
+            return ((pixels >= -0.5) & (pixels <= (self.width - 0.5, self.height - 0.5))).all(axis=1)
 
     @property
     def focal_px(self) -> float:

@@ -7,14 +7,15 @@ A parameter class lists its values with `param`, which carries unit and limits:
         speed: float = param(0.2, "m/s", low=0.0, high=1.0)
 
 `DriveParams.from_mapping({"speed": 0.1})` reads values from YAML or the parameter server. An unknown
-key, a wrong type or a value out of range is a `ParameterError` that names the key.
+key, a wrong type or a value out of range is a `ParameterError` that names the key. A default that is itself `Parameters`
+makes a group: `{"drive": {"speed": 0.1}}`, and its keys are named "drive/speed".
 """
 
 from __future__ import annotations
 
 import dataclasses
 import operator
-from typing import Any, Mapping, Optional, Sequence, Type, TypeVar
+from typing import Any, List, Mapping, Optional, Sequence, Type, TypeVar
 
 from vb_core.errors import ParameterError
 
@@ -28,6 +29,7 @@ def param(
     high: Optional[float] = None,
     above: Optional[float] = None,
     choices: Optional[Sequence[Any]] = None,
+    of: Optional[Type[Parameters]] = None,
     doc: str = "",
 ) -> Any:
     """Makes a dataclass field with a unit and limits.
@@ -37,10 +39,11 @@ def param(
         low, high: the smallest and largest value allowed, both included.
         above: a limit that the value must exceed.
         choices: the only values allowed.
+        of: class of a list's entries, which are read as a group is.
         doc: the meaning of a parameter that no file in config/ lists. Of one that is listed, the comment there is the
             meaning; `doc` may repeat how it begins, where dynamic_reconfigure shows it.
     """
-    metadata = dict(default=default, unit=unit, low=low, high=high, above=above, choices=choices, doc=doc)
+    metadata = dict(default=default, unit=unit, low=low, high=high, above=above, choices=choices, of=of, doc=doc)
     if isinstance(default, (list, dict)):
         return dataclasses.field(default_factory=lambda: default.copy(), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -56,15 +59,12 @@ class Parameters:
             object.__setattr__(self, field.name, value)
 
     @classmethod
-    def from_mapping(
-        cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "", others: Sequence[str] = ()
-    ) -> P:
+    def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "") -> P:
         """Makes parameters from a mapping; missing keys keep their defaults.
 
         Args:
             mapping: for instance a YAML document; None is an empty one.
             where: put before the key in errors, for instance the node's name.
-            others: keys that are valid but not of this class; they are skipped.
 
         Raises:
             ParameterError: for an unknown key, a wrong type, a value out of range.
@@ -75,12 +75,11 @@ class Parameters:
         if not isinstance(mapping, Mapping):
             raise ParameterError(prefix.rstrip("/") or "parameters", f"expected keys and values, got {mapping!r}")
         known = [field.name for field in dataclasses.fields(cls)]
-        own = {key: value for key, value in mapping.items() if key not in others}
-        for key in own:
+        for key in mapping:
             if key not in known:
-                raise ParameterError(f"{prefix}{key}", f"unknown parameter; known are {', '.join([*known, *others])}")
+                raise ParameterError(f"{prefix}{key}", f"unknown parameter; known are {', '.join(known)}")
         try:
-            return cls(**own)
+            return cls(**mapping)
         except ParameterError as error:
             raise ParameterError(f"{prefix}{error.key}", error.message.split(": ", 1)[1]) from None
 
@@ -90,12 +89,17 @@ class Parameters:
 
     def describe(self) -> str:
         """Lists each value that is not the default, with its unit, on one line for a node's log; "" if there is none."""
-        parts = []
+        return ", ".join(self._changed())
+
+    def _changed(self) -> List[str]:
+        parts: List[str] = []
         for field in dataclasses.fields(self):
             value, unit = getattr(self, field.name), field.metadata["unit"]
-            if value != field.metadata["default"]:
+            if isinstance(value, Parameters):
+                parts += [f"{field.name}/{part}" for part in value._changed()]
+            elif value != field.metadata["default"]:
                 parts.append(f"{field.name}={value}{' ' + unit if unit else ''}")
-        return ", ".join(parts)
+        return parts
 
 
 _EXPECTED = {
@@ -118,13 +122,18 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
     Raises:
         ParameterError: names the key and says what was expected.
     """
-    unit, kind = limits["unit"], type(limits["default"])
+    unit, kind, of = limits["unit"], type(limits["default"]), limits["of"]
+    if issubclass(kind, Parameters):
+        return value if isinstance(value, kind) else kind.from_mapping(value, key)
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
     right = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
     if kind in _EXPECTED and not (right and value == value):  # nan is no number
         raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
     if kind in (float, tuple):
         value = kind(value)
+    if of is not None:
+        parts = enumerate(value)
+        return kind(one if isinstance(one, of) else of.from_mapping(one, f"{key}[{index}]") for index, one in parts)
     # a list's limits apply to each of its numbers
     for number in value if isinstance(value, (list, tuple)) else [value]:
         if not isinstance(number, (int, float)) or isinstance(number, bool):

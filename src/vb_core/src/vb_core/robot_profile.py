@@ -6,9 +6,8 @@ derives from it what it can, so that another robot needs only another file.
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Mapping
 
 import yaml
 
@@ -67,7 +66,7 @@ class Base(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if KINDS[self.kind]:
-            raise ParameterError("base/kind", f"this robot is not supported: it {KINDS[self.kind]}")
+            raise ParameterError("kind", f"this robot is not supported: it {KINDS[self.kind]}")
 
 
 @dataclass(frozen=True)
@@ -99,45 +98,22 @@ class Frames(Parameters):
 
 
 @dataclass(frozen=True)
-class RobotProfile:
+class RobotProfile(Parameters):
     """One robot type."""
 
-    model: str = ""
-    shape: RobotShape = field(default_factory=RobotShape)
-    limits: Limits = field(default_factory=Limits)
-    base: Base = field(default_factory=Base)
-    scanner: Scanner = field(default_factory=Scanner)
-    camera: OnboardCamera = field(default_factory=OnboardCamera)
-    frames: Frames = field(default_factory=Frames)
-    contacts: tuple = ()
+    model: str = param("")
+    shape: RobotShape = param(RobotShape())
+    limits: Limits = param(Limits())
+    base: Base = param(Base())
+    scanner: Scanner = param(Scanner())
+    camera: OnboardCamera = param(OnboardCamera())
+    frames: Frames = param(Frames())
+    contacts: tuple = param((), of=Contact)
 
     @property
     def radius(self) -> float:
         """Radius of its shape [m]."""
         return self.shape.radius
-
-    @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any], where: str = "robot_profile") -> "RobotProfile":
-        """Reads a profile from YAML or parameter server values; missing keys keep their defaults.
-
-        Raises:
-            ParameterError: for an unknown key, a wrong type, a value out of range.
-        """
-        if not isinstance(mapping, Mapping):
-            raise ParameterError(where, f"expected keys and values, got {mapping!r}")
-        groups = {entry.name: entry.default_factory for entry in fields(cls) if entry.default_factory is not MISSING}
-        known = sorted({*groups, "model", "contacts"})
-        for key in mapping:
-            if key not in known:
-                raise ParameterError(f"{where}/{key}", f"unknown parameter; known are {', '.join(known)}")
-        contacts = mapping.get("contacts") or ()
-        if not isinstance(contacts, (list, tuple)):
-            raise ParameterError(f"{where}/contacts", f"expected a list, got {contacts!r}")
-        return cls(
-            model=str(mapping.get("model", "")),
-            contacts=tuple(Contact.from_mapping(entry, f"{where}/contacts") for entry in contacts),
-            **{name: group.from_mapping(mapping.get(name), f"{where}/{name}") for name, group in groups.items()},
-        )
 
     @classmethod
     def load(cls, path: Path) -> "RobotProfile":
@@ -153,4 +129,4 @@ class RobotProfile:
             raise ParameterError(path.name, f"cannot read {path}: {error.strerror}") from None
         except (yaml.YAMLError, ValueError, RecursionError):  # a date that does not exist is a ValueError
             raise ParameterError(path.name, f"{path} is no YAML file") from None
-        return cls.from_mapping(document or {}, path.name)
+        return cls.from_mapping(document, path.name)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import functools
 import re
-import string
 from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
@@ -91,4 +90,4 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
             words[name] = translate(words[name][1:], others, language)
             if sentence.startswith(f"{{{name}}}"):
                 words[name] = words[name][:1].upper() + words[name][1:]
-    return string.Formatter().vformat(sentence, (), _LenientValues(words))
+    return sentence.format_map(_LenientValues(words))

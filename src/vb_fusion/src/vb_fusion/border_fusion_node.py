@@ -31,8 +31,9 @@ SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots come
 
 @dataclass(frozen=True)
 class FusionParams(Parameters):
-    """The node's own parameters."""
+    """The node's parameters."""
 
+    extraction: ExtractionParams = param(ExtractionParams())
     live_cpu_share: float = param(0.12, above=0.0, high=1.0)
     seen_timeout: float = param(0.5, "s", above=0.0, high=10.0)
 
@@ -55,11 +56,11 @@ class BorderFusionNode:
         config/border_fusion.yaml
     """
 
-    def __init__(self, params: FusionParams, extraction: ExtractionParams) -> None:
+    def __init__(self, params: FusionParams) -> None:
         self._params = params
-        self._extraction = extraction
+        self._extraction = params.extraction
         self._collector = Collector()
-        self._live = LiveExtractor(extraction, params.live_cpu_share)
+        self._live = LiveExtractor(params.extraction, params.live_cpu_share)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
@@ -277,6 +278,4 @@ class BorderFusionNode:
 
 def build() -> BorderFusionNode:
     """Reads the parameters and makes the node."""
-    return BorderFusionNode(
-        parameters.read(FusionParams, ignore=("extraction",)), parameters.read(ExtractionParams, "~extraction")
-    )
+    return BorderFusionNode(parameters.read(FusionParams))

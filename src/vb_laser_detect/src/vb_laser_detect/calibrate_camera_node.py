@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from functools import partial
-from typing import Any, Sequence, Tuple
+from typing import Any, Callable, Sequence, Tuple
 
 import cv2
 import rospy
@@ -23,11 +23,10 @@ from geometry_msgs.msg import PointStamped
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_laser_detect import camera_setup
-from vb_laser_detect.camera_setup import CameraImages
+from vb_laser_detect.camera_setup import CameraImages, calibrate_lens, measure_camera_delay, set_exposure
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import POINT_SIGMA
-from vb_laser_detect.calibration.board import write_board
+from vb_laser_detect.calibration.board import PAPERS_MM, write_board
 from vb_laser_detect.calibration.calibration_session import (
     CalibrationSession,
     HeldSpot,
@@ -49,8 +48,7 @@ Four places are needed, six to eight are good: near the corners of what the came
 
 def detector_params_of(camera: str) -> DetectorParams:
     """Returns the parameters of a camera's running detector, else those of any stationary camera."""
-    values = rospy.get_param(f"/spot_detector_{camera}/detector", {})
-    return DetectorParams.from_mapping(values, "detector") if values else DetectorParams.stationary()
+    return DetectorParams.from_mapping(rospy.get_param(f"/spot_detector_{camera}/detector", {}), "detector")
 
 
 class Inputs:
@@ -170,25 +168,42 @@ class SpotCalibration:
         return 0
 
 
+def _print_board(arguments: argparse.Namespace) -> int:
+    print_line("\n".join(write_board(arguments.paper, arguments.file)))
+    return 0
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "calibrate_camera", description="Sets up a ceiling camera, and finds its pose in the map."
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     commands.required = True
-    printed = commands.add_parser("print_board", help="write the board for lenses as PDF or PNG, at true size")
-    printed.add_argument("file")
-    printed.add_argument("--paper", **camera_setup.PAPER)
 
-    spots = commands.add_parser("spots", help="its pose, from laser spots on known places")
-    spots.add_argument("camera", help="its name; image topic and frame are those of its running detector")
+    def add(name: str, run: Callable[[argparse.Namespace], int], help: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=help)
+        command.set_defaults(run=run)
+        if run is not _print_board:
+            command.add_argument("camera", help="its name; image topic and frame are those of its running detector")
+        return command
+
+    printed = add("print_board", _print_board, "write the board for lenses as PDF or PNG, at true size")
+    printed.add_argument("file")
+    spots = add("spots", lambda found: SpotCalibration(found).run(), "its pose, from laser spots on known places")
     spots.add_argument(
         "--point_sigma",
         type=float,
         default=POINT_SIGMA,
         help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz",
     )
-    camera_setup.add_commands(commands)
+    lens = add("lens", calibrate_lens, "the lens, from the printed board, of a camera that its detector reads itself")
+    for command in (printed, lens):
+        command.add_argument(
+            "--paper", default="A3", help=f"of the board: {', '.join(PAPERS_MM)}; default: %(default)s"
+        )
+    lens.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
+    add("delay", measure_camera_delay, "how late the camera's images are, by this window's blinking")
+    add("exposure", set_exposure, "an exposure time at which the floor is grey and the spot is white")
     return parser
 
 
@@ -197,14 +212,9 @@ def main() -> int:
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:
-        if arguments.command == "print_board":
-            for line in write_board(arguments.paper, arguments.file):
-                print_line(line)
-            return 0
-        rospy.init_node("calibrate_camera", anonymous=True)
-        if arguments.command in camera_setup.COMMANDS:
-            return camera_setup.COMMANDS[arguments.command](arguments)
-        return SpotCalibration(arguments).run()
+        if arguments.run is not _print_board:  # which needs no master
+            rospy.init_node("calibrate_camera", anonymous=True)
+        return arguments.run(arguments)
     except CodedError as error:
         print(f"calibrate_camera: {error}", file=sys.stderr)
         return 1

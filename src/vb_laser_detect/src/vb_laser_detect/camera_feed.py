@@ -13,9 +13,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.image_format import AnyPicture, Picture
+from vb_core.image_format import AnyPicture, PixelReader
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import message_from_image
+from vb_core.ros.images import decode, message_from_image
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.camera import controls, lens_file
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, is_file, printable
@@ -122,7 +122,7 @@ class CameraFeed:
         with self._setting:
             if is_device(self._source.address):
                 controls.apply(self._source.address, params)
-            elif _controlled(params):
+            elif params.exposure or params.white_balance:
                 raise CodedError("control_refused", source=printable(self._source.address), why="$only_devices")
             self._source.params = params
         self._report.clear_refused_setting()
@@ -161,32 +161,29 @@ class CameraFeed:
     def _apply(self) -> Optional[CodedError]:
         """Sets exposure and white balance of a camera that was opened; returns why not."""
         try:
-            if is_device(self._source.address) or _controlled(self._source.params):
-                self.set_params(self._source.params)
+            self.set_params(self._source.params)
         except CodedError as error:
             return error.without_traceback()
         return None
 
 
-def _controlled(params: CaptureParams) -> bool:
-    """Returns whether anything is to be set that only devices can."""
-    return bool(params.exposure or params.white_balance)
-
-
-def subscribe_images(
-    image: str, compressed: bool, frame: str, read: Callable[[Any], Picture], put: Callable[[ReceivedImage], None]
-) -> None:
+def subscribe_images(image: str, transport: str, frame: str, put: Callable[[ReceivedImage], Any]) -> str:
     """Takes images from a driver's topic: <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage).
 
     Args:
+        transport: "compressed" or "raw".
         frame: instead of the one that the images name, unless it is empty.
-        read: message to picture.
+
+    Returns:
+        The topic.
     """
+    reader = PixelReader()
 
     def take(message: Any) -> None:
         header = message.header
-        put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: read(message)))
+        put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: reader.read(*decode(message))))
 
-    kind, topic = (CompressedImage, f"{image}/compressed") if compressed else (Image, image)
+    kind, topic = (CompressedImage, f"{image}/compressed") if transport == "compressed" else (Image, image)
     # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
     rospy.Subscriber(topic, kind, take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
+    return topic

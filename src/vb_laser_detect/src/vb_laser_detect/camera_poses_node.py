@@ -5,22 +5,19 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Union
+from typing import Dict, Union
 
 import rospy
 import tf2_ros
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.calibration_file import CameraPose, calibration_path
 from vb_laser_detect.calibration.camera_watch import CameraWatch, Report, read_files
 from vb_msgs.msg import DetectorStatus, LaserSpot
-
-_COMPARISON_PERIOD = 5  # [s] between two comparisons of the cameras' spots
 
 
 @dataclass(frozen=True)
@@ -57,8 +54,6 @@ class CameraPosesNode:
         # as they are published, and from which contents of the files
         self._poses: Dict[str, CameraPose] = {}
         self._adopted: Dict[str, bytes] = {}
-        self._disagreements: List[Notice] = []
-        self._ticks = 0
         self._lock = threading.Lock()
         node.wait_for_clock()
         self._watch = CameraWatch(self._cameras, rospy.get_time())
@@ -93,12 +88,9 @@ class CameraPosesNode:
             self._read()
         with self._lock:
             now = rospy.get_time()
-            if self._ticks % _COMPARISON_PERIOD == 0:
-                self._disagreements = self._watch.disagreements(now)
-            self._ticks += 1
-            misfits = self._watch.misfits(self._files, list(self._poses), now)
-            wrong = [*self._watch.missing(now), *misfits, *self._watch.wrong_clocks(now), *self._disagreements]
-            self._notices.set(wrong)
+            watch, misfits = self._watch, self._watch.misfits(self._files, list(self._poses), now)
+            wrong = [*watch.missing(now), *misfits, *watch.wrong_clocks(now), *watch.disagreements(now)]
+        self._notices.set(wrong)
 
     def _read(self) -> None:
         """Reads the files if one changed, all of them together, so that their order does not matter."""
@@ -112,7 +104,6 @@ class CameraPosesNode:
                 self._poses[camera], self._adopted[camera] = file, contents[camera]
                 with self._lock:
                     self._watch.forget_spots(camera, rospy.get_time())
-                    self._ticks = 0
                 place = " ".join(f"{value:.3f}" for value in file.T[:3, 3])
                 rospy.loginfo("%s: %s is at %s in %s", rospy.get_name(), file.frame, place, file.parent)
         # all of them: a latched topic keeps its last message only

@@ -16,19 +16,18 @@ import cv2
 import dynamic_reconfigure.client
 import numpy as np
 import rospy
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.image_format import Picture, PixelReader
+from vb_core.image_format import AnyPicture
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import decode
 from vb_laser_detect.calibration.board import BoardParams, find_board
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import lens_file, settings_file
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import WHITE, Look, find_exposure, look_at
-from vb_laser_detect.camera_feed import lens_path
+from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
 
 _TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] for the next image, and between two looks
@@ -37,7 +36,6 @@ _BLINKS, _SHORTEST, _LONGEST = 40, 0.25, 0.65  # switches of the light, and [s] 
 _SPOT_TIMEOUT = 30.0  # [s]
 _USUAL_WHITE = 4600  # [K] between lamps and daylight: what counts is that it stays
 _WIDTH = 960  # [px] of the live picture
-PAPER = dict(default="A3", help="of the board: A4, A3 (default), A2, A1, A0")
 
 
 class CameraImages:
@@ -61,14 +59,12 @@ class CameraImages:
             raise CodedError("no_source", camera=camera)
         self.settings = str(self.params.get("settings", ""))
         self.frame = str(self.params.get("frame", ""))
-        self._reader = PixelReader()
-        self._newest: Deque[Any] = deque(maxlen=1)
+        self._newest: Deque[ReceivedImage] = deque(maxlen=1)
         self._image = "/" + (self.params.get("image") or f"{camera}/image_raw").lstrip("/")
-        compressed = self.params.get("image_transport") == "compressed"
-        kind, self._topic = (CompressedImage, f"{self._image}/compressed") if compressed else (Image, self._image)
-        rospy.Subscriber(self._topic, kind, self._newest.append, queue_size=1, buff_size=2**24)
+        transport = str(self.params.get("image_transport"))
+        self._topic = subscribe_images(self._image, transport, self.frame, self._newest.append)
 
-    def next(self, after: float = 0.0) -> Tuple[float, Picture]:
+    def next(self, after: float = 0.0) -> Tuple[float, AnyPicture]:
         """Waits for an image that was taken after a time; returns its stamp [s] and itself.
 
         Raises:
@@ -79,10 +75,10 @@ class CameraImages:
             if not self._newest:
                 rospy.rostime.wallsleep(_POLL_PERIOD)
                 continue
-            message = self._newest.popleft()
-            self.frame = self.frame or message.header.frame_id
-            if message.header.stamp.to_sec() >= after:
-                return message.header.stamp.to_sec(), self._reader.read(*decode(message))
+            received = self._newest.popleft()
+            self.frame = received.frame_id
+            if received.stamp.to_sec() >= after:
+                return received.stamp.to_sec(), received.read()
         raise CodedError("no_images", topics=self._topic)
 
     def model(self) -> CameraModel:
@@ -276,19 +272,3 @@ def set_exposure(arguments: argparse.Namespace) -> int:
             return 0
     print("No white spot was seen. If the laser was on the floor, its light is too weak for a floor as bright as this.")
     return 1
-
-
-COMMANDS = {"lens": calibrate_lens, "delay": measure_camera_delay, "exposure": set_exposure}
-
-
-def add_commands(commands: Any) -> None:
-    """Adds this module's commands to a parser."""
-    lens = commands.add_parser(
-        "lens", help="the lens, from the printed board, of a camera that its detector reads itself"
-    )
-    lens.add_argument("--paper", **PAPER)
-    lens.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
-    delay = commands.add_parser("delay", help="how late the camera's images are, by this window's blinking")
-    exposure = commands.add_parser("exposure", help="an exposure time at which the floor is grey and the spot is white")
-    for command in (lens, delay, exposure):
-        command.add_argument("camera", help="its name")

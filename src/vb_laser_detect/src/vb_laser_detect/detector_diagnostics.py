@@ -16,7 +16,6 @@ from vb_core.ros.node import Mailbox, WakeTimer, Worker
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.calibration_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
-from vb_laser_detect.detection.tracking import Spot
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus
 
@@ -38,24 +37,20 @@ class DetectorDiagnostics:
         own_source: whether it reads the camera itself, so that images have this computer's time.
 
     Attributes:
-        color: whether the images show colours.
         focal: [px] of the lens with which spots are placed; 0 while it is not known.
     """
 
     def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False) -> None:
         self._camera, self._mobile, self._own_source = camera, mobile, own_source
-        self._frame_id = ""
+        self._frame_id, self.focal, self._mailbox = "", 0.0, mailbox
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
-        self.color, self.focal = True, 0.0
+        self._color = True  # whether the images show colours
         self._bright, self._measured = 0.0, float("-inf")  # share of an image that is saturated, and when that was seen
-        self._mailbox = mailbox
-        self._counts = DetectorCounts()
         self._lock = threading.Lock()
-        self._faults: Dict[str, Tuple[Notice, rospy.Time]] = {}  # by code, and when it was met last
-        self._poor: Dict[str, Tuple[Notice, rospy.Time]] = {}  # the same, of what images that come are like
-        self._source_fault: Optional[Notice] = None
-        self._silent_source = False
-        self._watch = InputWatch(rospy.get_time())
+        self._counts, self._watch = DetectorCounts(), InputWatch(rospy.get_time())
+        # by code, when each was met last, and whether it is of what images that come are like
+        self._faults: Dict[str, Tuple[Notice, rospy.Time, bool]] = {}
+        self._source_fault: Optional[Notice] = None  # an error: no images come because of it
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._notices = NoticePublisher()
         self._timer = WakeTimer(1.0)
@@ -69,16 +64,14 @@ class DetectorDiagnostics:
     # ------------------------------------------------------------- what the node tells
     def count(self, code: str) -> None:
         """Counts an ordinary rejection: a candidate that is not a spot."""
-        self._counts.count_rejections(code)
+        with self._lock:
+            self._counts.count_rejections(code)
 
     def fault(self, error: CodedError, severe: bool = False) -> None:
         """Counts a fault of the input, and tells it for some seconds; `severe`: it is a fault of the program."""
-        self._counts.count_rejections(error.code)
-        self._meet(self._faults, error, severe)
-
-    def _meet(self, faults: Dict[str, Tuple[Notice, rospy.Time]], error: CodedError, severe: bool) -> None:
         with self._lock:
-            faults[error.code] = self._notice(error, severe), rospy.Time.now()
+            self._counts.count_rejections(error.code)
+            self._faults[error.code] = self._notice(error, severe), rospy.Time.now(), False
 
     def set_source_fault(self, error: Optional[CodedError], is_silent: bool) -> None:
         """Tells what is wrong with a camera that the detector reads itself, until it is called again.
@@ -86,17 +79,15 @@ class DetectorDiagnostics:
         Args:
             is_silent: it sends no images because of that.
         """
-        if error is not None:
-            self._counts.count_rejections(error.code)
         with self._lock:
+            self._counts.count_rejections(*([] if error is None else [error.code]))
             self._source_fault = None if error is None else self._notice(error, is_silent)
-            self._silent_source = is_silent
         self._tell()
 
     def clear_refused_setting(self) -> None:
         """Withdraws the notice that the camera refused its settings; it sends images."""
         with self._lock:
-            self._source_fault = self._source_fault if self._silent_source else None
+            self._source_fault = self._source_fault if self._is_silent else None
         self._tell()
 
     def see_image(
@@ -106,7 +97,7 @@ class DetectorDiagnostics:
         picture: AnyPicture,
         missing: Optional[CodedError],
         search_s: float,
-        spots: Sequence[Spot] = (),
+        spots: int = 0,
         rejected: Sequence[str] = (),
     ) -> None:
         """Notes an image that was searched.
@@ -115,18 +106,17 @@ class DetectorDiagnostics:
             stamp, frame_id, picture: of it.
             missing: why no spot of it can be published; None: all inputs are available.
             search_s: [s] that the search itself took.
-            spots: published after it, also those of earlier images.
+            spots: how many were published after it, also those of earlier images.
             rejected: codes of what was not.
         """
-        now, taken = rospy.get_time(), stamp.to_sec()
-        self._frame_id, self.color = frame_id, picture.content != "mono"
+        now = rospy.get_time()
+        self._frame_id, self._color = frame_id, picture.content != "mono"
         if abs(now - self._measured) > 1.0:
             self._bright, self._measured = saturated_share(picture.searched), now
         with self._lock:
             self._watch.see_image(now, missing)
-        self._counts.count_rejections(*rejected, *([] if missing is None else [missing.code]))
-        backfilled = sum(spot.stamp != taken for spot in spots)
-        self._counts.count_image(now, taken, search_s, len(spots), backfilled)
+            self._counts.count_rejections(*rejected, *([] if missing is None else [missing.code]))
+            self._counts.count_image(now, stamp.to_sec(), search_s, spots)
 
     def record_detector(self, message: DetectorStatus) -> None:
         """Records another detector's status."""
@@ -157,45 +147,51 @@ class DetectorDiagnostics:
     def _notice(self, error: CodedError, severe: bool) -> Notice:
         return Notice.from_error(error, Severity.ERROR if severe else Severity.WARNING, self._camera)
 
+    @property
+    def _is_silent(self) -> bool:
+        """Whether no images come from a camera that the detector reads itself, and people are told why."""
+        return self._source_fault is not None and self._source_fault.severity is Severity.ERROR
+
     def _tell(self) -> None:
         """Tells what is wrong now; of a camera that is silent or has no place, not what its images are like."""
         now = rospy.Time.now()
         with self._lock:
-            missing = None if self._silent_source else self._watch.fault(now.to_sec())
-        if missing is not None and self._mobile and missing.code == "camera_no_pose":
-            missing = CodedError("camera_robot_lost", **missing.values)
-        if missing is None and not self._silent_source:
-            for error in self._quality():
-                self._meet(self._poor, error, error.code == "camera_clock")
-        with self._lock:
-            if missing is not None or self._silent_source:
-                self._poor.clear()
-            met = [*self._faults.values(), *self._poor.values()]
-            told = [one for one, at in met if abs((now - at).to_sec()) < _FAULT_LIFETIME]
-            if self._source_fault is not None:
-                told.append(self._source_fault)
-        self._notices.set([*([] if missing is None else [self._notice(missing, True)]), *told])
+            missing = None if self._is_silent else self._watch.fault(now.to_sec())
+            if missing is not None and self._mobile and missing.code == "camera_no_pose":
+                missing = CodedError("camera_robot_lost", **missing.values)
+            usable = missing is None and not self._is_silent
+            for error in self._quality() if usable else ():
+                self._faults[error.code] = self._notice(error, error.code == "camera_clock"), now, True
+            told = [] if missing is None else [self._notice(missing, True)]
+            for notice, at, of_images in self._faults.values():
+                if abs((now - at).to_sec()) < _FAULT_LIFETIME and (usable or not of_images):
+                    told.append(notice)
+            told += [] if self._source_fault is None else [self._source_fault]
+        self._notices.set(told)
 
     def _quality(self) -> List[CodedError]:
         """Returns what is wrong with images that come and can be placed; what varies about a limit is told throughout."""
         found = self._counts.quality(not self._own_source)
         if self._bright > TOO_BRIGHT:
             found.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))
-        if self._mobile and not self.color:
+        if self._mobile and not self._color:
             found.append(CodedError("no_color", camera=self._camera))
         return found
 
     def _publish(self) -> None:
         self._tell()
         now = rospy.Time.now()
-        status = DetectorStatus(
-            header=rospy.Header(stamp=now),
-            camera=self._camera,
-            mobile=self._mobile,
-            frame_id=self._frame_id,
-            focal_px=self.focal,
-            received=self._mailbox.received,
-            dropped=self._mailbox.dropped,
-            **self._counts.summary(now.to_sec()),
+        with self._lock:
+            counts = self._counts.summary(now.to_sec())
+        self._publisher.publish(
+            DetectorStatus(
+                header=rospy.Header(stamp=now),
+                camera=self._camera,
+                mobile=self._mobile,
+                frame_id=self._frame_id,
+                focal_px=self.focal,
+                received=self._mailbox.received,
+                dropped=self._mailbox.dropped,
+                **counts,
+            )
         )
-        self._publisher.publish(status)

@@ -3,25 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Mapping
 
 from vb_core.parameters import Parameters, param
 from vb_laser_detect.camera.source import CaptureParams
 from vb_laser_detect.detection.projection import ProjectionParams
-
-
-@dataclass(frozen=True)
-class SpotDetectorNodeParams(Parameters):
-    """The node's own parameters; see config/*.yaml."""
-
-    camera: str = param("")
-    source: str = param("")
-    settings: str = param("")
-    image: str = param("")
-    depth: str = param("")
-    frame: str = param("")
-    image_transport: str = param("raw", choices=("raw", "compressed"))
-    robots: list = param([])
 
 
 @dataclass(frozen=True)
@@ -52,20 +37,18 @@ class DetectorParams(Parameters):
         return cls(**{**dict(moving_camera=True, confirm_frames=3), **changes})
 
 
-# the parameters of a node that are below a separate key
-GROUPS = {"detector": DetectorParams, "projection": ProjectionParams, "capture": CaptureParams}
+@dataclass(frozen=True)
+class SpotDetectorNodeParams(Parameters):
+    """All parameters of a node; see config/*.yaml."""
 
-
-def check(values: Mapping[str, Any], where: str) -> None:
-    """Checks all parameters of a spot detector, before it is started with them.
-
-    Args:
-        values: as a YAML file holds them.
-        where: put before the key in errors.
-
-    Raises:
-        ParameterError: for an unknown key, a wrong type, a value out of range.
-    """
-    SpotDetectorNodeParams.from_mapping(values, where, tuple(GROUPS))
-    for name, group in GROUPS.items():
-        group.from_mapping(values.get(name), f"{where.rstrip('/')}/{name}")
+    camera: str = param("")
+    source: str = param("")
+    settings: str = param("")
+    image: str = param("")
+    depth: str = param("")
+    frame: str = param("")
+    image_transport: str = param("raw", choices=("raw", "compressed"))
+    robots: list = param([])
+    detector: DetectorParams = param(DetectorParams())
+    projection: ProjectionParams = param(ProjectionParams())
+    capture: CaptureParams = param(CaptureParams())

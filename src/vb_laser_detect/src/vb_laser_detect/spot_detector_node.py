@@ -15,16 +15,15 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.image_format import AnyPicture, PixelReader
-from vb_core.ros.images import decode, message_from_image
+from vb_core.image_format import AnyPicture
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
-from vb_laser_detect.camera.source import CaptureParams
 from vb_laser_detect.camera_feed import CameraFeed, LensFile, ReceivedImage, subscribe_images
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
-from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
+from vb_laser_detect.detector_params import SpotDetectorNodeParams
 from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, ProjectionParams
 from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, is_rectified, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
@@ -62,24 +61,17 @@ class SpotDetectorNode:
         <robot>/robot_profile: how large a robot is
     """
 
-    def __init__(
-        self,
-        params: SpotDetectorNodeParams,
-        detector: DetectorParams,
-        projection_params: ProjectionParams,
-        capture: CaptureParams,
-    ) -> None:
+    def __init__(self, params: SpotDetectorNodeParams) -> None:
         # one process per camera: threads within each would only fight for the cores
         cv2.setNumThreads(1)
         node.disable_heap_trimming()
         if not params.camera:
             raise ParameterError(rospy.resolve_name("~camera"), "the camera's name must be set")
         self._params = params
-        self._mobile = detector.moving_camera
-        self._projector = FloorProjection(projection_params)
-        self._detector = SpotDetector(detector)
+        self._mobile = params.detector.moving_camera
+        self._projector = FloorProjection(params.projection)
+        self._detector = SpotDetector(params.detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
-        self._reader = PixelReader()
         # seconds as a float lose an image's nanoseconds; a spot is confirmed within so many images
         self._stamps: Deque[rospy.Time] = deque(maxlen=256)
         self._last_debug: Optional[rospy.Time] = None
@@ -88,21 +80,23 @@ class SpotDetectorNode:
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
-        lens, depth = self._connect(capture)
+        lens, depth = self._connect()
         given = self._mobile, lens, depth, self._projector, params.robots, self._report
         self._camera_geometry = CameraGeometry(*given)
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
         self._reconfigure_servers = [
-            ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
-            ReconfigureServer(projection_params, "~projection", self._set_projection_params),
+            ReconfigureServer(params.detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
+            ReconfigureServer(params.projection, "~projection", self._set_projection_params),
         ]
         if self._feed is not None:
             fixed = ("width", "height", "rate")
-            self._reconfigure_servers.append(ReconfigureServer(capture, "~capture", self._feed.set_params, fixed))
+            self._reconfigure_servers.append(
+                ReconfigureServer(params.capture, "~capture", self._feed.set_params, fixed)
+            )
 
-    def _connect(self, capture: CaptureParams) -> Tuple[Union[InfoTopic, LensFile], Optional[DepthTopic]]:
+    def _connect(self) -> Tuple[Union[InfoTopic, LensFile], Optional[DepthTopic]]:
         """Begins to take images; returns where their lens and their depth come from."""
         given, report = self._params, self._report
         image = rospy.resolve_name(given.image or f"{given.camera}/image_raw")
@@ -110,11 +104,10 @@ class SpotDetectorNode:
         depth = DepthTopic(topic, sibling_topic(topic, "camera_info"), report) if topic else None
         if given.source:
             where = given.camera, given.frame or f"{given.camera}_optical_frame"
-            self._feed = CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox, report)
+            self._feed = CameraFeed(*where, given.source, given.capture, image, given.settings, self._mailbox, report)
             return self._feed.lens, depth
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), given.camera, image)
-        read, compressed = lambda message: self._reader.read(*decode(message)), given.image_transport == "compressed"
-        subscribe_images(image, compressed, given.frame, read, self._mailbox.put)
+        subscribe_images(image, given.image_transport, given.frame, self._mailbox.put)
         # image_rect, image_rect_color: the images are already undistorted
         return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image)), depth
 
@@ -174,7 +167,7 @@ class SpotDetectorNode:
         # what is rejected is an everyday event: counted, but not worth a warning
         rejected = [one.rejection for one in detector.candidates if one.rejection]
         rejected += ["late_image"] * (detector.late - late)
-        self._report.see_image(stamp, received.frame_id, picture, unplaced, took, located, rejected)
+        self._report.see_image(stamp, received.frame_id, picture, unplaced, took, len(located), rejected)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, received)
         if self._feed is not None:
@@ -214,9 +207,4 @@ class SpotDetectorNode:
 
 def build() -> SpotDetectorNode:
     """Reads the parameters and makes the node."""
-    return SpotDetectorNode(
-        parameters.read(SpotDetectorNodeParams, "~", ignore=tuple(GROUPS)),
-        parameters.read(DetectorParams, "~detector"),
-        parameters.read(ProjectionParams, "~projection"),
-        parameters.read(CaptureParams, "~capture"),
-    )
+    return SpotDetectorNode(parameters.read(SpotDetectorNodeParams))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Sequence, Type, TypeVar
+from typing import Type, TypeVar
 
 import rospy
 
@@ -12,13 +12,12 @@ from vb_core.parameters import Parameters
 P = TypeVar("P", bound=Parameters)
 
 
-def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
+def read(cls: Type[P], namespace: str = "~") -> P:
     """Reads a parameter class from the parameter server and logs what differs from the defaults.
 
     Args:
         cls: the class.
         namespace: "~" for the node's private parameters, or for instance "~stationary".
-        ignore: keys below the namespace that belong to nested classes.
 
     Raises:
         ParameterError: names the full key of what is unknown, of a wrong type or out of range.
@@ -27,7 +26,7 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     found = rospy.get_param(where, {})
     if not isinstance(found, dict):
         raise ParameterError(where, f"expected keys and values, got {found!r}")
-    params = cls.from_mapping(found, where, ignore)
+    params = cls.from_mapping(found, where)
     if params.describe():  # the defaults are in the files; twenty nodes that repeat them bury the warnings
         rospy.loginfo("%s: %s", where, params.describe())
     return params

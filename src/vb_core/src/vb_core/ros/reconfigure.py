@@ -72,7 +72,7 @@ class ReconfigureServer(Generic[P]):
 
     Args:
         params: the values at the start.
-        namespace: "~" or for instance "~detector", where `vb_core.ros.parameters.read` read them.
+        namespace: for instance "~detector", where `vb_core.ros.parameters.read` read them.
         apply: adopts the new parameters, in a service's thread; its CodedError refuses them.
         fixed: names of fields that cannot be changed while the node runs.
     """
@@ -80,12 +80,12 @@ class ReconfigureServer(Generic[P]):
     def __init__(self, params: P, namespace: str, apply: Callable[[P], None], fixed: Sequence[str] = ()) -> None:
         self._params = params
         self._apply = apply
-        self._where = rospy.resolve_name(namespace if namespace != "~" else "~set_parameters")
+        self._where = rospy.resolve_name(namespace)
         description = describe(params, fixed)
         # the server takes its values from the parameter server, as they are there: a 3 for a 3.0 would change its type
         for name, value in description.defaults.items():
-            rospy.set_param(f"{namespace}{name}" if namespace == "~" else f"{namespace}/{name}", value)
-        self._server = Server(description, self._change, "" if namespace == "~" else namespace)
+            rospy.set_param(f"{namespace}/{name}", value)
+        self._server = Server(description, self._change, namespace)
 
     def _change(self, config: Any, _level: int) -> Any:
         names = {field.name for field in dataclasses.fields(self._params)}

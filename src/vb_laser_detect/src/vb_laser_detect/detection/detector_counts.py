@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import Counter, deque
 from typing import Any, Deque, Dict, List, Optional, Tuple
 
@@ -54,33 +53,29 @@ class InputWatch:
 
 
 class DetectorCounts:
-    """Written by the worker, read by a timer."""
+    """Counts since the start, and what the images of the last seconds were like. Not thread safe."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
         self._frames: Deque[Tuple[float, float, float]] = deque()
         self._rejections: Counter = Counter()
-        self._sums: Counter = Counter(processed=0, detected=0, spots=0)
+        self._sums: Counter = Counter(processed=0, spots=0)
 
     def count_rejections(self, *codes: str) -> None:
         """Counts rejected images or spots."""
-        with self._lock:
-            self._rejections.update(codes)
+        self._rejections.update(codes)
 
-    def count_image(self, now: float, stamp: float, search_s: float, spots: int, backfilled: int = 0) -> None:
+    def count_image(self, now: float, stamp: float, search_s: float, spots: int) -> None:
         """Counts a searched image.
 
         Args:
             now, stamp: [s] the current and the image's time, on the same clock.
             search_s: [s] of the search itself.
             spots: published after this image, one for each image that shows one.
-            backfilled: of these, spots of earlier images.
         """
-        with self._lock:
-            if self._frames and now < self._frames[-1][0]:
-                self._frames.clear()
-            self._frames.append((now, now - stamp, search_s))
-            self._sums.update(processed=1, detected=backfilled + int(spots > backfilled), spots=spots)
+        if self._frames and now < self._frames[-1][0]:
+            self._frames.clear()
+        self._frames.append((now, now - stamp, search_s))
+        self._sums.update(processed=1, spots=spots)
 
     def quality(self, foreign_clock: bool) -> List[CodedError]:
         """Returns what is wrong with the images of the last seconds.
@@ -89,8 +84,7 @@ class DetectorCounts:
             foreign_clock: the times that they carry come from elsewhere. A busy computer delays some images, clocks
                 that differ shift all of them: the quickest one counts.
         """
-        with self._lock:
-            frames = np.array(self._frames, dtype=float).reshape(-1, 3)
+        frames = np.array(self._frames, dtype=float).reshape(-1, 3)
         span = float(frames[-1, 0] - frames[0, 0]) if len(frames) else 0.0
         if span < 0.5 * _WINDOW:
             return []
@@ -107,21 +101,18 @@ class DetectorCounts:
 
         Times are NaN where nothing happened.
         """
-        with self._lock:
-            while self._frames and not now - _WINDOW <= self._frames[0][0] <= now:
-                self._frames.popleft()
-            frames = np.array(self._frames or [(now, np.nan, np.nan)], dtype=float)
-            rate = len(self._frames) / max(now - frames[0, 0], 0.2)
-            rejections = dict(sorted(self._rejections.items()))
-            sums = dict(self._sums)
+        while self._frames and not now - _WINDOW <= self._frames[0][0] <= now:
+            self._frames.popleft()
+        frames = np.array(self._frames or [(now, np.nan, np.nan)], dtype=float)
         latency, p95 = (1e3 * np.percentile(frames[:, 1], (50, 95))).tolist()
-        search = 1e3 * float(np.median(frames[:, 2]))
+        rejections = dict(sorted(self._rejections.items()))
         return {
-            **sums,
+            **self._sums,
+            "detected": self._sums["spots"],
             "rejections": list(rejections),
             "rejection_counts": list(rejections.values()),
-            "rate_hz": rate,
+            "rate_hz": len(self._frames) / max(now - frames[0, 0], 0.2),
             "latency_ms": latency,
             "latency_p95_ms": p95,
-            "search_ms": search,
+            "search_ms": 1e3 * float(np.median(frames[:, 2])),
         }

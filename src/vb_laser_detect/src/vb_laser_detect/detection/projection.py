@@ -23,7 +23,6 @@ from vb_core.parameters import Parameters, param
 
 # a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
 DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
-ToFloor = Callable[[np.ndarray], np.ndarray]  # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 
 # what vb_msgs/LaserSpot calls them in capitals
 GROUND_PLANE = "ground_plane"
