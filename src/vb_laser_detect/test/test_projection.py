@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from board_scene import CAMERA
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
@@ -21,9 +22,6 @@ from vb_laser_detect.detection.projection import (
     pixels_of,
 )
 
-CEILING = CameraModel(
-    1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0])
-)
 ROBOT = CameraModel.ideal(640, 480, 525.0)
 UP = geometry.transform(np.eye(3), (1.0, 1.0, 2.0))  # the line through camera and pixel meets the floor, but backwards
 
@@ -41,9 +39,9 @@ def forward(pitch=0.6, height=0.6):
 @given(u=st.floats(0, 1919), v=st.floats(0, 1079), tilt=st.floats(-0.3, 0.3))
 def test_plane_round_trip(u, v, tilt):
     T = down(tilt=tilt)
-    point = FloorProjection().on_plane(CEILING, T, u, v)
+    point = FloorProjection().on_plane(CAMERA, T, u, v)
     assert point.source == GROUND_PLANE and point.position[2] == pytest.approx(0.0, abs=1e-9)
-    assert pixels_of(CEILING, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
+    assert pixels_of(CAMERA, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
 
 
 def test_metres_per_pixel_of_a_camera_that_looks_down():
@@ -65,17 +63,17 @@ def test_metres_per_pixel_of_a_camera_that_looks_down():
     ],
 )
 def test_rejections(T, u, v, code):
-    camera = CEILING if T[2, 2] < -0.9 else ROBOT
+    camera = CAMERA if T[2, 2] < -0.9 else ROBOT
     with refused(code):
         FloorProjection().on_plane(camera, T, u, v)
 
 
 def test_points_outside_the_map():
     projector = FloorProjection(floor=GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0)))
-    inside, outside = pixels_of(CEILING, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
-    assert projector.on_plane(CEILING, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
+    inside, outside = pixels_of(CAMERA, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
+    assert projector.on_plane(CAMERA, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
     with refused("spot_outside_map"):
-        projector.on_plane(CEILING, down(), *outside)
+        projector.on_plane(CAMERA, down(), *outside)
 
 
 # ------------------------------------------------------------------ depth
