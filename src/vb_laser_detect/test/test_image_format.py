@@ -28,18 +28,9 @@ def strokes(encode, bayer=False, gray=False, color=GREEN):
     return [encode(image[:, :, 1].copy() if gray else image) for image in images], [None] * 8 + places
 
 
-def yuv(order):
-    """bgr to 4:2:2, the luminance first or second."""
-
-    def encode(image):
-        y, u, v = (plane.astype(int) for plane in cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YUV)))
-        # OpenCV reads video levels
-        y = np.clip(16 + y * 219 / 255, 0, 255).astype(np.uint8)
-        chroma = np.empty_like(y)
-        chroma[:, ::2], chroma[:, 1::2] = u[:, ::2], v[:, ::2]
-        return np.dstack([chroma, y] if order == "uyvy" else [y, chroma])
-
-    return encode
+def by_opencv(code):
+    """bgr as OpenCV itself encodes it."""
+    return lambda image: cv2.cvtColor(image, code)
 
 
 def nv12(image):
@@ -53,7 +44,7 @@ def nv12(image):
 CASES = {
     "bgr8": (lambda image: image, {}),
     "rgb8": (lambda image: image[:, :, ::-1].copy(), {}),
-    "bgra8": (lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2BGRA), {}),
+    "bgra8": (by_opencv(cv2.COLOR_BGR2BGRA), {}),
     "mono8": (lambda image: image, {"gray": True}),
     "mono16": (lambda image: image.astype(np.uint16) * 257, {"gray": True}),
     "mono16 of 12 bits": (lambda image: image.astype(np.uint16) * 16, {"gray": True}),
@@ -61,10 +52,10 @@ CASES = {
     "bayer_rggb16": (lambda image: image.astype(np.uint16) * 257, {"bayer": True}),
     "bayer_rggb16 of 10 bits": (lambda image: image.astype(np.uint16) * 4, {"bayer": True}),
     "bgr16": (lambda image: image.astype(np.uint16) * 257, {}),
-    "yuv422": (yuv("uyvy"), {}),
-    "yuv422_yuy2": (yuv("yuyv"), {}),
-    "uyvy": (yuv("uyvy"), {}),
-    "yuyv": (yuv("yuyv"), {}),
+    "yuv422": (by_opencv(cv2.COLOR_BGR2YUV_UYVY), {}),
+    "yuv422_yuy2": (by_opencv(cv2.COLOR_BGR2YUV_YUY2), {}),
+    "uyvy": (by_opencv(cv2.COLOR_BGR2YUV_UYVY), {}),
+    "yuyv": (by_opencv(cv2.COLOR_BGR2YUV_YUY2), {}),
     "nv12": (nv12, {}),
 }
 
