@@ -15,19 +15,19 @@ from vb_testing import wait_until
 
 
 class Terminal:
-    """The wizard console in a pseudo-terminal; keeps all it wrote, without escape sequences.
+    """The wizard console, or another command, in a pseudo-terminal; keeps all it wrote, without escape sequences.
 
     Args:
         size: (columns, rows); the default is the smallest there is over ssh.
     """
 
-    def __init__(self, size=(80, 24)):
+    def __init__(self, size=(80, 24), command=("rosrun", "vb_voice_wizard", "wizard_console")):
         self.master, self.slave = pty.openpty()
         self.resize(*size)
         self.settings = termios.tcgetattr(self.slave)
         self.raw = b""
         self.process = subprocess.Popen(
-            ["bash", "-c", 'exec "$@"', "-", "rosrun", "vb_voice_wizard", "wizard_console"],
+            ["bash", "-c", 'exec "$@"', "-", *command],
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,

@@ -41,20 +41,11 @@ def test_description_is_made_of_the_fields():
     assert {entry["name"] for entry in decoded["parameters"]} == set(entries)
 
 
-class FakeServer:
-    def __init__(self, description, callback, namespace):
-        self.config, self.callback, self.namespace = dict(description.defaults), callback, namespace
-        self.config = callback(self.config, 0)
-
-    def change(self, **values):
-        self.config = self.callback({**self.config, **values}, 1)
-        return self.config
-
-
 @pytest.fixture
 def tuned(monkeypatch):
+    """What changes values as a server does, and what is stored, applied and warned of."""
     stored, applied, warned = {}, [], []
-    monkeypatch.setattr(reconfigure, "Server", FakeServer)
+    monkeypatch.setattr(reconfigure, "Server", lambda *_: None)
     monkeypatch.setattr(rospy, "set_param", stored.__setitem__)
     monkeypatch.setattr(rospy, "resolve_name", lambda name: "/node" + name.replace("~", "/"))
     monkeypatch.setattr(rospy, "loginfo", lambda *_: None)
@@ -65,15 +56,17 @@ def tuned(monkeypatch):
             raise CodedError("unlucky", "no")
         applied.append(params)
 
-    return reconfigure.ReconfigureServer(Params(), "~limits", apply), stored, applied, warned
+    node = reconfigure.ReconfigureServer(Params(), "~limits", apply)
+    config = {name: getattr(Params(), name) for name in ("low", "high", "count", "switch")}
+    return lambda **values: config.update(node._change({**config, **values}, 1)) or config, stored, applied, warned
 
 
 def test_a_change_is_applied_once(tuned):
-    node, stored, applied, warned = tuned
-    assert not applied and stored["~limits/low"] == 1.0
-    assert node._server.change(low=3.0)["low"] == 3.0
+    change, stored, applied, warned = tuned
+    assert change()["low"] == stored["~limits/low"] == 1.0 and not applied
+    assert change(low=3.0)["low"] == 3.0
     assert [params.low for params in applied] == [3.0] and applied[0].name == "red"
-    node._server.change(low=3.0)
+    change(low=3.0)
     assert len(applied) == 1 and not warned
 
 
@@ -81,9 +74,9 @@ def test_a_change_is_applied_once(tuned):
     "changes, reason", [({"low": 6.0}, "at most high"), ({"high": 0.0}, "above 0"), ({"count": 13}, "unlucky")]
 )
 def test_a_refused_change_changes_nothing(tuned, changes, reason):
-    node, _, applied, warned = tuned
-    node._server.change(low=2.0)
-    config = node._server.change(switch=True, **changes)
+    change, _, applied, warned = tuned
+    change(low=2.0)
+    config = change(switch=True, **changes)
     assert (config["low"], config["high"], config["count"], config["switch"]) == (2.0, 5.0, 3, False)
     assert len(applied) == 1 and len(warned) == 1 and reason in warned[0]
-    assert node._server.change(low=4.0)["low"] == 4.0
+    assert change(low=4.0)["low"] == 4.0

@@ -19,17 +19,20 @@ from vb_core.grid_map import GridMap
 from vb_core.ros import cameras, images, messages
 
 
+def bytes_of(message):
+    sent = io.BytesIO()
+    message.serialize(sent)
+    return sent.getvalue()
+
+
 def test_maps_round_trip_byte_for_byte():
     cells = np.random.default_rng(1).integers(-1, 101, (30, 40)).astype(np.int8)
     grid = GridMap(cells, 0.05, (-1.0, 2.0, 0.3))
-    sent = io.BytesIO()
-    messages.message_from_grid(grid, rospy.Time(7)).serialize(sent)
+    sent = bytes_of(messages.message_from_grid(grid, rospy.Time(7)))
     # what the plain class reads and writes is the reference
-    plain = OccupancyGrid().deserialize(sent.getvalue())
-    again = io.BytesIO()
-    plain.serialize(again)
-    assert again.getvalue() == sent.getvalue()
-    for message in (plain, messages.OccupancyGridArray().deserialize(sent.getvalue())):
+    plain = OccupancyGrid().deserialize(sent)
+    assert bytes_of(plain) == sent
+    for message in (plain, messages.OccupancyGridArray().deserialize(sent)):
         back = messages.grid_from_message(message)
         assert back.same_geometry(grid) and (back.data == cells).all()
         assert message.header.frame_id == "map" and message.header.stamp == rospy.Time(7)
@@ -37,12 +40,9 @@ def test_maps_round_trip_byte_for_byte():
 
 def test_previews_round_trip_byte_for_byte():
     region = messages.message_from_grid(GridMap(np.full((3, 4), 100, np.int8), 0.05), rospy.Time(7))
-    sent = io.BytesIO()
-    messages.BorderPreviewArray(code="ok", area_m2=2.5, region=region).serialize(sent)
-    again = io.BytesIO()
-    BorderPreview().deserialize(sent.getvalue()).serialize(again)
-    assert again.getvalue() == sent.getvalue()
-    assert (messages.BorderPreviewArray().deserialize(sent.getvalue()).region.data == 100).all()
+    sent = bytes_of(messages.BorderPreviewArray(code="ok", area_m2=2.5, region=region))
+    assert bytes_of(BorderPreview().deserialize(sent)) == sent
+    assert (messages.BorderPreviewArray().deserialize(sent).region.data == 100).all()
 
 
 def test_a_map_whose_size_is_a_lie_is_refused():
@@ -105,21 +105,19 @@ def test_messages_of_a_node_without_images_load_no_opencv():
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, text=True).stdout == "[]\n"
 
 
-def test_images_that_cannot_be_read_are_refused():
-    good = images.message_from_image(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
-    changes = (
-        {"encoding": "nonsense"},
-        {"height": 0},
-        {"height": 60},
-        {"encoding": ""},
-        {"step": 0},
-        {"encoding": "64UC1"},
-    )
-    fields = {name: getattr(good, name) for name in good.__slots__}
-    for change in changes:
-        with refused("bad_image"):
-            images.array_from_image(Image(**{**fields, **change}))
-    with pytest.raises(CodedError):
+@pytest.mark.parametrize(
+    "name, value",
+    [("encoding", "nonsense"), ("encoding", ""), ("encoding", "64UC1"), ("height", 0), ("height", 60), ("step", 0)],
+)
+def test_images_that_cannot_be_read_are_refused(name, value):
+    image = images.message_from_image(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
+    setattr(image, name, value)
+    with refused("bad_image"):
+        images.array_from_image(image)
+
+
+def test_what_is_no_picture_is_refused():
+    with refused("bad_image"):
         images.array_from_compressed_image(CompressedImage(data=b"not a picture"))
 
 

@@ -56,7 +56,7 @@ def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
     assert latch.resume(latch.number) and not latch.stopped and not latch.store()
 
 
-def test_a_stop_that_finds_the_disk_full_outlives_the_program(tmp_path, monkeypatch):
+def test_a_stop_that_finds_the_disk_full_outlives_the_program_and_is_written_once_there_is_room(tmp_path, monkeypatch):
     path = tmp_path / "stop"
     latch = StopLatch(path)
     assert latch.store()
@@ -65,15 +65,6 @@ def test_a_stop_that_finds_the_disk_full_outlives_the_program(tmp_path, monkeypa
     assert not latch.store() and not latch.stored
     monkeypatch.undo()
     assert StopLatch(path).stopped
-
-
-def test_a_disk_that_has_room_again_is_written(tmp_path, monkeypatch):
-    path = tmp_path / "stop"
-    latch = StopLatch(path)
-    monkeypatch.setattr(stop_latch, "write_atomically", full_disk)
-    latch.stop("a", "page")
-    assert not latch.store()
-    monkeypatch.undo()
     assert latch.store() and StopLatch(path).stops[-1] == "a"
 
 

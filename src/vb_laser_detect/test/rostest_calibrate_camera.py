@@ -2,9 +2,9 @@
 """The real commands, guided by a scripted person: spots clicked in RViz; and what publishes the pose."""
 
 import math
+import re
 import subprocess
 import tempfile
-import threading
 import unittest
 
 import numpy as np
@@ -23,52 +23,14 @@ from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.detection.projection import floor_points
 
 from scenes import Scene
+from terminal import Terminal
 from vb_testing import TIMEOUT, wait_until
 
 SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 
 
-class Command:
-    """A process with a terminal's lines."""
-
-    def __init__(self, *arguments):
-        self.lines = []
-        self._process = subprocess.Popen(
-            ["rosrun", "vb_laser_detect", "calibrate_camera", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            universal_newlines=True,
-            bufsize=1,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self):
-        for line in self._process.stdout:
-            self.lines.append(line.rstrip())
-
-    def type(self, line):
-        self._process.stdin.write(line + "\n")
-        self._process.stdin.flush()
-
-    def wait_for(self, *words, after=0):
-        """The first line from number `after` on that has one of the words."""
-        return wait_until(
-            lambda: next((line for line in self.lines[after:] if any(word in line for word in words)), None),
-            lambda: f"{words} after line {after} of:\n" + "\n".join(self.lines),
-        )
-
-    def status(self):
-        status = self._process.wait(TIMEOUT)
-        self._reader.join(TIMEOUT)
-        return status
-
-    def end(self):
-        if self._process.poll() is None:
-            self._process.kill()
-        self._process.wait()
-        self._process.stdin.close()
+def calibrate_camera(*arguments):
+    return Terminal(command=("rosrun", "vb_laser_detect", "calibrate_camera", *arguments))
 
 
 class Player:
@@ -105,11 +67,11 @@ class CalibrateCameraTest(unittest.TestCase):
         cls.listener = tf2_ros.TransformListener(cls.buffer)
         cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         # takes its time without the person: it runs while the others are guided
-        cls.unattended = Command("spots", "nobody")
+        cls.unattended = calibrate_camera("spots", "nobody")
 
     @classmethod
     def tearDownClass(cls):
-        cls.unattended.end()
+        cls.unattended.process.kill()
 
     def setUp(self):
         self.folder = tempfile.TemporaryDirectory()
@@ -147,16 +109,16 @@ class CalibrateCameraTest(unittest.TestCase):
         # where the running lab looks for calibrations
         rospy.set_param("/camera_poses/calibration_dir", self.folder.name)
         self.addCleanup(rospy.delete_param, "/camera_poses")
-        command = Command("spots", "red")
-        self.addCleanup(command.end)
-        command.wait_for("Hold the spot")
+        command = calibrate_camera("spots", "red")
+        self.addCleanup(command.process.kill)
+        command.shows("Hold the spot")
         places = [(80.3, 60.6), (570.2, 70.4), (560.8, 300.1), (70.5, 290.9), (320.4, 60.2), (330.7, 300.8)]
-        command.type("done")
-        command.wait_for("too_few_calibration_points")
+        command.press("done\n")
+        command.shows("too_few_calibration_points")
         # a click that is not in the map's frame, as long as it takes to connect with the command
         wait_until(lambda: self.clicks.get_num_connections(), "the command to listen to clicks")
         self.click((0, 0), "odom")
-        command.wait_for("set RViz' fixed frame")
+        command.shows("set RViz' fixed frame")
         for i, pixel in enumerate(places):
             point = floor_points(SMALL, truth, np.array([pixel]))[0, :2] + rng.normal(0, 0.003, 2)
             if i == 4:
@@ -165,21 +127,22 @@ class CalibrateCameraTest(unittest.TestCase):
             for _ in range(10):
                 red.show(None, 1.0)
                 red.show(pixel, 2.2)
-                before = len(command.lines)
+                before = len(command.text)
                 if i == 2:
-                    command.type(f"{point[0]:.4f} {point[1]:.4f}")
+                    command.press(f"{point[0]:.4f} {point[1]:.4f}\n")
                 else:
                     self.click(point)
-                answer = command.wait_for("is at", "! ", after=before)
+                answer = wait_until(
+                    lambda: re.search("^.*(is at|! ).*\n", command.text[before:], re.M), lambda: command.text
+                ).group()
                 if "is at" in answer:
                     break
                 self.assertTrue("spot_not_seen_by_camera" in answer or "spot_moving" in answer, answer)
-            self.assertIn("is at", answer, (i, command.lines))
-            command.wait_for(f"{i + 1} place", after=before)
-        command.type("done")
-        self.assertEqual(command.status(), 0, command.lines)
-        text = "\n".join(command.lines)
-        self.assertIn("5 of 6 points used", text)
+            self.assertIn("is at", answer, (i, command.text))
+            command.shows(f"{i + 1} place", before)
+        command.press("done\n")
+        self.assertEqual(command.process.wait(TIMEOUT), 0, command.text)
+        command.shows("5 of 6 points used")
         pose = self.check_pose("red", truth, 0.05, 1.0)
         self.check_camera_poses(pose.T)
 
@@ -206,9 +169,8 @@ class CalibrateCameraTest(unittest.TestCase):
         wait_until(is_there, f"{frame} at its place")
 
     def test_nothing_comes_from_the_camera(self):
-        command = self.unattended
-        self.assertEqual(command.status(), 1)
-        command.wait_for("no_images")
+        self.assertEqual(self.unattended.process.wait(TIMEOUT), 1)
+        self.unattended.shows("no_images")
 
 
 if __name__ == "__main__":

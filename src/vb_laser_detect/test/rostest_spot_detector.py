@@ -26,8 +26,8 @@ from vb_msgs.msg import DetectorStatus, LaserSpot, Notice, NoticeArray
 
 from players import FixedCamera, RobotCamera
 from scenes import GREEN, RED
+from vb_testing import TIMEOUT, wait_until
 
-TIMEOUT = 120.0
 WARN_EVERY = 10.0
 GUARD = (2.5, 1.5)  # [m] where a robot stands, on the circle that red's laser draws
 
@@ -36,21 +36,27 @@ class Observer:
     """What detectors publish, log and tell."""
 
     def __init__(self):
-        self.changed = threading.Condition()
-        self.spots, self.logs, self.status, self.truth = [], [], {}, {}
-        self.notices = {}
+        self.spots, self.logs, self.status, self.truth, self.notices = [], [], {}, {}, {}
         for topic, kind, handle in (
-            (names.SPOTS, LaserSpot, lambda m: self.spots.append(m)),
+            (names.SPOTS, LaserSpot, self.spots.append),
             (names.DETECTORS, DetectorStatus, lambda m: self.status.__setitem__(m.camera, m)),
             (names.NOTICES, NoticeArray, lambda m: self.notices.__setitem__(m.source, m.notices)),
-            ("/rosout", Log, lambda m: self.logs.append(m)),
+            ("/rosout", Log, self.logs.append),
         ):
-            rospy.Subscriber(topic, kind, self._store, callback_args=handle, queue_size=50)
+            rospy.Subscriber(topic, kind, handle, queue_size=50)
 
-    def _store(self, message, handle):
-        with self.changed:
-            handle(message)
-            self.changed.notify_all()
+    def spots_of(self, camera):
+        """The spots of images whose truth is known: one may come back before the player has noted where it was."""
+        return [
+            spot
+            for spot in list(self.spots)
+            if (camera, spot.header.stamp.to_nsec()) in self.truth and spot.camera == camera
+        ]
+
+    def errors(self, spots):
+        """How far they are from where they were drawn [m]."""
+        at = [self.truth[spot.camera, spot.header.stamp.to_nsec()] for spot in spots]
+        return [np.hypot(s.position.x - x, s.position.y - y) for s, (x, y) in zip(spots, at)]
 
     def told(self, camera, words, severity=Notice.ERROR):
         """Whether the camera's detector tells something with these words."""
@@ -89,12 +95,16 @@ class SpotDetectorTest(unittest.TestCase):
         cls.red.info = None
         cls.spoil = {}  # by camera: what makes the message that comes instead of every second image
         cls.static = tf2_ros.StaticTransformBroadcaster()
-        cls.static.sendTransform([messages.message_from_transform(cls.blue.T, "map", cls.blue.frame, rospy.Time.now())])
+        cls.place(cls.blue.T, cls.blue.frame)
         cls.map = rospy.Publisher("/map", messages.OccupancyGridArray, queue_size=1, latch=True)
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
         cls.running = True
         cls.player = threading.Thread(target=cls.play, daemon=True)
         cls.player.start()
+
+    @classmethod
+    def place(cls, T, frame):
+        cls.static.sendTransform([messages.message_from_transform(T, "map", frame, rospy.Time.now())])
 
     @classmethod
     def tearDownClass(cls):
@@ -112,8 +122,7 @@ class SpotDetectorTest(unittest.TestCase):
                     cls.observer.truth[camera.name, stamp.to_nsec()] = point
                     camera.play(stamp, point)
             if not cls.spoilt(cls.robot, stamp, step):
-                with cls.observer.changed:  # a spot may come back before this thread has noted where it was
-                    cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
+                cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
             rate.sleep()
 
     @classmethod
@@ -127,34 +136,18 @@ class SpotDetectorTest(unittest.TestCase):
         return True
 
     def wait(self, condition, what):
-        o = self.observer
-        with o.changed:
-            self.assertTrue(
-                o.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {o.status} {o.notices}"
-            )
+        wait_until(condition, lambda: f"{what}: {self.observer.status} {self.observer.notices}")
 
     def wait_for_spots(self, camera, count=3, projection=None):
         """Spots of images that were taken from now on."""
-        now, o = rospy.Time.now(), self.observer
+        now = rospy.Time.now()
 
         def fresh():
-            return [
-                spot
-                for spot in o.spots
-                if spot.camera == camera
-                and spot.header.stamp > now
-                and (projection is None or spot.projection == projection)
-            ]
+            later = [spot for spot in self.observer.spots_of(camera) if spot.header.stamp > now]
+            return [spot for spot in later if projection in (None, spot.projection)]
 
         self.wait(lambda: len(fresh()) >= count, f"spots of {camera}")
         return fresh()
-
-    def errors(self, spots):
-        truth = self.observer.truth
-        return [
-            np.hypot(*(np.array([s.position.x, s.position.y]) - truth[s.camera, s.header.stamp.to_nsec()]))
-            for s in spots
-        ]
 
     def check_fault(self, camera, code, words, level, count=10, told=None):
         """Counted, told, and logged, but not for each image; `told`: the code that people read."""
@@ -163,25 +156,15 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait(lambda: o.refused(camera, code) >= before + count, f"{count} times {code}")
         self.wait(lambda: o.told(camera, words, level), f"the notice of {code}")
         self.wait(lambda: o.warnings(camera, told or code), f"a warning of {code}")
-        with o.changed:
-            stamps = sorted(log.header.stamp.to_sec() for log in o.warnings(camera, told or code))
+        stamps = sorted(log.header.stamp.to_sec() for log in o.warnings(camera, told or code))
         # a log's stamp comes a little later than the decision to write it
         self.assertTrue((np.diff(stamps) > WARN_EVERY / 2).all(), stamps)
-
-    def check_dropped(self, camera, code):
-        """Spots are counted as dropped, and none is published."""
-        o = self.observer
-        with o.changed:
-            before, count = o.refused(camera, code), len([spot for spot in o.spots if spot.camera == camera])
-        self.wait(lambda: o.refused(camera, code) >= before + 5, f"spots of {camera} that are dropped for {code}")
-        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == camera]), count)
 
     def check_spots(self, camera, projections, limit):
         """All spots of a camera until now are right, have their images' own times, and come in order."""
         self.wait_for_spots(camera, 15)
-        with self.observer.changed:
-            spots = [spot for spot in self.observer.spots if spot.camera == camera]
-        errors = self.errors(spots)
+        spots = self.observer.spots_of(camera)
+        errors = self.observer.errors(spots)
         self.assertLess(np.median(errors), limit)
         self.assertLess(np.max(errors), 5 * limit)
         # those that are given back once a stroke is confirmed come before the one that confirms it
@@ -230,75 +213,50 @@ class SpotDetectorTest(unittest.TestCase):
     def pose_comes(self):
         self.check_fault("red", "no_transform", "no transform", Notice.ERROR, told="camera_no_pose")
         self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
-        self.static.sendTransform(
-            [messages.message_from_transform(self.red.T, "map", self.red.frame, rospy.Time.now())]
-        )
-        spots = self.wait_for_spots("red")
-        self.assertLess(np.median(self.errors(spots)), 0.01)
-        self.assertGreater(spots[-1].track, 0)  # each spot says which one it is
+        self.place(self.red.T, self.red.frame)
+        self.assertGreater(self.wait_for_spots("red")[-1].track, 0)  # each spot says which one it is
 
     def bad_images(self, name, camera):
         height, width = camera.camera.height, camera.camera.width
-        good = np.full((height, width), 100, np.uint8)
-
-        def unknown():
-            return Image(encoding="purple8", height=height, width=width, step=width, data=good.tobytes())
-
-        for spoil, words in (
-            (unknown, "purple8"),
-            (lambda: message_from_image(good.astype(np.float32), "32FC1", rospy.Time(), ""), "32FC1"),
-        ):
-            self.spoil[camera] = spoil
-            code = "unknown_encoding" if words == "32FC1" else "bad_image"
-            self.check_fault(name, code, words, Notice.WARNING, count=3)
-            self.wait_for_spots(name, 1)
+        self.spoil[camera] = lambda: message_from_image(np.ones((height, width), np.float32), "32FC1", rospy.Time(), "")
+        self.check_fault(name, "unknown_encoding", "32FC1", Notice.WARNING, count=3)
+        self.wait_for_spots(name, 1)
         del self.spoil[camera]
         self.wait(lambda: not self.observer.notices[f"/spot_detector_{name}"], "all well again")
 
     def tuning(self):
-        client = Client("/spot_detector_red/detector", timeout=TIMEOUT)
-        self.addCleanup(client.close)
-        described = {entry["name"]: entry for entry in client.get_parameter_descriptions(timeout=TIMEOUT)}
-        self.assertEqual((described["confirm_frames"]["min"], described["confirm_frames"]["type"]), (1, "int"))
-        self.assertNotIn("moving_camera", described)
-        before = self.observer.refused("red", "too_large")
-        changed = client.update_configuration({"max_diameter_mm": 2.0})
-        self.assertEqual(changed["max_diameter_mm"], 2.0)
-        self.wait(lambda: self.observer.refused("red", "too_large") > before + 5, "spots that are too large now")
-        self.assertEqual(rospy.get_param("/spot_detector_red/detector/max_diameter_mm"), 2.0)
-        client.update_configuration({"max_diameter_mm": 80.0})
-        self.wait_for_spots("red")
-        # the projection's, and the node's own
-        other = Client("/spot_detector_red/projection", timeout=TIMEOUT)
-        self.addCleanup(other.close)
-        other.update_configuration({"max_range": 1.0})
-        self.wait(lambda: self.observer.refused("red", "too_far") > 3, "a floor that is too far away")
-        other.update_configuration({"max_range": 12.0})
-        self.wait_for_spots("red")
+        """The detector's parameters, and the projection's."""
+        for part, name, hard, usual, code in (
+            ("detector", "max_diameter_mm", 2.0, 80.0, "too_large"),
+            ("projection", "max_range", 1.0, 12.0, "too_far"),
+        ):
+            client = Client(f"/spot_detector_red/{part}", timeout=TIMEOUT)
+            self.addCleanup(client.close)
+            described = [entry["name"] for entry in client.get_parameter_descriptions(timeout=TIMEOUT)]
+            self.assertTrue(name in described and "moving_camera" not in described, described)
+            before = self.observer.refused("red", code)
+            self.assertEqual(client.update_configuration({name: hard})[name], hard)
+            self.wait(lambda: self.observer.refused("red", code) > before + 3, f"{code} now")
+            self.assertEqual(rospy.get_param(f"/spot_detector_red/{part}/{name}"), hard)
+            client.update_configuration({name: usual})
+            self.wait_for_spots("red")
 
     def debug_image(self):
         pictures = []
-        rospy.Subscriber("/spot_detector_red/debug_image", Image, self.observer._store, callback_args=pictures.append)
+        rospy.Subscriber("/spot_detector_red/debug_image", Image, pictures.append)
         self.wait(lambda: len(pictures) >= 3, "debug images")
         self.assertEqual((pictures[0].encoding, pictures[0].width), ("bgr8", 480))
 
     def nothing_on_a_robot_is_a_spot(self):
         o = self.observer
         self.assertTrue(o.refused("red", "robot_without_pose"))
-        self.static.sendTransform(
-            [
-                messages.message_from_transform(
-                    geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now()
-                )
-            ]
-        )
+        self.place(geometry.transform(np.eye(3), (*GUARD, 0.0)), "guard/base_link")
         self.wait(lambda: o.refused("red", "on_robot") >= 1, "light on a robot")
         # from now on the robot's place is known; the spot comes round to it again
         known, before = o.status["red"].header.stamp, o.refused("red", "on_robot")
         self.wait(lambda: o.refused("red", "on_robot") >= before + 5, "more light on the robot")
         self.wait_for_spots("red")
-        with o.changed:
-            later = [spot.position for spot in o.spots if spot.camera == "red" and spot.header.stamp > known]
+        later = [spot.position for spot in o.spots_of("red") if spot.header.stamp > known]
         self.assertGreater(min(np.hypot(at.x - GUARD[0], at.y - GUARD[1]) for at in later), 0.18)
 
     # one story again
@@ -309,47 +267,38 @@ class SpotDetectorTest(unittest.TestCase):
         self.pose_is_late_and_missing(self.robot)
 
     def bad_depth(self, robot):
-        def empty(depth):
-            return message_from_image(
-                np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame"
-            )
+        def as_message(encoding, convert, frame=robot.frame):
+            return lambda depth: message_from_image(convert(depth), encoding, rospy.Time(), frame)
 
-        def colored(depth):
-            return message_from_image(
-                np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame"
-            )
-
+        meters = as_message("32FC1", lambda depth: np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32))
         good = robot.depth_message
-        # depth of another camera's frame does not belong to the pixels of this one
-        robot.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), "depth_optical_frame")
-        self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
-        self.check_fault("robot", "depth_not_registered", "depth_optical_frame", Notice.WARNING, count=3)
-        for spoilt, words in ((empty, "no reading at all"), (colored, "expected depth images of 16UC1 or 32FC1")):
+        for spoilt, code, words in (
+            # depth of another camera's frame does not belong to the pixels of this one
+            (as_message("16UC1", np.copy, "depth_optical_frame"), "depth_not_registered", "depth_optical_frame"),
+            (as_message("32FC1", lambda d: np.full(d.shape, np.nan, np.float32)), "bad_depth", "no reading at all"),
+            (as_message("rgb8", lambda d: np.zeros((*d.shape, 3), np.uint8)), "bad_depth", "16UC1 or 32FC1"),
+        ):
             robot.depth_message = spoilt
             # the floor's plane takes over, and the spots say so
             spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
-            self.assertLess(np.median(self.errors(spots)), 0.03)
-            self.check_fault("robot", "bad_depth", words, Notice.WARNING, count=3)
-        robot.depth_message = lambda depth: message_from_image(
-            np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32),
-            "32FC1",
-            rospy.Time(),
-            "camera_optical_frame",
-        )
-        self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
-        robot.depth_message = good
+            self.assertLess(np.median(self.observer.errors(spots)), 0.03)
+            self.check_fault("robot", code, words, Notice.WARNING, count=3)
+        for robot.depth_message in (meters, good):
+            self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
 
     def pose_is_late_and_missing(self, robot):
         # a pose that comes after its image is waited for
         robot.pose_late_s = 0.05
-        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
+        self.assertLess(np.median(self.observer.errors(self.wait_for_spots("robot"))), 0.03)
         robot.pose_late_s = 0.0
         # without a pose at the image's time a spot is dropped and counted, never published where it was last
         robot.localized = False
         self.check_fault("robot", "no_transform", "no transform", Notice.ERROR, 5, "camera_robot_lost")
-        self.check_dropped("robot", "no_transform")
+        count, before = len(self.observer.spots_of("robot")), self.observer.refused("robot", "no_transform")
+        self.wait(lambda: self.observer.refused("robot", "no_transform") >= before + 5, "spots that are dropped")
+        self.assertEqual(len(self.observer.spots_of("robot")), count)
         robot.localized = True
-        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
+        self.assertLess(np.median(self.observer.errors(self.wait_for_spots("robot"))), 0.03)
 
 
 if __name__ == "__main__":

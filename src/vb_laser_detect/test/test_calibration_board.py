@@ -24,7 +24,10 @@ def views():
     result = []
     for seed, (p1, yaw) in enumerate(PLACES):
         p2 = p2_of(BOARD, p1, yaw)
-        result.append((p1, p2, find_board(BOARD, render_board(BOARD, p1, p2, np.random.default_rng(seed)))))
+        image = render_board(BOARD, p1, p2, np.random.default_rng(seed))
+        # colour images are taken too
+        view = find_board(BOARD, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if seed % 2 else image)
+        result.append((p1, p2, view))
     return result
 
 
@@ -52,12 +55,6 @@ def test_boards_that_cannot_be_used_are_refused():
     with pytest.raises(CodedError) as raised:
         find_board(BOARD, hidden)
     assert raised.value.code in ("board_hidden", "no_board")
-
-
-def test_colour_images_are_taken_too():
-    p2 = p2_of(BOARD, (4.0, 2.5), 0.4)
-    image = render_board(BOARD, (4.0, 2.5), p2, np.random.default_rng(4))
-    assert len(find_board(BOARD, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)).ids) == 12
 
 
 @pytest.mark.parametrize("paper", sorted(PAPERS_MM))

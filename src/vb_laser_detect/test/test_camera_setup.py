@@ -9,7 +9,6 @@ import yaml
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_core.errors import CodedError
 from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls, lens_file
@@ -206,9 +205,9 @@ def test_a_device_gets_each_setting(tmp_path, monkeypatch):
         for what in ("--list-ctrls", "--set-ctrl=auto_exposure=1", "--set-ctrl=exposure_time_absolute=50")
     ]
     tool.write_text("#!/bin/sh\necho 'VIDIOC_S_EXT_CTRLS: failed: Permission denied' >&2\nexit 1\n")
-    with pytest.raises(CodedError) as caught:
+    with refused("control_refused") as caught:
         controls.apply("/dev/video7", CaptureParams(exposure=50))
-    assert caught.value.code == "control_refused" and "Permission denied" in caught.value.message
+    assert "Permission denied" in caught.value.message
 
 
 # ------------------------------------------------------------- settings
@@ -233,6 +232,6 @@ def test_settings_are_changed_and_all_else_stays(tmp_path, text):
 def test_a_file_in_another_style_is_left_as_it_is(tmp_path):
     path = tmp_path / "hall.yaml"
     path.write_text("capture: {width: 3}\n")
-    with pytest.raises(CodedError) as caught:
+    with refused("bad_file"):
         set_capture(path, {"delay_ms": 1.0})
-    assert caught.value.code == "bad_file" and path.read_text() == "capture: {width: 3}\n"
+    assert path.read_text() == "capture: {width: 3}\n"

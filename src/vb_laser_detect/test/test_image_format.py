@@ -10,7 +10,7 @@ from refusals import refused
 from vb_core.image_format import Picture, PixelReader
 from vb_core.ros.images import array_from_image, message_from_image
 from vb_laser_detect.detection.debug_image import draw_candidates
-from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 
 PERIOD = 0.04
 
@@ -21,25 +21,16 @@ def run(images, encoding, params=None):
     return [detector.detect(reader.read(image, encoding), PERIOD * i) for i, image in enumerate(images)]
 
 
-def strokes(encode, bayer=False, gray=False):
+def strokes(encode, bayer=False, gray=False, color=GREEN):
     """Eight images without and twelve with a spot, and the spot's places."""
-    scene, places = Scene(320, 240, noise=1.5), [(60.0 + 12.0 * i, 100.0) for i in range(12)]
-    images = [scene.render([place] if place else [], color=GREEN, bayer=bayer) for place in [None] * 8 + places]
+    scene, places = tinted(Scene(320, 240, noise=1.5)), [(60.0 + 12.0 * i, 100.0) for i in range(12)]
+    images = [scene.render([place] if place else [], color=color, bayer=bayer) for place in [None] * 8 + places]
     return [encode(image[:, :, 1].copy() if gray else image) for image in images], [None] * 8 + places
 
 
-def yuv(order):
-    """bgr to 4:2:2, the luminance first or second."""
-
-    def encode(image):
-        y, u, v = (plane.astype(int) for plane in cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YUV)))
-        # OpenCV reads video levels
-        y = np.clip(16 + y * 219 / 255, 0, 255).astype(np.uint8)
-        chroma = np.empty_like(y)
-        chroma[:, ::2], chroma[:, 1::2] = u[:, ::2], v[:, ::2]
-        return np.dstack([chroma, y] if order == "uyvy" else [y, chroma])
-
-    return encode
+def by_opencv(code):
+    """bgr as OpenCV itself encodes it."""
+    return lambda image: cv2.cvtColor(image, code)
 
 
 def nv12(image):
@@ -53,7 +44,7 @@ def nv12(image):
 CASES = {
     "bgr8": (lambda image: image, {}),
     "rgb8": (lambda image: image[:, :, ::-1].copy(), {}),
-    "bgra8": (lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2BGRA), {}),
+    "bgra8": (by_opencv(cv2.COLOR_BGR2BGRA), {}),
     "mono8": (lambda image: image, {"gray": True}),
     "mono16": (lambda image: image.astype(np.uint16) * 257, {"gray": True}),
     "mono16 of 12 bits": (lambda image: image.astype(np.uint16) * 16, {"gray": True}),
@@ -61,10 +52,10 @@ CASES = {
     "bayer_rggb16": (lambda image: image.astype(np.uint16) * 257, {"bayer": True}),
     "bayer_rggb16 of 10 bits": (lambda image: image.astype(np.uint16) * 4, {"bayer": True}),
     "bgr16": (lambda image: image.astype(np.uint16) * 257, {}),
-    "yuv422": (yuv("uyvy"), {}),
-    "yuv422_yuy2": (yuv("yuyv"), {}),
-    "uyvy": (yuv("uyvy"), {}),
-    "yuyv": (yuv("yuyv"), {}),
+    "yuv422": (by_opencv(cv2.COLOR_BGR2YUV_UYVY), {}),
+    "yuv422_yuy2": (by_opencv(cv2.COLOR_BGR2YUV_YUY2), {}),
+    "uyvy": (by_opencv(cv2.COLOR_BGR2YUV_UYVY), {}),
+    "yuyv": (by_opencv(cv2.COLOR_BGR2YUV_YUY2), {}),
     "nv12": (nv12, {}),
 }
 
@@ -95,7 +86,9 @@ def test_a_message_s_picture_is_the_same_on_every_display(case):
     picture = PixelReader().read(array_from_image(message), case)
     truth = Picture(image, "bayer_rggb").bgr() if kind.get("bayer") else image
     truth = np.repeat(image[:, :, 1:2], 3, axis=2) if kind.get("gray") else truth
-    away = np.abs(draw_candidates(picture, []).astype(int) - truth)
+    drawn = draw_candidates(picture, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")])
+    assert (drawn == (0, 220, 0)).all(axis=2).any()
+    away = np.abs(drawn.astype(int) - truth)
     assert away.shape == (240, 320, 3) and np.median(away) <= 2 and np.percentile(away, 95) < 12
 
 
@@ -105,11 +98,6 @@ def test_what_is_no_picture_is_refused():
 
 
 def test_the_message_says_whether_it_is_a_mosaic():
-    # a white light is no laser's in a mosaic, and may be one to a grey camera: the same pixels, told apart by the
-    # encoding
-    scene = tinted(Scene(320, 240))
-    images = [
-        scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 0 else [], color=(1.0, 1.0, 1.0), bayer=True)
-        for i in range(-8, 12)
-    ]
+    # a white light is no laser's in a mosaic, and may be one to a grey camera: the same pixels
+    images, _ = strokes(np.copy, bayer=True, color=(1.0, 1.0, 1.0))
     assert not any(run(images, "bayer_rggb8")) and sum(map(len, run(images, "mono8"))) >= 10

@@ -11,13 +11,11 @@ import yaml
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError
-from vb_core.image_format import Picture, PixelReader
+from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
-from vb_laser_detect.detector import DetectorParams, Spot
+from vb_laser_detect.detector import DetectorParams
 from vb_laser_detect.detection.blocks import block_maxima, blocks_around, find_regions, max_channel
 from vb_laser_detect.detection.proposals import Background
-from vb_laser_detect.detection.debug_image import draw_candidates
-
 from vb_laser_detect.detection.projection import ProjectionParams
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 
@@ -144,16 +142,6 @@ def test_statistics():
     assert [statistics.summary(12.0)[key] for key in ("processed", "detected", "spots")] == [51, 28, 28]
 
 
-@pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])
-def test_debug_image(encoding, bayer):
-    image = Scene(160, 96).render(bayer=bayer)
-    picture = draw_candidates(
-        PixelReader().read(image, encoding),
-        [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")],
-    )
-    assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
-
-
 @pytest.mark.parametrize(
     "name, preset", [("stationary", DetectorParams.stationary()), ("mobile", DetectorParams.mobile())]
 )
@@ -192,15 +180,16 @@ def test_images_without_a_pose_that_are_over_are_no_alarm_however_late_they_are_
     assert fault(watch, 22.1) == ""
 
 
-def test_an_unplugged_camera_is_told_and_one_that_never_sent_anything_once_the_lab_has_started():
-    before_simulated_time = InputWatch(0.0)
-    assert fault(before_simulated_time, 1000) == "" and fault(before_simulated_time, 1061) == "camera_silent"
-    watch = InputWatch(50.0)
-    assert fault(watch, 100) == "" and fault(watch, 111) == "camera_silent"
-    watch.see_image(112.0, None)
-    assert fault(watch, 114) == "" and fault(watch, 116) == "camera_silent"
-    watch.see_image(117.0, None)
-    assert fault(watch, 117.5) == ""
+@pytest.mark.parametrize("started, images, silent", [(0.0, (), 1061), (50.0, (), 111), (50.0, (112.0,), 116)])
+def test_an_unplugged_camera_is_told_and_one_that_never_sent_anything_once_the_lab_has_started(started, images, silent):
+    watch = InputWatch(started)  # 0: before simulated time
+    assert fault(watch, 1000 if not started else 100) == ""
+    for now in images:
+        watch.see_image(now, None)
+        assert fault(watch, now + 2.0) == ""
+    assert fault(watch, silent) == "camera_silent"
+    watch.see_image(silent + 1.0, None)
+    assert fault(watch, silent + 1.5) == ""
 
 
 def test_the_packaged_classifier_judges_what_is_measured():

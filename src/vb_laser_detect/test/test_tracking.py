@@ -1,7 +1,7 @@
 """Which sighting belongs to which spot, when it counts, and which one is told, at every rate."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,15 +12,6 @@ from vb_laser_detect.detection.tracking import Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
 GREEN, WHITE = np.array([0.1, 1.0, 0.1]), np.array([1.0, 1.0, 1.0])
-
-
-class Told(NamedTuple):
-    """What became of a sighting."""
-
-    number: int
-    confirmed: bool
-    published: bool
-    backfilled: list
 
 
 def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
@@ -34,10 +25,8 @@ class Film:
     """Feeds a tracker images at a rate [1/s]."""
 
     def __init__(self, rate=25.0, mosaic=False, **changes):
-        self.tracker, self.camera = (
-            SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes})),
-            ImageTraits(800.0, mosaic),
-        )
+        self.tracker = SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes}))
+        self.camera = ImageTraits(800.0, mosaic)
         self.period, self.now, self.images = 1.0 / rate, 0.0, -1
 
     def see(self, *sightings):
@@ -46,14 +35,9 @@ class Film:
         self.expected = self.tracker.begin(self.now, self.camera, None)
         told = []
         for track in self.tracker.update([replace(one, stamp=self.now) for one in sightings]):
-            told.append(
-                Told(
-                    track.number,
-                    track.confirmed,
-                    track.published,
-                    [round(one.stamp / self.period) - 1 for one in track.unpublished if track.published],
-                )
-            )
+            earlier = [round(one.stamp / self.period) - 1 for one in track.unpublished if track.published]
+            what = {name: getattr(track, name) for name in ("number", "confirmed", "published")}
+            told.append(SimpleNamespace(**what, backfilled=earlier))
             if track.published:  # as the detector does
                 track.unpublished = []
         return told
