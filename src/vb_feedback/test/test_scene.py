@@ -90,13 +90,6 @@ def test_spots_fade_and_go():
         assert scene.live_spots(LAYOUT, seen, now) == []
 
 
-def test_drawing_needs_no_camera_names():
-    assert scene.drawing(LAYOUT, scene.Drawing()) == []
-    shapes = scene.drawing(LAYOUT, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
-    kinds = {shape.namespace for shape in shapes}
-    assert kinds == {"drawing/points", "drawing/rim", "drawing/chain", "drawing/seed"}
-
-
 def test_only_changes_are_sent():
     first = words(LAYOUT, PanelContent("border", 1, COMMANDS[:2], True, "Draw."))
     shown = {shape.key: shape for shape in first}
@@ -108,10 +101,13 @@ def test_only_changes_are_sent():
     assert {namespace for namespace, _ in gone} == {"words/say/1"}
 
 
-def test_every_shape_has_its_own_key():
+def test_every_shape_is_there_with_a_key_of_its_own():
     shapes = words(LAYOUT, PanelContent("border", 1, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
     shapes += scene.borders(LAYOUT, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
-    shapes += scene.drawing(LAYOUT, scene.Drawing(((1, 1),), ("red",), ((1, 1), (2, 2)), False, (3, 3)))
+    drawn = scene.drawing(LAYOUT, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
+    shapes += drawn
+    kinds = {"drawing/points", "drawing/rim", "drawing/chain", "drawing/seed"}
+    assert {shape.namespace for shape in drawn} == kinds and scene.drawing(LAYOUT, scene.Drawing()) == []
     assert len({shape.key for shape in shapes}) == len(shapes)
 
 
