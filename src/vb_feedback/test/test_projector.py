@@ -59,17 +59,17 @@ GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
 
 
 @pytest.mark.parametrize(
-    "floor, words",
+    "floor, code",
     [
-        ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "order"),
-        ([(0, 0), (1, 0), (2, 0), (0, 2)], "order"),
-        ([GOOD[0], GOOD[2], GOOD[1], GOOD[3]], "order"),
-        ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "order"),
-        ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "horizon"),
+        ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "bad_click"),
+        ([(0, 0), (1, 0), (2, 0), (0, 2)], "bad_click"),
+        ([GOOD[0], GOOD[2], GOOD[1], GOOD[3]], "bad_click"),
+        ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "bad_click"),
+        ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "bad_calibration"),
     ],
 )
-def test_degenerate_clicks_are_refused(floor, words):
-    with pytest.raises(CodedError, match=words):
+def test_degenerate_clicks_are_refused(floor, code):
+    with refused(code):
         calibrate(*SIZE, floor)
 
 
@@ -86,22 +86,15 @@ def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "",
-        "[1, 2]",
-        "width: 10",
-        "{width: 640, height: 400, map_to_pixels: [[1, 0], [0, 1]]}",
-        "{width: x, height: 400, map_to_pixels: []}",
-        "{",
-        "{width: 640, height: 400, map_to_pixels: " "[[0, 0, 0], [0, 0, 0], [0, 0, 0]]}",
-    ],
+    ["", "[1, 2]", "width: 10", "{width: x, height: 400, map_to_pixels: []}", "{"]
+    + [f"{{width: 640, height: 400, map_to_pixels: {matrix}}}" for matrix in ([[1, 0], [0, 1]], [[0] * 3] * 3)],
 )
 def test_files_that_are_no_calibration(tmp_path, text):
     path = tmp_path / "projector.yaml"
     path.write_text(text)
     with refused("bad_calibration"):
         load(path)
-    with pytest.raises(CodedError, match="cannot read"):
+    with refused("no_calibration"):
         load(tmp_path / "none.yaml")
 
 
@@ -125,6 +118,8 @@ def test_things_lie_where_the_calibration_says():
     assert 0 < at(soft, 4.0, 1.9).max() < at(shown, 4.0, 1.9).max()
     assert not picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1), enabled=False),))).any()
     assert not picture.render(FloorContent()).any()
+    dim = FloorImage(CALIBRATION, 0.3).render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1)),)))
+    assert dim.max() == pytest.approx(0.3 * shown.max(), abs=3)
 
 
 def test_the_drawing_keeps_off_the_spot_and_borders_do_not():
@@ -165,12 +160,6 @@ def test_nothing_looks_like_a_laser_spot():
             floor = CALIBRATION.to_floor([(x, y), (x + width, y + height)])
             assert np.linalg.norm(floor[1] - floor[0]) > 0.16
         assert count > 1
-
-
-def test_brightness_counts():
-    content = FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),))
-    bright, dim = (FloorImage(CALIBRATION, level).render(content).astype(int).max() for level in (1.0, 0.3))
-    assert dim == pytest.approx(0.3 * bright, abs=3)
 
 
 @settings(max_examples=25, deadline=None)

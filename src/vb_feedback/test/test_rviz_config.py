@@ -20,35 +20,24 @@ def fitted(folder, extent, screen, aspect=None):
     """What is written, and the view that it asks RViz for."""
     path = folder / "new" / "fitted.rviz"
     write_fitted(str(CONFIG), path, extent, *screen, aspect)
-    config = yaml.safe_load(path.read_text())
-    return config, config["Visualization Manager"]["Views"]["Current"]
+    shown = yaml.safe_load(path.read_text())
+    return shown, shown["Visualization Manager"]["Views"]["Current"]
 
 
-@pytest.mark.parametrize("screen", [(1920, 1080), (1280, 720), (1024, 768)])
+@pytest.mark.parametrize("screen", [(1920, 1080), (1920, 1200), (1024, 768), (3440, 1440)])
+@pytest.mark.parametrize("aspect", [None, 16 / 9])
 @pytest.mark.parametrize("extent", [LAB, Box(-20, -10, 30, 12), Box(1, 1, 2, 9)])
-def test_every_part_of_the_display_is_on_the_screen(extent, screen, tmp_path):
-    config, view = fitted(tmp_path, extent, screen)
-    layout = fit_view(extent, screen[0] / screen[1])
+def test_every_part_of_the_display_is_on_the_screen_and_as_large_as_it_can_be(extent, aspect, screen, tmp_path):
+    config, view = fitted(tmp_path, extent, screen, aspect)
+    layout = fit_view(extent, aspect or screen[0] / screen[1])
     # an orthographic view from above: pixels per metre about its centre
-    for x, y in ((layout.view.x0, layout.view.y0), (layout.view.x1, layout.view.y1), extent.center):
-        column = screen[0] / 2 + (x - view["X"]) * view["Scale"]
-        row = screen[1] / 2 - (y - view["Y"]) * view["Scale"]
-        assert -1e-6 <= column <= screen[0] + 1e-6 and -1e-6 <= row <= screen[1] + 1e-6
+    used = [layout.view.width * view["Scale"] / screen[0], layout.view.height * view["Scale"] / screen[1]]
+    assert max(used) == pytest.approx(1.0) and min(used) > (0.7 if aspect else 0.999)
+    assert (view["X"], view["Y"]) == pytest.approx(layout.view.center)
     assert (config["Window Geometry"]["Width"], config["Window Geometry"]["Height"]) == screen
     # nothing else is changed
-    assert (
-        config["Visualization Manager"]["Displays"]
-        == yaml.safe_load(CONFIG.read_text())["Visualization Manager"]["Displays"]
-    )
-
-
-@pytest.mark.parametrize("screen", [(1920, 1200), (1024, 768), (3440, 1440)])
-def test_on_a_screen_of_another_aspect_nothing_is_cut(screen, tmp_path):
-    layout = fit_view(LAB, 16 / 9)
-    _, view = fitted(tmp_path, LAB, screen, 16 / 9)
-    used = [layout.view.width * view["Scale"] / screen[0], layout.view.height * view["Scale"] / screen[1]]
-    assert max(used) == pytest.approx(1.0) and min(used) > 0.7
-    assert (view["X"], view["Y"]) == pytest.approx(layout.view.center)
+    unchanged = yaml.safe_load(CONFIG.read_text())["Visualization Manager"]["Displays"]
+    assert config["Visualization Manager"]["Displays"] == unchanged
 
 
 def test_the_screens_size_is_read():

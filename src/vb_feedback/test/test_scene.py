@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pytest
 
 from vb_feedback.display import colors, scene
 from vb_feedback.display.layout import Box, fit_view
@@ -13,6 +14,7 @@ from vb_feedback.display.text_panel import PanelContent, words
 
 from shape_boxes import contains, text_boxes
 
+LAYOUT = fit_view(Box(0, 0, 8, 5), 16 / 9)
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
 
@@ -24,10 +26,8 @@ def border(**changes):
 
 
 def test_borders_differ_by_kind():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-
     def outline(one):
-        return [shape for shape in scene.borders(layout, [one]) if shape.namespace == "borders/outline"][0]
+        return [shape for shape in scene.borders(LAYOUT, [one]) if shape.namespace == "borders/outline"][0]
 
     hard, soft, off = outline(border()), outline(border(occupancy=0.4)), outline(border(enabled=False))
     assert sum(soft.colors[0]) > sum(hard.colors[0])
@@ -37,9 +37,8 @@ def test_borders_differ_by_kind():
 
 
 def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     old, new = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), [(4, 0), (6, 0), (6, 2), (4, 2)]
-    shapes = {shape.namespace: shape for shape in scene.borders(layout, [border(before=old, after=new)])}
+    shapes = {shape.namespace: shape for shape in scene.borders(LAYOUT, [border(before=old, after=new)])}
     before, after = shapes["borders/before"], shapes["borders/after"]
     assert before.colors != after.colors == shapes["borders/outline"].colors
     ends = np.array(before.points).reshape(-1, 2, 2)
@@ -47,27 +46,24 @@ def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert 1.5 < lengths.sum() < 2.5  # dashes: about half of it
     assert len(after.points) == 8
-    assert not {"borders/before", "borders/after"} & {shape.namespace for shape in scene.borders(layout, [border()])}
+    assert not {"borders/before", "borders/after"} & {shape.namespace for shape in scene.borders(LAYOUT, [border()])}
 
 
-def test_labels_of_borders_stay_on_the_map():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    stored = [border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]
-    shapes = scene.borders(layout, stored)
-    plates = [box for box in text_boxes([shape for shape in shapes if shape.kind == scene.PLATE])]
-    for one, other in itertools.combinations(plates, 2):
-        assert not one.overlaps(other)
-    assert all(contains(layout.map, plate) for plate in plates)
-    texts = text_boxes([shape for shape in shapes if shape.kind == scene.TEXT])
+LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, "")
+
+
+@pytest.mark.parametrize(
+    "stored",
+    [[border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]]
+    + [[border(name=name, seed=(7.9, 0.1))] for name in LONG_NAMES],
+)
+def test_labels_are_on_the_map_each_on_its_plate_and_not_on_each_other(stored):
+    shapes = scene.borders(LAYOUT, stored)
+    plates, texts = (text_boxes([one for one in shapes if one.kind == kind]) for kind in (scene.PLATE, scene.TEXT))
+    assert len(plates) == len(stored) and any(shape.text for shape in shapes)
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(plates, 2))
+    assert all(contains(LAYOUT.map, plate) for plate in plates)
     assert all(any(contains(plate, text) for plate in plates) for text in texts)
-
-
-def test_long_names_are_cut_and_stay_on_the_map():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    for name in ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, ""):
-        shapes = scene.borders(layout, [border(name=name, seed=(7.9, 0.1))])
-        assert all(contains(layout.map, box) for box in text_boxes(shapes))
-        assert any(shape.text for shape in shapes)
 
 
 def test_segments_join_at_corners():
@@ -79,47 +75,39 @@ def test_segments_join_at_corners():
 
 
 def test_spots_fade_and_go():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     seen = [
         scene.TrailPoint("red", 1.0, 1.0, 10.0),
         scene.TrailPoint("red", 1.1, 1.0, 11.0),
         scene.TrailPoint("blue", 2.0, 2.0, 10.9),
     ]
-    shapes = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0)}
+    shapes = {shape.key: shape for shape in scene.live_spots(LAYOUT, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
     assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
     assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
     # long ago; and time that jumped back: what seems to come from the future is left out
     for now in (20.0, 0.0):
-        assert scene.live_spots(layout, seen, now) == []
-
-
-def test_drawing_needs_no_camera_names():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    assert scene.drawing(layout, scene.Drawing()) == []
-    shapes = scene.drawing(layout, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
-    kinds = {shape.namespace for shape in shapes}
-    assert kinds == {"drawing/points", "drawing/rim", "drawing/chain", "drawing/seed"}
+        assert scene.live_spots(LAYOUT, seen, now) == []
 
 
 def test_only_changes_are_sent():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    first = words(layout, PanelContent("border", 1, COMMANDS[:2], True, "Draw."))
+    first = words(LAYOUT, PanelContent("border", 1, COMMANDS[:2], True, "Draw."))
     shown = {shape.key: shape for shape in first}
     assert len(shown) == len(first)
     assert scene.compare(shown, first) == ([], [])
-    later = words(layout, PanelContent("border", 2, COMMANDS[:1], True, "Draw."))
+    later = words(LAYOUT, PanelContent("border", 2, COMMANDS[:1], True, "Draw."))
     changed, gone = scene.compare(shown, later)
     assert [shape.namespace for shape in changed] == ["words/elapsed"]
     assert {namespace for namespace, _ in gone} == {"words/say/1"}
 
 
-def test_every_shape_has_its_own_key():
-    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    shapes = words(layout, PanelContent("border", 1, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
-    shapes += scene.borders(layout, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
-    shapes += scene.drawing(layout, scene.Drawing(((1, 1),), ("red",), ((1, 1), (2, 2)), False, (3, 3)))
+def test_every_shape_is_there_with_a_key_of_its_own():
+    shapes = words(LAYOUT, PanelContent("border", 1, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
+    shapes += scene.borders(LAYOUT, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
+    drawn = scene.drawing(LAYOUT, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
+    shapes += drawn
+    kinds = {"drawing/points", "drawing/rim", "drawing/chain", "drawing/seed"}
+    assert {shape.namespace for shape in drawn} == kinds and scene.drawing(LAYOUT, scene.Drawing()) == []
     assert len({shape.key for shape in shapes}) == len(shapes)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import cv2
 import numpy as np
 import pytest
 import rospy
@@ -79,17 +80,14 @@ VISIONS = {
 }
 
 
+def linear(color):
+    """Of sRGB."""
+    return np.where(np.array(color) <= 0.04045, np.array(color) / 12.92, ((np.array(color) + 0.055) / 1.055) ** 2.4)
+
+
 def lab(color, vision):
-    rgb = np.array(color)
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    linear = np.clip(vision @ linear, 0, 1)
-    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ linear
-    f = np.cbrt(xyz / (0.9505, 1.0, 1.089))
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-def over(color, ground, alpha):
-    return colors.blend(ground, color, alpha)
+    seen = np.clip(vision @ linear(color), 0, 1)
+    return cv2.cvtColor(np.float32([[seen]]), cv2.COLOR_LRGB2Lab)[0, 0]
 
 
 CAMERAS = {f"camera {name}": colors.camera_color(name) for name in ("red", "green", "blue", "robot")}
@@ -100,8 +98,8 @@ GROUPS = {
     "cameras": CAMERAS,
     # RViz's costmap colours 98 and 200, at the alpha of the config, on white floor
     "areas": {
-        "saved": over((249 / 255, 0.0, 5 / 255), colors.WHITE, 0.6),
-        "preview": over((1.0, 145 / 255, 0.0), colors.WHITE, 0.6),
+        "saved": colors.blend(colors.WHITE, colors.rgb(249, 0, 5), 0.6),
+        "preview": colors.blend(colors.WHITE, colors.rgb(255, 145, 0), 0.6),
         "floor": colors.WHITE,
         "wall": colors.BLACK,
     },
@@ -129,8 +127,7 @@ def test_colours_are_told_apart_by_any_eye(vision, group):
 
 
 def luminance(color):
-    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in color]
-    return float(np.dot((0.2126, 0.7152, 0.0722), linear))
+    return float(np.dot((0.2126, 0.7152, 0.0722), linear(color)))
 
 
 @pytest.mark.parametrize(

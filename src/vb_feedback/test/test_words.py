@@ -18,6 +18,7 @@ COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
 NOTICES = (PanelNotice("Saving would restrict 12.50 m2."), PanelNotice("Note: " + LONG, True))
 LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
+LAYOUT = fit_view(LAB, 16 / 9)
 
 
 @pytest.mark.parametrize("extent", [LAB, STUDIO, Box(-30, 7, 10, 12), Box(2, 2, 4, 12)])
@@ -81,22 +82,19 @@ def texts_of(shapes):
 
 @pytest.mark.parametrize("commands", [COMMANDS, (*COMMANDS, "stop")])
 def test_every_command_that_can_be_said_is_shown(commands):
-    layout = fit_view(LAB, 16 / 9)
-    found = texts_of(words(layout, PanelContent("seed", 65, commands, True, "Yes.")))
+    found = texts_of(words(LAYOUT, PanelContent("seed", 65, commands, True, "Yes.")))
     said = ", ".join(text for name, text in found.items() if name.startswith("words/say/")).split(", ")
     assert said == [command.replace("_", " ") for command in commands]
 
 
 def test_an_answer_that_stands_as_a_notice_is_said_once():
-    layout = fit_view(LAB, 16 / 9)
     stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
-    found = texts_of(words(layout, PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))))
+    found = texts_of(words(LAYOUT, PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))))
     assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
 
 
 def test_a_refusal_stands_out_for_every_eye():
-    layout = fit_view(LAB, 16 / 9)
-    good, bad = (words(layout, PanelContent("seed", 1, (), success, "Why not.")) for success in (True, False))
+    good, bad = (words(LAYOUT, PanelContent("seed", 1, (), success, "Why not.")) for success in (True, False))
     assert not [shape for shape in good if shape.kind == PLATE]
     plate = [shape for shape in bad if shape.kind == PLATE][0]
     answer = [shape for shape in bad if shape.namespace == "words/answer"]

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import List, Tuple
 
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
 Point = Tuple[float, float]
 
 
@@ -13,31 +16,11 @@ def near(a: Point, b: Point, distance: float) -> bool:
 
 
 def dbscan(points: List[Point], eps: float, min_pts: int) -> List[List[int]]:
-    """Ester et al. 1996; a border point goes to the cluster of its nearest core point."""
-    n = range(len(points))
-    core = [sum(near(points[i], points[j], eps) for j in n) >= min_pts for i in n]
-    label = [-1] * len(points)
-    clusters: List[List[int]] = []
-    for i in n:
-        if core[i] and label[i] < 0:
-            label[i] = len(clusters)
-            todo = [i]
-            while todo:
-                k = todo.pop()
-                for j in n:
-                    if core[j] and label[j] < 0 and near(points[k], points[j], eps):
-                        label[j] = len(clusters)
-                        todo.append(j)
-            clusters.append([])
-    for i in n:
-        if not core[i]:
-            reach = [j for j in n if core[j] and near(points[i], points[j], eps)]
-            if reach:
-                label[i] = label[min(reach, key=lambda j: math.dist(points[i], points[j]))]
-    for i in n:
-        if label[i] >= 0:
-            clusters[label[i]].append(i)
-    return clusters
+    """Ester et al. 1996: core points in reach of each other, with all that one of them reaches."""
+    within = np.array([[near(a, b, eps) for b in points] for a in points])
+    cores = np.flatnonzero(within.sum(axis=0) >= min_pts)
+    count, label = connected_components(within[np.ix_(cores, cores)])
+    return [np.flatnonzero(within[cores[label == number]].any(axis=0)).tolist() for number in range(count)]
 
 
 def clustering(points: List[Point], eps, min_pts, min_exp, min_size) -> List[int]:

@@ -36,22 +36,16 @@ def test_collects_in_border_and_seed_only():
     assert collector.counts == (1, 1, 2)
 
 
-def test_spots_from_before_the_state_are_ignored_and_counted():
+def test_spots_from_before_the_state_and_without_a_place_or_time_are_ignored_and_counted():
     collector = in_border(10.0)
     assert collector.add(spot(9.94)) == "before_state"
+    assert collector.add(spot(11.0, float("nan"))) == collector.add(spot(float("inf"))) == "not_finite"
     assert collector.add(spot(9.96)) == ""
     # cameras out of order among themselves do no harm
     assert collector.add(spot(10.5, camera="green")) == ""
     assert collector.add(spot(10.2, camera="blue")) == ""
-    assert collector.ignored["before_state"] == 1
+    assert collector.counts == (3, 0, 3) and collector.ignored["before_state"] == 1
     assert collector.collection().cameras == ["red", "green", "blue"]
-
-
-def test_not_finite_spots_are_counted():
-    collector = in_border()
-    assert collector.add(spot(1.0, float("nan"))) == "not_finite"
-    assert collector.add(spot(float("inf"))) == "not_finite"
-    assert collector.counts == (0, 0, 2)
 
 
 def test_a_new_interaction_starts_empty_and_an_old_one_stays_until_then():
@@ -74,10 +68,15 @@ def test_memory_is_bounded_and_the_whole_drawing_and_every_camera_stay(count, mo
     monkeypatch.setattr(collecting, "MAX_SPOTS", 200)
     collector = in_border()
     for k in range(count):
+        if k == 150:
+            early = collector.collection().border
         collector.add(spot(0.02 * k, x=k / count, camera=("red", "green")[k % 2]))
     rows = collector.collection().border
-    assert len(rows) <= 200 and collector.counts[0] == count
-    assert rows[0, 1] < 0.05 and rows[-1, 1] > 0.95
+    assert collector.counts[0] == count
+    collector.set_state(BORDER, "b", 0.02 * count)
+    collector.add(spot(0.02 * count))
+    assert early[:, 0].tolist() == [0.02 * k for k in range(150)]  # what was collected is not changed by later spots
+    assert len(rows) <= 200 and rows[0, 1] < 0.05 and rows[-1, 1] > 0.95
     counts = np.bincount(rows[:, 4].astype(int))
     assert len(counts) == 2 and counts.min() > 0.9 * counts.max()
 
@@ -151,16 +150,3 @@ def test_live_and_final_border_are_the_same(monkeypatch):
     assert len(rows) < len(stroke.points) and final.closed
     assert drawn.points == pytest.approx(final.points, abs=1e-9)
     assert again.points == pytest.approx(final.points, abs=1e-9)
-
-
-def test_what_was_collected_is_not_changed_by_later_spots(monkeypatch):
-    monkeypatch.setattr(collecting, "MAX_SPOTS", 100)
-    collector = in_border()
-    for k in range(90):
-        collector.add(spot(float(k)))
-    rows = collector.collection().border
-    for k in range(90, 200):
-        collector.add(spot(float(k)))
-    collector.set_state(BORDER, "b", 200.0)
-    collector.add(spot(300.0))
-    assert rows[:, 0].tolist() == list(range(90))

@@ -13,14 +13,9 @@ from vb_core.errors import CodedError
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.line import closure
 from vb_fusion.stroke import track
-from vb_fusion.stroke.observations import TIME_BIN, TREMOR
+from vb_fusion.stroke.observations import TIME_BIN
 
 BASE = Setting()
-
-
-def extract(points, params=None, **known):
-    """The border of points as one camera sees them, 25 a second."""
-    return extract_border(points, params, stamps=0.04 * np.arange(len(points)), **known)
 
 
 def extract_stroke(stroke):
@@ -114,18 +109,6 @@ def test_figures_with_a_gap_of_up_to_a_third_of_their_diagonal_are_meant_closed(
     assert closure.classify_closure(dense[: last + 1]).closed
 
 
-def test_a_rest_behind_a_flick_belongs_to_the_stroke_and_a_stray_does_not():
-    step = np.arange(40)
-
-    def path(away):
-        points = np.column_stack([0.02 * step + away, np.zeros(40)])
-        steps = track.find_best_steps(points, TIME_BIN * step, 3.0 * TIME_BIN, np.full(40, 0.02), TREMOR)
-        return track.trace_path(*steps).tolist()
-
-    assert {*range(15), *range(25, 40)} <= {*path(1.0 * (step >= 20))}
-    assert {20} == {*step} - {*path(1.0 * (step == 20))}
-
-
 def bent_wave(degrees):
     """A wave whose ends come near each other: it encloses next to nothing."""
     along = np.radians(np.linspace(0, degrees, 600))
@@ -152,18 +135,6 @@ def test_lines_are_open_at_every_scale(line, scale):
 
 
 # ----------------------------------------------------------------- no strokes
-
-
-def test_floor_is_explained_alike_wherever_it_lies():
-    """Places share floor by how near they are, not by which cells of a lattice they happen to be in."""
-    random = np.random.default_rng(4)
-    points, stamps = random.normal(0.0, 0.02, (12, 2)), 0.1 * np.arange(12)
-    sums = [
-        track.floor_gains(points + track.PLACE_WIDTH * np.array([x, y]), stamps, 0.5).sum()
-        for x in np.linspace(0.0, 1.0, 9)
-        for y in np.linspace(0.0, 1.0, 9)
-    ]
-    assert max(sums) < 2.0 * min(sums)
 
 
 def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing():
@@ -197,19 +168,12 @@ def test_refusals(params, points, code):
 
 
 @pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
-def test_nan_rows_and_far_rows_are_left_out(params):
-    x = np.linspace(0, 2, 200)
-    points = np.vstack([np.column_stack([x, 0 * x]), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
-    assert extract(points, params).length == pytest.approx(2.0, abs=0.2)
-
-
-@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
-def test_of_two_clusters_one_is_taken(params):
+def test_rows_without_numbers_far_ones_and_another_cluster_are_left_out(params):
     rng = np.random.default_rng(0)
-    x = np.linspace(0, 2, 300)
-    line = np.column_stack([x, 0 * x]) + rng.normal(0, 0.01, (300, 2))
-    chain = extract(np.vstack([line, rng.normal([5, 5], 0.03, (200, 2))]), params)
-    assert chain.points[:, 1].max() < 1.0
+    line = np.column_stack([np.linspace(0, 2, 300), np.zeros(300)]) + rng.normal(0, 0.01, (300, 2))
+    points = np.vstack([line, rng.normal([5, 5], 0.03, (200, 2)), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
+    chain = extract_border(points, params, stamps=0.04 * np.arange(len(points)))  # as one camera sees them
+    assert chain.length == pytest.approx(2.0, abs=0.2) and np.abs(chain.points[:, 1]).max() < 0.1
 
 
 @pytest.mark.parametrize("strays", [0.03, 0.3])
@@ -270,15 +234,6 @@ def off_the_axis(chain):
     return np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max()
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_stroke_that_ends_with_a_quick_leg_after_a_rest_is_kept_whole(seed):
-    """People rest at a corner and are quick on the side: hardly anything is seen of it."""
-    slow = line_spots([[0, 0], [1.5, 0], [1.5, 1.0]], cameras=2, seed=seed)
-    quick = line_spots([[1.5, 1.0], [0.9, 1.2]], speed=4.0, cameras=2, seed=seed + 9, start=7.1)
-    chain = extract_border(**joined(slow, still([1.5, 1.0], 6.3), quick))
-    assert np.linalg.norm(chain.points[-1] - [0.9, 1.2]) < 0.08
-
-
 def test_a_robot_that_is_lost_for_a_second_does_not_move_the_border():
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     lost = (spots["cameras"] == 1) & (np.abs(spots["stamps"] - 3.5) < 0.5)
@@ -314,38 +269,6 @@ def test_a_line_that_is_drawn_back_over_itself_ends_where_it_turned():
         chain = extract_stroke(stroke)
         distances.append(hausdorff(chain.points, stroke.truth, False))
     assert np.median(distances) < 0.07, distances
-
-
-def test_legs_that_lie_almost_on_each_other_keep_their_tip():
-    chain = extract_border(**line_spots([[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]))
-    assert np.linalg.norm(chain.points - [0.01, 1.0], axis=1).min() < 0.25
-
-
-@pytest.mark.parametrize("beside", [0.0, 0.06, 0.1])
-def test_tips_beside_each_other_that_are_passed_soon_after_each_other_are_kept(beside):
-    """Light that comes back to a place after a second is the pointer: a bright thing would have stayed."""
-    for seed in range(4):
-        at, parts = 0.0, []
-        tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0]]
-        for number, (one, other) in enumerate(zip(tips, tips[1:])):
-            parts.append(line_spots([one, other], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
-            at += float(np.linalg.norm(np.subtract(other, one))) / 4.0 + 0.04
-            for camera in (0, 1):
-                places = np.random.default_rng([seed, number, camera]).normal(other, 0.01, (20, 2))
-                parts.append(still(places, at + 0.01 * camera, camera=camera))
-            at += 0.84
-        assert hausdorff(extract_border(**joined(*parts)).points, np.array(tips), False) < 0.15
-
-
-def test_a_hook_that_is_drawn_slowly_is_no_rest():
-    hook = line_spots([[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]], speed=0.04)
-    chain = extract_border(**joined(hook, line_spots([[0, 0], [1.5, 0]], start=hook["stamps"][-1] + 0.04)))
-    assert np.linalg.norm(geometry.resample_chain(chain.points, 0.01) - [-0.19, 0.1], axis=1).min() < 0.06
-
-
-def test_a_second_stroke_that_goes_on_from_an_end_is_joined():
-    chain = extract_border(**joined(line_spots([[0, 0], [2, 0]]), line_spots([[0, 1.5], [0, 0.1]], start=15.0)))
-    assert chain.length == pytest.approx(3.5, abs=0.1) and chain.left_out_spots == 0
 
 
 def with_strays(spots, seed, share=0.03, margin=0.5):
@@ -398,6 +321,29 @@ def test_a_piece_that_nobody_saw_is_told_and_strays_are_no_way_across(hidden):
         assert chain.closed and hausdorff(chain.points, corners[:4], True) < 0.25
 
 
+@pytest.mark.parametrize("days", [30, 365])
+def test_a_robots_clock_that_is_off_costs_no_memory(days):
+    """What is unknown exists only where something was seen."""
+    spots = line_spots([[0, 0], [3, 0]], cameras=2)
+    assert off_the_axis(by_robot(spots, stamps=spots["stamps"] + 86400.0 * days * (spots["cameras"] == 1))) < 0.05
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.06, 0.1])
+def test_tips_beside_each_other_that_are_passed_soon_after_each_other_are_kept(beside):
+    """Light that comes back to a place after a second is the pointer: a bright thing would have stayed."""
+    for seed in range(4):
+        at, parts = 0.0, []
+        tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0]]
+        for number, (one, other) in enumerate(zip(tips, tips[1:])):
+            parts.append(line_spots([one, other], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
+            at += float(np.linalg.norm(np.subtract(other, one))) / 4.0 + 0.04
+            for camera in (0, 1):
+                places = np.random.default_rng([seed, number, camera]).normal(other, 0.01, (20, 2))
+                parts.append(still(places, at + 0.01 * camera, camera=camera))
+            at += 0.84
+        assert hausdorff(extract_border(**joined(*parts)).points, np.array(tips), False) < 0.15
+
+
 def test_a_slow_hand_is_no_light_that_stays():
     wrong = []
     for seed in range(10):
@@ -407,11 +353,39 @@ def test_a_slow_hand_is_no_light_that_stays():
     assert sum(wrong) <= 1, wrong
 
 
-def ring_spots(size, seed, noise=0.012):
-    turn = np.linspace(0, 2 * np.pi, 200)
-    return line_spots(
-        0.5 * size * np.column_stack([np.cos(turn), np.sin(turn)]), 0.2, seed=seed, noise=noise, cameras=2
-    )
+RECTANGLE, HOOK = [[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], [[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]]
+CORNER, TIP = [[0, 0], [1.5, 0], [1.5, 1.0]], [[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]
+CIRCLE = 0.5 * np.column_stack([np.cos(TURN), np.sin(TURN)])
+SCENES = {
+    # people rest at a corner and are quick on the side: hardly anything is seen of it
+    "a quick leg after a rest": (
+        [*CORNER, [0.9, 1.2]],
+        lambda seed: joined(
+            line_spots(CORNER, cameras=2, seed=seed),
+            still([1.5, 1.0], 6.3),
+            line_spots([[1.5, 1.0], [0.9, 1.2]], speed=4.0, cameras=2, seed=seed + 9, start=7.1),
+        ),
+    ),
+    "a slow hook is no rest": (
+        [*HOOK, [1.5, 0]],
+        lambda seed: joined(line_spots(HOOK, 0.04, seed=seed), line_spots([[0, 0], [1.5, 0]], seed=seed, start=14.5)),
+    ),
+    "a stroke that goes on from an end": (
+        [[2, 0], [0, 0], [0, 1.5]],
+        lambda seed: joined(line_spots([[0, 0], [2, 0]], seed=seed), line_spots([[0, 1.5], [0, 0.1]], start=15.0)),
+    ),
+    "legs almost on each other": (TIP, lambda seed: line_spots(TIP, seed=seed)),
+    "two images a second": (RECTANGLE, lambda seed: line_spots(RECTANGLE, rate=2.0, seed=seed)),
+    "a ring without noise": (CIRCLE, lambda seed: line_spots(CIRCLE, 0.2, seed=seed, noise=0.0, cameras=2)),
+}
+
+
+@pytest.mark.parametrize("line, spots", SCENES.values(), ids=list(SCENES))
+def test_what_people_do_is_kept_whole(line, spots):
+    for seed in range(4):
+        chain, closed = extract_border(**spots(seed)), line is RECTANGLE or line is CIRCLE
+        assert chain.closed == closed and chain.left_out_spots <= 3
+        assert hausdorff(chain.points, np.array(line, float), closed) < (0.1 if line is TIP else 0.03)
 
 
 @pytest.mark.parametrize("size, noise, refused", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
@@ -419,45 +393,26 @@ def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(siz
     count = 0
     for seed in range(20):
         try:
-            assert extract_border(**ring_spots(size, seed, noise)).closed
+            spots = line_spots(size * CIRCLE, 0.2, seed=seed, noise=noise, cameras=2)
+            assert extract_border(**spots).closed
         except CodedError as error:
             assert error.code in ("figure_too_small", "no_line")
             count += 1
     assert count in refused
 
 
-def test_a_ring_without_noise_is_followed_more_closely_than_one_with_it():
-    spots = ring_spots(1.0, 0, noise=0.0)
-    assert hausdorff(extract_border(**spots).points, spots["points"], True) < 0.03
+EIGHT = np.column_stack([1.2 * np.sin(TURN), 0.8 * np.sin(2 * TURN)])
+LOOP_AT_THE_END = [[0.3, -0.2], [0, 0.1], [0, 1.5], [2, 1.5], [2, 0], [0.1, 0], [-0.2, -0.2]]
 
 
-def test_one_camera_at_two_images_a_second():
-    chain = extract_border(**line_spots([[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], rate=2.0))
-    assert chain.closed and hausdorff(chain.points, np.array([[0, 0], [2, 0], [2, 1.2], [0, 1.2]]), True) < 0.25
-
-
-@pytest.mark.parametrize("days", [30, 365])
-def test_a_robots_clock_that_is_off_costs_no_memory(days):
-    """What is unknown exists only where something was seen."""
-    spots = line_spots([[0, 0], [3, 0]], cameras=2)
-    assert off_the_axis(by_robot(spots, stamps=spots["stamps"] + 86400.0 * days * (spots["cameras"] == 1))) < 0.05
-
-
-def test_an_eight_becomes_one_valid_polygon():
-    turn = np.linspace(0, 2 * np.pi, 200)
-    chain = extract_border(**line_spots(np.column_stack([1.2 * np.sin(turn), 0.8 * np.sin(2 * turn)])))
+@pytest.mark.parametrize("way, right, left", [(EIGHT, 1.28, 1.28), (LOOP_AT_THE_END, 3.0, 0.0)], ids=["eight", "loop"])
+def test_a_figure_that_crosses_itself_becomes_one_valid_polygon(way, right, left):
+    """An eight keeps both lobes."""
+    chain = extract_border(**line_spots(way))
     polygon = Polygon(chain.points)
     assert chain.closed and polygon.is_valid
-    # both lobes: each of them is half of it
-    assert polygon.intersection(box(0, -2, 2, 2)).area == pytest.approx(polygon.area / 2, rel=0.1)
-    assert polygon.area > 2.0
-
-
-def test_a_loop_at_the_closing_point_leaves_a_valid_polygon():
-    chain = extract_border(**line_spots([[0.3, -0.2], [0, 0.1], [0, 1.5], [2, 1.5], [2, 0], [0.1, 0], [-0.2, -0.2]]))
-    polygon = Polygon(chain.points)
-    assert chain.closed and polygon.is_valid
-    assert polygon.area == pytest.approx(3.0, rel=0.05)
+    assert polygon.intersection(box(0, -2, 2, 2)).area == pytest.approx(right, rel=0.1)
+    assert polygon.intersection(box(-2, -2, 0, 2)).area == pytest.approx(left, rel=0.1, abs=0.05)
 
 
 @pytest.mark.parametrize("shape", ["L", "corner", "rectangle"])

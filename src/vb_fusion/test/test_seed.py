@@ -1,27 +1,26 @@
-"""extract_seed: the place where the hand dwelt."""
+"""find_dwells and the seed of a drawing: the place where the hand dwelt."""
 
 import numpy as np
 import pytest
 
-from vb_core.errors import CodedError
-from vb_fusion.extraction import extract_seed
+from refusals import refused
 from vb_fusion.live_extraction import DrawnBorder
 from vb_fusion.stroke.seed import find_dwells
 
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
 def test_refusals(points, code):
-    with pytest.raises(CodedError) as caught:
-        extract_seed(points, stamps=np.arange(len(points)) / 25.0)
-    assert caught.value.code == code
+    with refused(code):
+        find_dwells(points, stamps=np.arange(len(points)) / 25.0)
 
 
-# ----------------------------------------------------------- a bright thing that a camera takes for the spot
-FALSE = (2.0, 1.0)
+def seen(place, first, last, *cameras, rate=25):
+    """Parts of a scene: a light at a place, or on the way between two, from first to last [s], in cameras' images."""
+    return [(place, first, last, rate, camera) for camera in cameras]
 
 
-def scene(*parts, seed=0):
-    """Points, stamps and cameras of (place or the two ends of a way, first [s], last [s], rate [1/s], camera)."""
+def find(parts, before=None, seed=0, dropped=0.0):
+    """The dwells of a scene, and the drawing that has them; what the camera `robot` sees is seen from a robot."""
     rng = np.random.default_rng(seed)
     points, stamps, cameras = [], [], []
     for place, first, last, rate, camera in parts:
@@ -30,134 +29,93 @@ def scene(*parts, seed=0):
         points.append(rng.normal(way, 0.015, (count, 2)))
         stamps.append(np.sort(rng.uniform(first, last, count)))
         cameras.append(np.full(count, camera))
-    return np.vstack(points), {"stamps": np.concatenate(stamps), "cameras": np.concatenate(cameras)}
+    points, stamps, cameras = np.vstack(points), np.concatenate(stamps), np.concatenate(cameras)
+    kept = np.random.default_rng(seed).random(len(points)) >= dropped
+    known = {"stamps": stamps[kept], "cameras": cameras[kept], "mobile": cameras[kept] == "robot"}
+    dwells = find_dwells(points[kept], before=before, **known)
+    return dwells, DrawnBorder(dwells=dwells)
 
 
-FLASHES = [((1, 2), 3.0 + i, 3.3 + i, 10, "robot") for i in range(5)]  # of paper, in a robot's images as it turns
+def around(place, count):
+    """Spots of the border."""
+    return np.random.default_rng(2).normal(place, 0.015, (count, 2))
+
+
+HERE, THERE, FALSE = (0, 0), (1, 2), (2.0, 1.0)
+BOTH = ("red", "green")
+POINTER, LIGHT = seen(HERE, 0.0, 1.7, *BOTH), seen(FALSE, 2.5, 5.5, "green")
+FLASHES = [part for i in range(5) for part in seen(THERE, 3.0 + i, 3.3 + i, "blue", rate=10)]  # as it turns past paper
+TWO = seen(FALSE, 0.0, 3.0, *BOTH) + seen(THERE, 0.0, 3.0, "blue")
+# name: the seed, and what is seen
 SEEDS = {
-    "two cameras off": ([((1.02, 2.0), 0.0, 2.0, 25, "red"), ((0.98, 2.0), 0.0, 2.0, 25, "green")], (1, 2)),
-    "the later one": ([((0, 0), 0.0, 2.0, 25, "red"), ((1, 2), 2.0, 4.0, 25, "red")], (1, 2)),
-    "back again": ([((0, 0), t, t + 2.0, 25, "red") for t in (0.0, 4.0)] + [((1, 2), 2.0, 4.0, 25, "red")], (0, 0)),
-    "more cameras": (
-        [((1, 2), 0.0, 6.0, 18, "red"), ((1, 2), 0.0, 6.0, 18, "green"), (FALSE, 1.5, 6.0, 100, "robot")],
-        (1, 2),
-    ),
-    "in turn with a bright place": ([(FALSE, 0.0, 8.0, 15, "robot"), ((1, 2), 2.0, 8.0, 6, "robot")], (1, 2)),
-    "the way there": ([(((0, 0), (1, 2)), 0.0, 2.4, 25, "red"), ((1, 2), 2.4, 3.6, 25, "red")], (1, 2)),
-    "moving on in the end": ([((1, 2), 0.0, 2.0, 25, "red"), (((1, 2), (1.8, 2)), 2.0, 2.8, 25, "red")], (1, 2)),
-    "flashes come after it": ([((0, 0), 0.0, 2.0, 25, "red"), *FLASHES], (0, 0)),
+    "two cameras off": (THERE, seen((1.02, 2.0), 0.0, 2.0, "red") + seen((0.98, 2.0), 0.0, 2.0, "green")),
+    "later": (THERE, seen(HERE, 0.0, 2.0, "red") + seen(THERE, 2.0, 4.0, "red")),
+    "back again": (HERE, [*seen(HERE, 0.0, 2.0, "red"), *seen(THERE, 2.0, 4.0, "red"), *seen(HERE, 4.0, 6.0, "red")]),
+    "more cameras": (THERE, seen(THERE, 0.0, 6.0, *BOTH, rate=18) + seen(FALSE, 1.5, 6.0, "blue", rate=100)),
+    "in turn": (THERE, seen(FALSE, 0.0, 8.0, "blue", rate=15) + seen(THERE, 2.0, 8.0, "blue", rate=6)),
+    "the way there": (THERE, seen((HERE, THERE), 0.0, 2.4, "red") + seen(THERE, 2.4, 3.6, "red")),
+    "moving on": (THERE, seen(THERE, 0.0, 2.0, "red") + seen((THERE, (1.8, 2)), 2.0, 2.8, "red")),
+    "flashes come after it": (HERE, seen(HERE, 0.0, 2.0, "red") + FLASHES),
+    "a rest at the border's end": (THERE, seen(HERE, 0.0, 3.0, "red") + seen(THERE, 3.0, 4.0, "red")),
+    "a longer one there": (THERE, seen(HERE, 0.0, 6.0, "red", rate=40) + seen(THERE, 8.0, 10.0, "red", rate=40)),
+    "a shorter one": (THERE, seen(HERE, 0.0, 1.0, "red", rate=40) + seen(THERE, 3.0, 6.0, "red", rate=40)),
+    # light that comes up elsewhere is meant if as many cameras see it
+    "one camera's light": (HERE, POINTER + LIGHT),
+    "both cameras' light": (FALSE, POINTER + seen(FALSE, 2.5, 5.5, *BOTH)),
+    "seen on its way": (FALSE, POINTER + seen((HERE, (1.85, 0.93)), 1.7, 2.5, "green", rate=50) + LIGHT),
+    "after the border's end": (FALSE, POINTER + LIGHT),
+    "two at once": (FALSE, TWO),
+    "two at once, the brighter one known": (THERE, TWO),
 }
+BORDERS = {
+    "a rest at the border's end": around(HERE, 50),
+    "a longer one there": around(HERE, 50),
+    "after the border's end": np.zeros((3, 2)),
+    "two at once, the brighter one known": around(FALSE, 200),
+}
+OTHERS = {"one camera's light": FALSE}
+for rate in (5, 25, 100):  # one camera sees white paper all the time, another the pointer once it has got there
+    paper = seen(FALSE, 0.0, 6.0, "blue", rate=rate) + seen(THERE, 1.5, 6.0, "red", rate=18)
+    SEEDS[f"paper, {rate}"] = SEEDS[f"known paper, {rate}"] = (THERE, paper)
+    BORDERS[f"known paper, {rate}"] = around(FALSE, 1000)
+for last in (
+    4,
+    7,
+    30,
+):  # it stays in a robot's image after the pointer was switched off; to a camera that moves it is new
+    parts = seen(HERE, 0.0, 2.0, "red") + seen(THERE, 2.2, 2.2 + last, "robot", rate=5)
+    SEEDS[f"a robot's, {last}"], SEEDS[f"only a robot's, {last}"] = (HERE, parts), (THERE, parts)
+    OTHERS[f"a robot's, {last}"], BORDERS[f"only a robot's, {last}"] = THERE, around(HERE, 50)
+for first, last in ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0)):
+    parts = seen(HERE, 0.0, first, "red", rate=40) + seen(THERE, first + 2, first + 2 + last, "red", rate=40)
+    SEEDS[f"a longer one, {first:.0f}"], OTHERS[f"a longer one, {first:.0f}"] = (THERE, parts), HERE
 
 
-@pytest.mark.parametrize("parts, seed", SEEDS.values(), ids=list(SEEDS))
-def test_the_seed_is_where_the_pointer_dwelt_last(parts, seed):
+@pytest.mark.parametrize("name", SEEDS)
+def test_the_seed_is_where_the_pointer_dwelt_last_and_a_longer_dwell_is_told(name):
     for number in range(5):
-        points, extra = scene(*parts, seed=number)
-        assert np.linalg.norm(extract_seed(points, **extra) - seed) < 0.03
-
-
-@pytest.mark.parametrize("rate", [5, 25, 100])
-@pytest.mark.parametrize("known", [True, False], ids=["seen before", "new with the state"])
-def test_a_place_that_was_bright_before_is_not_the_seed(rate, known):
-    # the robot's camera sees the paper all the time, a ceiling camera the pointer once it has got there
-    points, extra = scene((FALSE, 0.0, 6.0, rate, "robot"), ((1, 2), 1.5, 6.0, 18, "red"))
-    before = np.random.default_rng(1).normal(FALSE, 0.02, (1000, 2)) if known else None
-    assert np.linalg.norm(extract_seed(points, before=before, **extra) - [1, 2]) < 0.02
-
-
-def test_the_end_of_the_border_where_the_spot_rested_is_not_the_seed():
-    points, extra = scene(((0, 0), 0.0, 3.0, 25, "red"), ((1, 2), 3.0, 4.0, 25, "red"))
-    before = np.column_stack([np.linspace(-2, 0, 100), np.zeros(100)])
-    before = np.vstack([before, np.random.default_rng(2).normal(0, 0.015, (50, 2))])
-    assert np.linalg.norm(extract_seed(points, before=before, **extra) - [1, 2]) < 0.02
-
-
-@pytest.mark.parametrize("first, last", [(6.0, 1.5), (10.0, 2.0), (20.0, 3.0)])
-def test_the_last_dwell_is_the_seed_and_a_longer_one_before_is_told(first, last):
-    for seed in range(5):
-        points, extra = scene(
-            ((0, 0), 0.0, first, 40, "red"), ((1, 2), first + 2, first + 2 + last, 40, "red"), seed=seed
-        )
-        dwells = find_dwells(points, **extra)
-        assert np.linalg.norm(dwells[-1].point - [1, 2]) < 0.02
-        assert np.linalg.norm(DrawnBorder(dwells=dwells).other_dwell.point) < 0.02
+        (seed, parts), other = SEEDS[name], OTHERS.get(name)
+        drawn = find(parts, BORDERS.get(name), number)[1]
+        assert np.linalg.norm(drawn.seed - seed) < 0.02
+        assert (drawn.other_dwell is None) == (other is None)
+        assert other is None or np.linalg.norm(drawn.other_dwell.point - other) < 0.02
 
 
 @pytest.mark.parametrize("apart, count", [(0.04, 1), (0.12, 2), (0.3, 2)])
 def test_places_nearer_than_a_hand_trembles_are_one_dwell(apart, count):
-    points, extra = scene(((1.0, 2.0), 0.0, 2.0, 25, "red"), ((1.0 + apart, 2.0), 2.0, 4.0, 25, "red"))
-    assert len(find_dwells(points, **extra)) == count
+    assert len(find(seen((1.0, 2.0), 0.0, 2.0, "red") + seen((1.0 + apart, 2.0), 2.0, 4.0, "red"))[0]) == count
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.3, 0.5])
 def test_a_place_that_the_pointer_comes_to_is_one_dwell(speed):
+    way = seen(((1.0, 0.0), HERE), 0.0, 1.0 / speed, "red") + seen(HERE, 1.0 / speed, 1.0 / speed + 3.0, "red")
     for seed in range(20):
-        parts = (
-            (((1.0, 0.0), (0.0, 0.0)), 0.0, 1.0 / speed, 25, "red"),
-            ((0.0, 0.0), 1.0 / speed, 1.0 / speed + 3.0, 25, "red"),
-        )
-        points, extra = scene(*parts, seed=seed)
-        dwells = find_dwells(points, **extra)
-        assert DrawnBorder(dwells=dwells).other_dwell is None
+        dwells, drawn = find(way, seed=seed)
+        assert drawn.other_dwell is None
         assert len(dwells) == 1 or np.linalg.norm(dwells[-2].point) > 0.075
-
-
-@pytest.mark.parametrize("last", [1.8, 7.0, 30.0])
-def test_what_only_a_robot_sees_is_no_seed_where_a_steady_camera_saw_the_pointer_dwell(last):
-    """White paper stays in a robot's image after the pointer was switched off; to a camera that moves it is new."""
-    points, extra = scene(((0, 0), 0.0, 2.0, 25, "red"), ((1, 2), 2.2, 2.2 + last, 5, "robot"))
-    extra["mobile"] = extra["cameras"] == "robot"
-    drawn = DrawnBorder(dwells=find_dwells(points, **extra))
-    assert np.linalg.norm(drawn.seed) < 0.03
-    assert np.linalg.norm(drawn.other_dwell.point - [1, 2]) < 0.03
-    # where the steady camera saw but the border's end, the robot's place is meant
-    end = np.random.default_rng(2).normal(0, 0.015, (50, 2))
-    assert np.linalg.norm(extract_seed(points, before=end, **extra) - [1, 2]) < 0.03
-
-
-POINTER, END = [((0, 0), 0.0, 1.7, 25, camera) for camera in ("green", "red")], np.zeros((3, 2))
-
-
-@pytest.mark.parametrize(
-    "later, before, taken",
-    [
-        ([(FALSE, 2.5, 5.5, 25, "green")], None, (0, 0)),
-        ([(FALSE, 2.5, 5.5, 25, camera) for camera in ("green", "red")], None, FALSE),
-        ([(((0, 0), (1.85, 0.93)), 1.7, 2.5, 50, "green"), (FALSE, 2.5, 5.5, 25, "green")], None, FALSE),
-        ([(FALSE, 2.5, 5.5, 25, "green")], END, FALSE),
-    ],
-    ids=["one camera's light", "as many cameras", "the pointer was seen on its way", "after the border's end"],
-)
-def test_light_that_comes_up_elsewhere_is_the_seed_if_as_many_cameras_see_it(later, before, taken):
-    for seed in range(5):
-        points, extra = scene(*POINTER, *later, seed=seed)
-        drawn = DrawnBorder(dwells=find_dwells(points, before=before, **extra))
-        assert np.linalg.norm(drawn.seed - taken) < 0.04
-        # the other one is told, unless it was the shorter one, or the border's end
-        assert (drawn.other_dwell is None) == (taken == FALSE)
 
 
 def test_a_camera_that_misses_images_sees_a_dwell():
     for seed in range(5):
-        points, extra = scene(((1, 2), 0.0, 3.0, 5, "robot"), seed=seed)
-        rng = np.random.default_rng(seed)
-        seen = rng.random(len(points)) > 0.2
-        dwells = find_dwells(points[seen], **{name: np.asarray(values)[seen] for name, values in extra.items()})
-        assert len(dwells) == 1 and np.linalg.norm(dwells[0].point - [1, 2]) < 0.03
-
-
-def test_a_shorter_dwell_before_and_the_rest_at_the_borders_end_are_not_told():
-    points, extra = scene(((0, 0), 0.0, 1.0, 40, "red"), ((1, 2), 3.0, 6.0, 40, "red"))
-    assert DrawnBorder(dwells=find_dwells(points, **extra)).other_dwell is None
-    points, extra = scene(((0, 0), 0.0, 6.0, 40, "red"), ((1, 2), 8.0, 10.0, 40, "red"))
-    dwells = find_dwells(points, before=np.random.default_rng(2).normal(0, 0.015, (50, 2)), **extra)
-    assert DrawnBorder(dwells=dwells).other_dwell is None
-
-
-def test_of_two_lights_at_once_the_one_that_was_there_before_is_not_the_seed_though_more_cameras_see_it():
-    points, extra = scene(
-        *((FALSE, 0.0, 3.0, 25, camera) for camera in ("red", "green")), ((1, 2), 0.0, 3.0, 25, "blue")
-    )
-    before = np.random.default_rng(1).normal(FALSE, 0.02, (200, 2))
-    assert np.linalg.norm(extract_seed(points, before=before, **extra) - [1, 2]) < 0.03
-    assert np.linalg.norm(extract_seed(points, **extra) - FALSE) < 0.03
+        dwells, _ = find(seen(THERE, 0.0, 3.0, "blue", rate=5), seed=seed, dropped=0.2)
+        assert len(dwells) == 1 and np.linalg.norm(dwells[0].point - THERE) < 0.03

@@ -36,8 +36,7 @@ def polygon(x=0.0, y=0.0, size=1.0, **fields):
     corners = [(x, y), (x + size, y), (x + size, y + size), (x, y + size)]
     return VirtualBorder(
         points=[Point(*corner, 0.0) for corner in corners],
-        kind=VirtualBorder.POLYGON,
         enabled=True,
         seed=Point(x + size / 2, y + size / 2, 0.0),
-        **{"occupancy": 1.0, **fields},
+        **{"kind": VirtualBorder.POLYGON, "occupancy": 1.0, **fields},
     )

@@ -2,18 +2,41 @@
 
 import tracemalloc
 
-
 import numpy as np
 import pytest
+import shapely
 
 from refusals import refused
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places import registration
 from vb_map_integration.places.registration import IDENTITY, Transform, WallMap
 
 from integrators import GRID, integrator
+
+
+OUTSIDE = [(0, 0), (9, 0), (9, 6), (0, 6), (0, 0)]
+PLANS = [
+    shapely.MultiLineString([OUTSIDE, *walls])
+    for walls in (
+        [
+            [(3.1, 0), (3.1, 1.2)],
+            [(3.1, 2.1), (3.1, 6)],
+            [(3.1, 3.7), (4.4, 3.7)],
+            [(5.3, 3.7), (9, 3.7)],
+            [(7, 3.7), (7, 6)],
+        ],
+        [
+            [(5.6, 0), (5.6, 3)],
+            [(5.6, 4), (5.6, 6)],
+            [(0, 2.2), (1.5, 2.2)],
+            [(2.4, 2.2), (5.6, 2.2)],
+            [(2, 2.2), (2, 6)],
+        ],
+    )
+]
 
 
 def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
@@ -23,23 +46,6 @@ def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
         plan: 1: another floor with the same outer walls.
         known: [m] what part of its width somebody drove through.
     """
-    walls = [((0, 0), (9, 0)), ((9, 0), (9, 6)), ((9, 6), (0, 6)), ((0, 6), (0, 0))]
-    walls += [
-        [
-            ((3.1, 0), (3.1, 1.2)),
-            ((3.1, 2.1), (3.1, 6)),
-            ((3.1, 3.7), (4.4, 3.7)),
-            ((5.3, 3.7), (9, 3.7)),
-            ((7, 3.7), (7, 6)),
-        ],
-        [
-            ((5.6, 0), (5.6, 3.0)),
-            ((5.6, 4.0), (5.6, 6)),
-            ((0, 2.2), (1.5, 2.2)),
-            ((2.4, 2.2), (5.6, 2.2)),
-            ((2, 2.2), (2, 6)),
-        ],
-    ][plan]
     random = np.random.default_rng(seed)
     corners = transform.apply([(0, 0), (9, 0), (9, 6), (0, 6)])
     origin = corners.min(axis=0) - 0.37
@@ -48,11 +54,7 @@ def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
     cells = np.argwhere(np.ones(grid.shape, bool))
     place = transform.inverse.apply(grid.cell_to_world(cells))
     inside = (place > 0).all(axis=1) & (place < (9, 6)).all(axis=1)
-    distance = np.full(len(place), np.inf)
-    for a, b in walls:
-        a, b = np.array(a, float), np.array(b, float)
-        share = np.clip((place - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-        distance = np.minimum(distance, np.linalg.norm(place - a - share[:, None] * (b - a), axis=1))
+    distance = shapely.distance(PLANS[plan], shapely.points(place))
     values = np.where(distance < 0.06 + 0.02 * random.random(len(place)), 100, np.where(inside, 0, -1))
     values[(place[:, 0] < known[0]) | (place[:, 0] > known[1])] = -1
     return grid.with_data(values.astype(np.int8).reshape(grid.shape))
@@ -62,11 +64,8 @@ ROOM = Transform(1.0, 4.0, 0.0)  # a square in the room at the upper left
 
 
 def keep_out(transform=IDENTITY, **options):
-    from vb_map_integration.border import VirtualBorder
-
-    corners = ROOM.apply([(0, 0), (1, 0), (1, 1), (0, 1)])
-    seed = ROOM.apply([(0.5, 0.5)])
-    return VirtualBorder(transform.apply(corners), transform.apply(seed)[0], closed=True, **options)
+    *corners, seed = transform.apply(ROOM.apply([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)]))
+    return VirtualBorder(corners, seed, closed=True, **options)
 
 
 def closed_off(keeper, transform=IDENTITY):
@@ -291,9 +290,8 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     assert not keeper.in_force.speed_limits.data.any()
     keeper.add(keep_out(zone="slow", max_speed=1.27), 1.0)
     assert keeper.in_force.speed_limits.data.max() == 127
-    with pytest.raises(CodedError) as caught:  # 2.0 m/s gave 1.27
+    with refused("bad_speed"):  # 2.0 m/s gave 1.27
         keep_out(zone="slow", max_speed=2.0)
-    assert caught.value.code == "bad_speed"
 
 
 def test_a_zone_to_avoid_is_a_cost():

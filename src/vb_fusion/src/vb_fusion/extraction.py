@@ -40,10 +40,9 @@ from vb_fusion.stroke.observations import (
     merge_observations,
 )
 from vb_fusion.stroke.camera_offsets import remove_offsets
-from vb_fusion.stroke.seed import extract_seed
 from vb_fusion.stroke.track import find_places, find_strokes
 
-__all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
+__all__ = ["BorderChain", "ExtractionParams", "extract_border"]
 
 SMALLEST_FIGURE = 8.0  # tremors across: the smallest curled line that can be told to be open
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
