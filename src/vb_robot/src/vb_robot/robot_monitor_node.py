@@ -243,7 +243,8 @@ class RobotMonitorNode:
 
     def _take_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
-        self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, message.cameras)
+        seed = array_from_points([message.seed])[0] if message.has_seed else None
+        self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, seed, message.cameras)
 
     def _dispatch(self) -> None:
         while self._inputs:
