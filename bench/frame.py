@@ -114,18 +114,12 @@ def in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, fl
             began = time.thread_time()
             actions[name]()
             times[name].append(1e3 * (time.thread_time() - began))
-    medians = {name: float(np.median(values[1:])) for name, values in times.items()}
-    first = next(iter(actions))
-    ratios = {
-        f"{first}_over_{name}": float(np.median(np.array(times[first][1:]) / np.array(times[name][1:])))
-        for name in list(actions)[1:]
-    }
-    return {**{f"{name}_ms": value for name, value in medians.items()}, **ratios}
+    table, first = pandas.DataFrame(times)[1:], next(iter(actions))
+    ratios = table.rdiv(table[first], axis=0).drop(columns=first)
+    return {**table.median().add_suffix("_ms"), **ratios.median().add_prefix(f"{first}_over_")}
 
 
-def quantiles(values: Sequence[float], unit: str = "ms", factor: float = 1e3) -> Dict[str, Any]:
-    """Returns how many values there are, their median and 95th percentile."""
-    found = factor * np.asarray(values, float)
-    if not len(found):
-        return {"n": 0, f"median_{unit}": "", f"p95_{unit}": ""}
-    return {"n": len(found), f"median_{unit}": float(np.median(found)), f"p95_{unit}": float(np.percentile(found, 95))}
+def quantiles(values: Sequence[float]) -> Dict[str, Any]:
+    """Returns how many values [s] there are, their median and 95th percentile [ms]."""
+    middle, high = 1e3 * np.quantile(values, (0.5, 0.95)) if len(values) else ("", "")
+    return {"n": len(values), "median_ms": middle, "p95_ms": high}

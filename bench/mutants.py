@@ -18,14 +18,13 @@ another.
 
 import ast
 import importlib
-import importlib.machinery
 import importlib.util
 import os
 import signal
 import sys
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, Callable, Dict, FrozenSet, Iterable, Iterator, List, Set, Tuple
+from typing import Callable, Dict, FrozenSet, Iterable, Iterator, List, Set, Tuple
 
 import hypothesis
 import numpy as np
@@ -96,18 +95,14 @@ def tests_of(name: str) -> List[str]:
     return [str(path) for path in dict.fromkeys([*chosen, *(path for path in own if users & imports(path))])]
 
 
-class _Finder:
-    """Finds a mutant's code where its module is imported."""
-
-    def __init__(self, name: str, path: Path, tree: ast.Module) -> None:
-        self._name, self._path, self._tree = name, path, tree
-
-    def find_spec(self, name: str, _path: Any = None, _target: Any = None) -> Any:
-        if name != self._name:
-            return None
-        loader = importlib.machinery.SourceFileLoader(name, str(self._path))
-        loader.get_code = lambda _name: compile(self._tree, str(self._path), "exec")  # type: ignore[method-assign]
-        return importlib.util.spec_from_file_location(name, self._path, loader=loader)
+def import_mutant(name: str, tree: ast.Module) -> None:
+    """Puts a mutant where everything that imports its module finds it."""
+    for loaded in [one for one in sys.modules if one.startswith("vb_")]:
+        del sys.modules[loaded]
+    spec = importlib.util.find_spec(name)
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    setattr(sys.modules[spec.parent], name.rpartition(".")[2], module)
+    exec(compile(tree, spec.origin, "exec"), vars(module))
 
 
 def run_tests(name: str, make: Callable[[], ast.Module], tests: List[str], limit_s: float = 0.0) -> int:
@@ -119,11 +114,13 @@ def run_tests(name: str, make: Callable[[], ast.Module], tests: List[str], limit
         null = os.open(os.devnull, os.O_RDWR)
         for stream in range(3):
             os.dup2(null, stream)
-        for loaded in [one for one in sys.modules if one.startswith("vb_")]:
-            del sys.modules[loaded]
-        sys.meta_path.insert(0, _Finder(name, file_of(name), make()))
         options = ["-x", "-q", "--import-mode=importlib", "-p", "no:cacheprovider", "-n", "0", "--hypothesis-seed=0"]
-        os._exit(0 if pytest.main([*options, *tests]) == 0 else 1)
+        status = 1  # also of a mutant that cannot be imported
+        try:
+            import_mutant(name, make())
+            status = int(pytest.main([*options, *tests]) != 0)
+        finally:
+            os._exit(status)
     return child
 
 
@@ -157,18 +154,17 @@ def main() -> int:
         if not passed:
             sys.exit(f"{given.modules[number]}: its tests fail without a fault in it")
         limits[given.modules[number]] = PATIENCE * used_s
-    chosen, starts = [], []
+    chosen = []
     for name in given.modules:
         every = mutants(file_of(name))
         random = np.random.default_rng([given.seed, *name.encode()])
         for index in sorted(random.permutation(len(every))[: given.each]):
             line, words, make = every[index]
-            chosen.append((name, line, words))
-            starts.append(partial(run_tests, name, make, tests[name], limits[name]))
+            chosen.append((name, line, words, partial(run_tests, name, make, tests[name], limits[name])))
         print(f"{name}: {min(given.each, len(every))} of {len(every)}, {len(tests[name])} files of tests", flush=True)
-    for number, passed, _ in in_forks(starts, given.processes):
+    for number, passed, _ in in_forks((start for *_, start in chosen), given.processes):
         if passed:
-            name, line, words = chosen[number]
+            name, line, words, _ = chosen[number]
             source = file_of(name).read_text(encoding="utf-8").splitlines()[line - 1].strip()
             table.add(module=name, line=line, change=words, source=source)
     print(f"survivors: {share(len(table.rows), len(chosen))}")

@@ -14,6 +14,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
+from vb_laser_detect.detection.projection import pixels_of
 from vb_sim.cameras import pixels
 from vb_sim.cameras.view import Body
 from vb_sim.lab_history import Snapshot
@@ -117,9 +118,9 @@ def relight(image: np.ndarray, around: SceneConditions, camera: CameraModel, T_m
     """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
     if around.sun:
         outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
-        _brighten(
-            image, _project(np.column_stack([outline, np.zeros(len(outline))]), camera, T_map_optical), around.sun_gain
-        )
+        seen = pixels_of(camera, T_map_optical, np.column_stack([outline, np.zeros(len(outline))]))
+        # a lens model is meaningless far outside the image
+        _brighten(image, np.clip(seen, -2.0 * camera.width, 3.0 * camera.width), around.sun_gain)
     gain = around.light * around.exposure
     if gain != 1.0:
         cv2.convertScaleAbs(image, image, alpha=gain)
@@ -160,12 +161,3 @@ def add_glint(
     light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
     part = image[low[1] : high[1], low[0] : high[0]]
     part[...] = np.minimum(part + pixels.apply_color_filters(light, np.ones(3), encoding, low[0], low[1]) + 0.5, 255.0)
-
-
-def _project(points: np.ndarray, camera: CameraModel, T_map_optical: np.ndarray) -> np.ndarray:
-    T = geometry.invert(T_map_optical)
-    in_camera = points @ T[:3, :3].T + T[:3, 3]
-    outline = camera.project(in_camera)
-    outline[in_camera[:, 2] < 0.05] = np.nan
-    # a lens model is meaningless far outside the image
-    return np.clip(outline, -2.0 * camera.width, 3.0 * camera.width)

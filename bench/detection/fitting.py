@@ -1,7 +1,7 @@
 """Learns the classifier's curves from examples.
 
 Each feature is cut into ramps between knots, a logistic regression finds the height of each ramp, and the ramps add up to
-the curve. Examples are as `examples.collect` makes them.
+the curve. Examples are as training.py collects them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 import pandas
 
 from bench.detection.clip_frames import is_clip, left_out_with
-from bench.detection.examples import load_examples
 from vb_laser_detect.detection.features import SpotClassifier
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
@@ -25,6 +24,12 @@ _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
 _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
+
+
+def load_examples(files: Iterable[Path]) -> pandas.DataFrame:
+    """Loads the examples of several clips and scenes, as training.py collects those of each."""
+    parts = [pandas.read_csv(file, index_col=0, float_precision="round_trip") for file in files]
+    return pandas.concat([part for part in parts if len(part)])
 
 
 def fit(examples: pandas.DataFrame) -> SpotClassifier:

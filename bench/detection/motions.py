@@ -13,6 +13,7 @@ from vb_sim.room.raycast import DistanceField
 from vb_sim.room.world import World
 
 WHITE, DARK, MAROON = (238, 236, 230), (40, 40, 44), (150, 40, 40)  # clothes
+WALK_S = 60.0  # [s] for which people have somewhere to go
 Place = Tuple[float, float]
 
 
@@ -34,16 +35,14 @@ def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], Place]:
 
 
 class Walk:
-    """Somebody who walks from place to place at about 1 m/s, where the floor is free.
+    """Somebody who walks from place to place at 1 m/s, where the floor is free.
 
     Args:
         glint: [grey levels] brightness of what shines on the right shoe; 0: nothing does.
     """
 
-    def __init__(
-        self, world: World, seed: int, shirt: Any = DARK, shoes: Any = DARK, speed=1.0, glint=0.0, seconds=60.0
-    ) -> None:
-        self._shirt, self._shoes, self._speed, self._glint = tuple(shirt), tuple(shoes), speed, glint
+    def __init__(self, world: World, seed: int, shirt: Any = DARK, shoes: Any = DARK, glint: float = 0.0) -> None:
+        self._shirt, self._shoes, self._glint = tuple(shirt), tuple(shoes), glint
         clearance, random = DistanceField(physical_map(world)).clearance, np.random.default_rng(seed)
 
         def free(points: np.ndarray) -> bool:
@@ -56,7 +55,7 @@ class Walk:
                     return point
 
         stations = [place()]
-        while len(stations) < 2 + seconds * speed / 1.2:
+        while len(stations) < 2 + WALK_S / 1.2:
             point = place()
             if free(stations[-1] + np.linspace(0, 1, 20)[:, None] * (point - stations[-1])):
                 stations.append(point)
@@ -65,7 +64,7 @@ class Walk:
 
     def at(self, t: float) -> Tuple[Bystander, Tuple[Glint, ...]]:
         """Returns the person, and what shines on the shoes, at a time [s]."""
-        s = min(self._speed * t, self._arc[-1] - 1e-6)
+        s = min(t, self._arc[-1] - 1e-6)
         leg = int(np.searchsorted(self._arc, s, side="right")) - 1
         a, b = self._stations[leg], self._stations[leg + 1]
         x, y = a + (s - self._arc[leg]) / (self._arc[leg + 1] - self._arc[leg]) * (b - a)

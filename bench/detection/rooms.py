@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Sequence, Tuple
 
 from bench.detection.disturbances import disturbed
 from bench.detection.motions import Place
@@ -43,8 +43,8 @@ def printed(world: World, places: Sequence[Place], colors: Sequence[Sequence[int
 class Rooms:
     """Draws each room once: most scenes play in the same one."""
 
-    def __init__(self, seed: int, models: Optional[Models] = None) -> None:
-        self.models, self.seed = models or Models(), seed
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
         self._views: List[Tuple[World, str, Any]] = []
         self._floors: List[Tuple[World, FloorTexture]] = []
 
@@ -59,7 +59,7 @@ class Rooms:
             self._floors.append((world, floor))
         mesh, radii = world_mesh(world), world.robot_radii()
         kind, whose = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
-        view = disturbed(kind)(whose, radii, floor, mesh, self.models, self.seed)
+        view = disturbed(kind)(whose, radii, floor, mesh, Models(), self.seed)
         self._views.append((world, camera, view))
         return view
 

@@ -18,12 +18,13 @@ images differently.
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
-from pathlib import Path
 import zlib
 from functools import partial
-from typing import Callable, Iterator, Optional, Sequence, Tuple
+from pathlib import Path
+from typing import Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -32,16 +33,63 @@ import pandas
 from bench.detection import clip_frames, fitting
 from bench.detection.augmentation import Taken, takes
 from bench.detection.clip_frames import LabeledFrame, frames_near_shots
-from bench.detection.examples import collect, load_examples
 from bench.detection.hard_scenes import Camera, Scene, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
 from bench.frame import TOP, Table, arguments
 from vb_core.image_format import PixelReader
-from vb_laser_detect.detector import DetectorParams
+from vb_laser_detect.detection.features import Blob, SpotClassifier
+from vb_laser_detect.detector import DetectorParams, SpotDetector
 
 SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than rendered.py's
 SCENE_REACH_PX = 14.0
+
+
+class Oracle(SpotClassifier):
+    """Stands in for the classifier: answers from the current frame's labels, and records the candidates.
+
+    The detector itself proposes and measures, and the background adopts what a right classifier would leave to it. What is
+    beside a labelled spot is not recorded: in each image it is much the same, and would count many times.
+    """
+
+    def __init__(self, reach: float) -> None:
+        super().__init__({}, 0.0)
+        self.reach = reach
+        self.frame: Optional[LabeledFrame] = None
+        self.rows: List[Dict[str, float]] = []
+        self.truth: List[bool] = []
+
+    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
+        """Returns the truth."""
+        right = self._near(blob, self.frame.spots)
+        if right or not (self.frame.spots or self._near(blob, self.frame.unclear)):
+            self.rows.append(dict(features))
+            self.truth.append(right)
+        return float(right), "known"
+
+    def _near(self, blob: Blob, places: Iterable[Tuple[float, float]]) -> bool:
+        return any(math.hypot(blob.u - u, blob.v - v) < self.reach for u, v in places)
+
+
+def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float) -> pandas.DataFrame:
+    """Collects the examples of one clip or scene.
+
+    Args:
+        reach: [px] a blob so near to a spot's place is the spot.
+        group: its name; validation leaves whole groups out.
+
+    Returns:
+        A row for each blob: its features, NaN where one says nothing, and its truth; the group is the index.
+    """
+    oracle = Oracle(reach)
+    detector = SpotDetector(params, oracle)
+    for frame in frames:
+        oracle.frame = frame
+        detector.detect(frame.image, frame.stamp, frame.geometry)
+    # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
+    values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
+    names = list(oracle.rows[0]) if oracle.rows else None
+    return pandas.DataFrame(values, index=[group] * len(values), columns=names).assign(truth=oracle.truth)
 
 
 def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> pandas.DataFrame:
@@ -101,7 +149,7 @@ def main() -> int:
             part.replace(file)
             print(f"made {file.name}", flush=True)
         files.append(file)
-    examples = load_examples(files)
+    examples = fitting.load_examples(files)
     names = sorted(set(examples.index))
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = Table(given.csv)

@@ -16,12 +16,12 @@ a bad one is silent if nothing tells that something was left out or not seen; *t
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
+from scipy.signal import lfilter
 
-from bench.extraction.hand import BOX, Eyes, held, hidden, lifted, look, polygon, ring, shapes, sides_apart, slow
 from bench.frame import TOP, Table, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
@@ -37,7 +37,171 @@ MODULES = (
     "vb_fusion.stroke.seed",
 )
 BAD_M = 0.25
-Judgement = Tuple[bool, bool, bool, float]
+Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and how far off [m]
+MARGIN = 0.5  # [m] about the drawing in which strays are seen
+SLOW = 0.1  # [m/s]
+STEP = 0.005  # [s] of the hand's movement
+BEND = 0.01  # of a side's length
+BOX = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2]])
+
+
+@dataclass(frozen=True)
+class Eyes:
+    """How the pointer is seen."""
+
+    rates: Tuple[float, ...] = (25.0, 30.0)  # [1/s]
+    bias: float = 0.03  # [m]
+    noise: float = 0.005  # [m]
+    tremor: float = 0.012  # [m]
+    dropped: float = 0.2
+    bursts: float = 0.3  # [1/s]
+    strays: float = 0.03
+    setback: float = 0.0  # [s] by which all clocks are set back in the middle
+
+
+@dataclass
+class Scene:
+    """A drawn line, the moving pointer in steps of time, and whether its light is on the floor and seen."""
+
+    truth: np.ndarray
+    closed: bool
+    way: np.ndarray
+    shown: np.ndarray
+
+
+def side(start, end, speed: float, rng: np.random.Generator) -> np.ndarray:
+    """Moves from one place to another with minimum jerk; a slow hand in so many small movements that its speed is even."""
+    along = np.subtract(end, start)
+    length = float(np.hypot(*along))
+    u = np.linspace(0.0, 1.0, max(2, int(length / speed / STEP)))
+    done = u**3 * (10.0 - 15.0 * u + 6.0 * u * u) if speed > SLOW else u
+    bow = rng.normal(0.0, BEND) * np.sin(np.pi * done)
+    return start + done[:, None] * along + bow[:, None] * np.array([-along[1], along[0]])
+
+
+def curve(line: np.ndarray, speed: float) -> np.ndarray:
+    """Moves along a smooth dense line by the power law, starting and ending at rest."""
+    d, dd = np.gradient(line, axis=0), np.gradient(np.gradient(line, axis=0), axis=0)
+    ds = np.hypot(*d.T)
+    bent = np.abs(d[:, 0] * dd[:, 1] - d[:, 1] * dd[:, 0]) / ds**3
+    pace = np.cumsum(ds * np.maximum(bent, 0.2) ** (1.0 / 3.0))
+    u = np.linspace(0.0, 1.0, int(ds.sum() / speed / STEP))
+    eased = np.clip((u - 0.1 * np.sin(2.0 * np.pi * u) / (2.0 * np.pi) * 8.0), 0.0, 1.0)
+    return np.column_stack([np.interp(eased, (pace - pace[0]) / np.ptp(pace), axis) for axis in line.T])
+
+
+def missed(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Places (N, 2) as a hand that aims at them hits them."""
+    return at + rng.normal(0.0, 1.0, at.shape) * (0.005 + 0.0075 * np.hypot(*np.ptp(at, axis=0)))
+
+
+def polygon(corners: np.ndarray, closed: bool, rng: np.random.Generator, speed=(0.2, 0.5)) -> Scene:
+    """Draws sides one after the other, with a short rest at each corner."""
+    at = missed(np.vstack([corners, corners[:1]]) if closed else corners, rng)
+    pace, parts = rng.uniform(*speed), []
+    for one, other in zip(at, at[1:]):
+        parts += [side(one, other, pace, rng), np.repeat([other], int(rng.uniform(0.0, 0.4) / STEP), axis=0)]
+    way = np.vstack(parts)
+    return Scene(way, closed, way, np.ones(len(way), bool))
+
+
+def ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat=(0.85, 1.0)) -> Scene:
+    """Draws (a part of) an ellipse; a whole one's end misses its start as a corner is missed."""
+    angle = rng.uniform(0.0, 2.0 * np.pi) + np.linspace(0.0, sweep, 800)
+    line = 0.5 * size * np.column_stack([np.cos(angle), rng.uniform(*flat) * np.sin(angle)])
+    line += np.linspace(0.0, 1.0, 800)[:, None] * rng.normal(0.0, 0.005 + 0.015 * size, 2)
+    way = curve(line, rng.uniform(0.2, 0.5) * min(1.0, (size / 0.6) ** 0.5))
+    return Scene(way, sweep > 6.0, way, np.ones(len(way), bool))
+
+
+def hidden(width: float, rng: np.random.Generator) -> Scene:
+    """Draws a box of which a piece is seen by no camera."""
+    scene = polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
+    arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(scene.way, axis=0).T)))
+    scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
+    return scene
+
+
+def lifted(rng: np.random.Generator) -> Scene:
+    """Draws a box and switches the pointer off once, going on some centimetres before or after that place."""
+    scene = polygon(BOX, True, rng)
+    at = int(rng.uniform(0.2, 0.8) * len(scene.way))
+    pause = int(rng.uniform(0.5, 3.0) / STEP)
+    again = max(0, at + int(rng.uniform(-0.4, 0.4) / STEP))
+    scene.way = np.vstack([scene.way[:at], np.repeat(scene.way[at : at + 1], pause, axis=0), scene.way[again:]])
+    scene.shown = np.ones(len(scene.way), bool)
+    scene.shown[at : at + pause] = False
+    return scene
+
+
+def sides_apart(rng: np.random.Generator) -> Scene:
+    """Draws the sides of a box one by one in the order 1-3-2-4, the pointer off between them."""
+    pace, parts, shown, drawn = rng.uniform(0.2, 0.5), [], [], {}
+    for number in (0, 2, 1, 3):
+        ends = missed(BOX[[number, (number + 1) % 4]], rng)
+        if parts:
+            parts.append(side(parts[-1][-1], ends[0], 1.2, rng))
+            shown.append(np.zeros(len(parts[-1]), bool))
+        drawn[number] = side(ends[0], ends[1], pace, rng)
+        parts.append(drawn[number])
+        shown.append(np.ones(len(drawn[number]), bool))
+    return Scene(np.vstack([drawn[number] for number in range(4)]), True, np.vstack(parts), np.concatenate(shown))
+
+
+def look(scene: Scene, eyes: Eyes, rng: np.random.Generator):
+    """Sees a scene; returns points, stamps and cameras, in the order in which they arrive."""
+    end = len(scene.way) * STEP
+    keep = np.exp(-STEP / 0.25)
+    hand = lfilter([1.0], [1.0, -keep], rng.normal(0.0, eyes.tremor * np.sqrt(1 - keep**2), scene.way.shape), axis=0)
+    rows = []
+    for camera, rate in enumerate(eyes.rates):
+        t = np.arange(rng.uniform(0.0, 1.0 / rate), end, 1.0 / rate)
+        for begin in rng.uniform(0.0, end, rng.poisson(eyes.bursts * end)):
+            t = t[(t < begin) | (t > begin + rng.exponential(0.2))]
+        step = np.minimum((t / STEP).astype(int), len(scene.way) - 1)
+        seen = scene.shown[step] & (rng.random(len(t)) >= eyes.dropped)
+        t, step = t[seen], step[seen]
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        off = eyes.bias * np.array([np.cos(angle), np.sin(angle)])
+        at = scene.way[step] + hand[step] + off + rng.normal(0.0, eyes.noise, (len(t), 2))
+        rows.append(np.column_stack([t, at, np.full(len(t), camera)]))
+    count = int(round(eyes.strays * sum(map(len, rows))))
+    low, high = scene.way.min(axis=0) - MARGIN, scene.way.max(axis=0) + MARGIN
+    strays = np.column_stack([rng.uniform(0.0, end, count), rng.uniform(low, high, (count, 2))])
+    rows.append(np.column_stack([strays, rng.integers(0, len(eyes.rates), count)]))
+    rows = np.vstack(rows)
+    rows = rows[np.argsort(rows[:, 0])]
+    stamps = np.where(rows[:, 0] > 0.5 * end, rows[:, 0] - eyes.setback, rows[:, 0])
+    return rows[:, 1:3], stamps, rows[:, 3].astype(int)
+
+
+def shapes(rng: np.random.Generator) -> Scene:
+    """Draws one of the figures and lines that people draw; ends that stay apart are at least half of the figure apart."""
+    figures = [BOX, BOX[:3] * [0.6, 1.2], 0.7 * BOX @ [[0.8, 0.6], [-0.6, 0.8]]]
+    kind = rng.integers(6)
+    if kind < 3:
+        return polygon(figures[kind], True, rng)
+    if kind == 3:
+        return polygon(BOX[:3], False, rng)
+    return ring(rng.uniform(0.6, 2.0), rng, *((2.0 * np.pi, (0.5, 1.0)) if kind == 4 else (rng.uniform(1.5, 3.5),)))
+
+
+def slow(rng: np.random.Generator) -> Scene:
+    """Draws a line or a small box at 5 cm/s."""
+    small = rng.random() < 0.5
+    return polygon(0.6 * BOX if small else np.array([[0.0, 0.0], [0.9, 0.0]]), bool(small), rng, (0.05, 0.05))
+
+
+def held(rng: np.random.Generator) -> Scene:
+    """Holds the pointer at a wrong place, and then, for a shorter time, at the one that is meant; on or off between."""
+    seconds = ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0))[rng.integers(3)]
+    wrong, angle = rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 2.0 * np.pi)
+    right = wrong + rng.uniform(0.4, 1.6) * np.array([np.cos(angle), np.sin(angle)])
+    parts = [np.repeat([at], int(time / STEP), axis=0) for at, time in zip((wrong, right), seconds)]
+    parts.insert(1, side(wrong, right, rng.uniform(0.3, 1.0), rng))
+    shown = [np.ones(len(part), bool) for part in parts]
+    shown[1][:] = rng.random() < 0.5
+    return Scene(right[None], False, np.vstack(parts), np.concatenate(shown))
 
 
 def judge_seed(make: Callable, eyes: Eyes, modules: List[Any], rng: np.random.Generator) -> Judgement:

@@ -3,8 +3,9 @@
 
     python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server
 
-Fusion and page run too. camera_clip.py says what is played. Stamps are the arrival of an image: exposure, readout and
-network of a real camera come on top.
+Fusion and page run too. camera_clip.py says what is played; each camera begins elsewhere in it, so that at any time a quarter
+of them see the spot: it is one pointer's, and with 24 cameras no more than that see one place. Stamps are the arrival of an
+image: exposure, readout and network of a real camera come on top.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import tf2_ros
 import yaml
 
 from bench.frame import TOP, Table, arguments, quantiles
-from bench.lab.camera_clip import RATE, clip, scene, serving
+from bench.lab.camera_clip import FRAMES, RATE, clip, scene, serving
 from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
@@ -57,10 +58,12 @@ class Running:
                 for name in self.cameras
             ]
         )
-        for name in self.cameras:
+        for number, name in enumerate(self.cameras):
             lens_file.save(folder / "lenses" / f"{name}.yaml", name, scene().model)
             (folder / "detectors").mkdir(exist_ok=True)
-            (folder / "detectors" / f"{name}.yaml").write_text(yaml.safe_dump({"source": address}))
+            (folder / "detectors" / f"{name}.yaml").write_text(
+                yaml.safe_dump({"source": f"{address}?{FRAMES * number // count}"})
+            )
         configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in self.cameras)
         for number, command in enumerate(
             (

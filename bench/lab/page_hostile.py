@@ -12,20 +12,65 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import json
 import multiprocessing
 import os
+import ssl
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import yaml
-from tornado.httpclient import AsyncHTTPClient
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
+from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from bench.frame import Table, arguments
-from bench.lab.page_client import Page, answer
 from bench.lab.page_lab import start
 
 LIMIT = 5.0  # [s] then a stop counts as lost
+HUNG_UP = OSError, HTTPClientError, WebSocketClosedError, ValueError  # the last one by tornado, in the middle of TLS
+ANY = ssl.create_default_context()
+ANY.check_hostname, ANY.verify_mode = False, ssl.CERT_NONE
+
+
+class Page:
+    """The page's address, and what a person or an attacker does with it, from a machine's address."""
+
+    def __init__(self, port, codes):
+        self.port, self.codes = port, codes
+
+    def request(self, scheme, path, address, cookie="", **more):
+        host = f"127.0.0.1:{self.port}"
+        headers = {"Origin": f"https://{host}", "Cookie": cookie}
+        url = f"{scheme}://{host}/{path}"
+        return HTTPRequest(url, headers=headers, network_interface=address, ssl_options=ANY, **more)
+
+    async def log_in(self, code, address="127.0.0.1"):
+        """Returns the answer's status, and the cookie."""
+        asked = self.request("https", "session", address, method="POST", body=json.dumps({"code": code}))
+        answer = await AsyncHTTPClient().fetch(asked, raise_error=False)
+        return answer.code, answer.headers.get("Set-Cookie", "").split(";")[0]
+
+    async def link(self, cookie, address="127.0.0.1"):
+        return await websocket_connect(self.request("wss", "link", address, cookie, connect_timeout=5.0))
+
+    async def connect(self, address, secure=ANY):
+        """Opens a connection and returns what reads from it, and what writes to it."""
+        return await asyncio.open_connection("127.0.0.1", self.port, ssl=secure, local_addr=(address, 0))
+
+
+async def answer(link, **request):
+    """Sends a request and returns its answer."""
+    request = {"id": os.urandom(6).hex(), **request}
+    await link.write_message(json.dumps(request))
+    while True:
+        text = await link.read_message()
+        if text is None:
+            raise OSError("the server hung up")
+        found = json.loads(text)
+        if found.get("re") == request["id"]:
+            return found
 
 
 def address(number):
@@ -39,14 +84,12 @@ async def nothing(_page):
 
 
 async def for_ever(opens):
-    """Keeps connections open: `opens` make one each, again as soon as it has ended."""
+    """Keeps connections open: `opens` make one each and wait for its end, again as soon as it has ended."""
 
     async def hold(make):
         while True:
-            with contextlib.suppress(OSError, asyncio.IncompleteReadError):
-                reader = (await make())[0]
-                while await reader.read(65536):
-                    pass
+            with contextlib.suppress(*HUNG_UP):
+                await make()
             await asyncio.sleep(0.2)
 
     await asyncio.gather(*(hold(make) for make in opens))
@@ -56,28 +99,39 @@ async def slow_headers(page):
     async def make():
         reader, writer = await page.connect(address(0))
         writer.write(b"GET / HTTP/1.1\r\nHost: x\r\n")
-        return reader, writer
+        await reader.read()
 
     await for_ever([make] * 250)
 
 
 async def hanging_handshakes(page):
-    await for_ever([lambda number=number: page.connect(address(number % 5), None) for number in range(300)])
+    async def make(number):
+        reader, _writer = await page.connect(address(number % 5), None)
+        await reader.read()
+
+    await for_ever([partial(make, number) for number in range(300)])
+
+
+async def hold_link(page, cookie, address):
+    link = await page.link(cookie, address)
+    while await link.read_message() is not None:
+        pass
 
 
 async def one_viewers_links(page):
     _, cookie = await page.log_in(page.codes["viewer"], address(0))
-    await for_ever([lambda: page.hold_link(cookie, address(0))] * 60)
+    await for_ever([partial(hold_link, page, cookie, address(0))] * 60)
 
 
 async def many_viewers(page):
     cookies = [(await page.log_in(page.codes["viewer"], address(number)))[1] for number in range(50)]
-    await for_ever([lambda n=number % 50: page.hold_link(cookies[n], address(n)) for number in range(500)])
+    await for_ever([partial(hold_link, page, cookies[n % 50], address(n)) for n in range(500)])
 
 
 async def wrong_codes(page):
     for number in itertools.count(0, 20):
-        await asyncio.gather(*(page.log_in("guess2345", address(number + more)) for more in range(20)))
+        guesses = [page.log_in("guess2345", address(number + more)) for more in range(20)]
+        await asyncio.gather(*guesses, return_exceptions=True)
         await asyncio.sleep(0.2)
 
 
@@ -85,6 +139,7 @@ ATTACKS = (nothing, slow_headers, hanging_handshakes, one_viewers_links, many_vi
 
 
 def run_attack(attack, page):
+    AsyncHTTPClient.configure(None, max_clients=50)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(attack(page))
 
@@ -105,7 +160,7 @@ async def measure(page, cookie, link, seconds, number):
     found = {"link": [], "new_link": [], "command": [], "login": []}
     stop = {"do": "command", "command": "stop", "seen_stop": "", "age": 0}
 
-    async def new_link():
+    async def stop_from_a_new_link():
         new = await page.link(cookie)
         await answer(new, **stop)
         new.close()
@@ -116,10 +171,9 @@ async def measure(page, cookie, link, seconds, number):
 
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        found["link"].append(await timed(answer(link, **stop)))
-        found["new_link"].append(await timed(new_link()))
-        found["command"].append(await timed(answer(link, **{**stop, "command": "cancel"})))
-        found["login"].append(await timed(log_in()))
+        cancel = answer(link, **{**stop, "command": "cancel"})
+        for times, work in zip(found.values(), (answer(link, **stop), stop_from_a_new_link(), cancel, log_in())):
+            times.append(await timed(work))
         await asyncio.sleep(0.3)
     return found
 
@@ -133,7 +187,6 @@ async def main() -> int:
     with contextlib.ExitStack() as stack:
         port, folder = start(stack, network=True)
         page = Page(port, yaml.safe_load((folder / "page_codes.yaml").read_text()))
-        AsyncHTTPClient.configure(None, max_clients=50)
         for number, attack in enumerate(ATTACKS):
             if attack.__name__ not in given.only:
                 continue
@@ -143,6 +196,8 @@ async def main() -> int:
             attacker.start()
             await asyncio.sleep(6.0)
             found = await measure(page, cookie, link, given.seconds, number)
+            if not attacker.is_alive():
+                raise SystemExit(f"{attack.__name__} ended by itself")
             attacker.terminate()
             attacker.join()
             link.close()

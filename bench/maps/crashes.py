@@ -28,7 +28,6 @@ import numpy as np
 from bench.frame import Table, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.notices import Notice
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import border_to_feature
 from vb_map_integration.integrator import MapIntegrator
@@ -47,11 +46,6 @@ def start(folder: Path) -> MapIntegrator:
 def state(keeper: MapIntegrator) -> str:
     """Returns every border, to the last bit."""
     return json.dumps([border_to_feature(border) for border in keeper.borders])
-
-
-def describe(notice: Notice) -> str:
-    """Returns a notice's code; with the reason if the disk could not be written, which no crash should cause."""
-    return f"{notice.code} ({notice.values['reason']})" if notice.code == "database_read_only" else notice.code
 
 
 def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: int) -> None:
@@ -146,7 +140,8 @@ def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     except Exception as error:  # the node would not have come up
         row.update(outcome="did not start", said=repr(error))
         return before
-    now, row["said"] = state(keeper), " ".join(map(describe, keeper.notices))
+    said = (f"{one.code} {one.values.get('reason', '')}".strip() for one in keeper.notices)
+    now, row["said"] = state(keeper), " ".join(said)
     keeper.close()
     if now == acknowledged:
         row["outcome"] = "same"

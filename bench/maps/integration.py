@@ -33,30 +33,32 @@ def house(width: int, height: int) -> GridMap:
     return GridMap(data, 0.025, (-10.0, -5.0, 0.0))
 
 
+def border(grid: GridMap, points: np.ndarray, draw: Callable[[], np.ndarray], closed: bool) -> Dict[str, Any]:
+    """A border of points (column, row); its seed is the first one drawn that is on free floor."""
+    seed = draw()
+    while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
+        seed = draw()
+    return {"points": grid.grid_to_world(points), "seed": grid.grid_to_world(seed)[0], "closed": closed}
+
+
 def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Dict[str, Any]:
     """A polygon with 100 points; its diameter is a share of the map's shorter side."""
     height, width = grid.shape
     radius = 0.5 * share * min(height, width)
     center = random.uniform((radius, radius), (width - radius, height - radius))
     angles = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
-    points = center + (radius * (0.9 + 0.1 * np.cos(7 * angles)))[:, None] * np.column_stack(
-        [np.cos(angles), np.sin(angles)]
-    )
-    seed = center
-    while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
-        seed = center + random.uniform(-0.5, 0.5, 2) * radius
-    return {"points": grid.grid_to_world(points), "seed": grid.grid_to_world(seed)[0], "closed": True}
+    reach = radius * (0.9 + 0.1 * np.cos(7 * angles))
+    points = center + np.column_stack([reach * np.cos(angles), reach * np.sin(angles)])
+    return border(grid, points, lambda: center + random.uniform(-0.5, 0.5, 2) * radius, closed=True)
 
 
 def curve(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
     """A drawn curve of 100 points across half of the map: its extensions go through rooms and doors."""
     height, width = grid.shape
     x, rows = width * random.uniform(0.3, 0.7), np.linspace(0.25, 0.75, 100) * height
-    seed = np.array([x - 0.2 * width, 0.5 * height])
-    while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
-        seed += 3.0
     points = np.column_stack([x + 3.0 * np.sin(rows / 20.0), rows])
-    return {"points": grid.grid_to_world(points), "seed": grid.grid_to_world(seed)[0], "closed": False}
+    beside = np.array([x - 0.2 * width, 0.5 * height])
+    return border(grid, points, lambda: beside + random.uniform(-5.0, 5.0, 2), closed=False)
 
 
 class Version:
@@ -69,40 +71,35 @@ class Version:
         )
         self.grid = maps.GridMap(grid.data, grid.resolution, grid.origin)
         self.random, self.folder = np.random.default_rng(1), Path(tempfile.mkdtemp(prefix="bench_integration_"))
-        self.keeper = self.open()
+        self.keeper: Any = None
+        self.start()
         for number in range(there):
             self.keeper.add(self.make(polygon, 0.1), 1.0 + number)
         self.keeper.add(self.make(polygon, 0.1), 1e4)
 
-    def open(self) -> Any:
-        keeper = self.keeping.MapIntegrator(self.folder)
-        keeper.set_map(self.grid)
-        return keeper
+    def start(self) -> None:
+        if self.keeper is not None:
+            self.keeper.close()
+        self.keeper = self.keeping.MapIntegrator(self.folder)
+        self.keeper.set_map(self.grid)
 
     def make(self, kind: Callable[..., Dict[str, Any]], *more: float) -> Any:
         return self.border.VirtualBorder(**kind(self.grid, self.random, *more))
 
     def operations(self) -> Dict[str, Callable[[], Any]]:
         """What is timed, in this order in each round."""
-
-        def integrate(kind: Callable[..., Dict[str, Any]], *more: float) -> Callable[[], Any]:
-            return lambda: self.integration.integrate(self.grid, self.make(kind, *more))
-
+        integrate = self.integration.integrate
         return {
-            "integrate a small polygon": integrate(polygon, 0.1),
-            "integrate a large polygon": integrate(polygon, 0.7),
-            "integrate a curve": integrate(curve),
+            "integrate a small polygon": lambda: integrate(self.grid, self.make(polygon, 0.1)).posterior,
+            "integrate a large polygon": lambda: integrate(self.grid, self.make(polygon, 0.7)).posterior,
+            "integrate a curve": lambda: integrate(self.grid, self.make(curve)).posterior,
             "add": lambda: self.keeper.add(self.make(polygon, 0.1), 2e4),
             "undo": lambda: self.keeper.undo(),
             "redo": lambda: self.keeper.redo(),
             "rename": lambda: self.keeper.rename(self.keeper.borders[-1].id, "name", 3e4),
             "remove": lambda: self.keeper.remove(self.keeper.borders[-1].id),
-            "start": self.start_again,
+            "start": self.start,
         }
-
-    def start_again(self) -> None:
-        self.keeper.close()
-        self.keeper = self.open()
 
 
 def main() -> int:

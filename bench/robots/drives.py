@@ -21,19 +21,13 @@ Each drive is a row.
 import itertools
 import math
 import sys
-import tempfile
 from collections import Counter
-from pathlib import Path
 
 from bench.frame import Table, arguments, share
 from bench.robots.drive_tasks import tasks
 from bench.robots.drive_surprises import drive_box, drive_nose
 from bench.robots.drives_lab import Lab
 
-COLUMNS = (
-    "kind scenario number goal outcome false_reports length_m seconds wall_s localized_m late uncertain recoveries "
-    "still_s entered_m gap_m after_s border"
-).split()
 WANTED = {
     "round": ("reached",),
     "inside": ("refused",),
@@ -52,7 +46,7 @@ def drive_scenario(lab, scenario, todo, keep) -> None:
     border = lab.add(what.border, what.seed, what.closed)
     try:
         for kind, _, number, _, goal in todo:
-            keep({"kind": kind, "scenario": scenario, "number": number, **lab.drive(goal)[1]})
+            keep(kind, scenario, number, lab.drive(goal)[1])
     finally:
         lab.remove(border)
 
@@ -68,23 +62,24 @@ def main() -> int:
     todo = [task for task in tasks(given.seed) if task[0] in given.kinds][given.first :][: given.drives]
     if not todo:
         parser.error("no drives are left")
-    folder = Path(tempfile.mkdtemp(prefix="drives_"))
-    lab = Lab(given.robot, todo[0][3], folder, given.seed)
+    lab = Lab(given.robot, todo[0][3], given.seed)
 
-    def keep(run) -> None:
+    def keep(kind, scenario, number, run) -> None:
         entered, added = (run["entered_m"] or -1.0) > 0.0, run.get("border", "added") == "added"
-        good = run["outcome"] in WANTED[run["kind"]] and not entered and run["still_s"] <= STUCK
-        counts[run["kind"], "done"] += added
-        counts[run["kind"], "as wanted"] += added and good
-        table.add(robot=given.robot, seed=given.seed, **{key: run.get(key, "") for key in COLUMNS}, as_wanted=good)
+        good = run["outcome"] in WANTED[kind] and not entered and run["still_s"] <= STUCK
+        counts[kind, "done"] += added
+        counts[kind, "as wanted"] += added and good
+        table.add(
+            robot=given.robot, seed=given.seed, kind=kind, scenario=scenario, number=number, **run, as_wanted=good
+        )
 
     try:
         for scenario, part in itertools.groupby(todo, key=lambda task: task[1]):
             if scenario:
                 drive_scenario(lab, scenario, list(part), keep)
-            else:
-                for kind, _, number, _, _ in part:
-                    keep({"kind": kind, "scenario": "", "number": number, **SURPRISES[kind](lab, number, given.seed)})
+                continue
+            for kind, _, number, _, _ in part:
+                keep(kind, scenario, number, SURPRISES[kind](lab, number, given.seed))
     finally:
         lab.child.stop()
     for kind in given.kinds:

@@ -17,6 +17,7 @@ from nav_msgs.msg import Path as PathMessage
 from std_msgs.msg import Float64
 
 from bench.frame import TOP
+from bench.lab.page_lab import wait
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
@@ -39,48 +40,30 @@ STILL = 0.1  # [m] a robot that moves less stands
 class Lab:
     """The running lab: borders, goals, and what truly happened."""
 
-    def __init__(self, robot: str, start, folder: Path, seed: int) -> None:
-        state = tempfile.mkdtemp(prefix="robot_drives")
-        world = (
-            yaml.safe_load((WORLDS / "burger.yaml").read_text())
-            if robot == "turtlebot3_burger"
-            else {"name": "lab", "robots": yaml.safe_load((WORLDS / "lab.yaml").read_text())["robots"]}
-        )
-        world["like"] = str(WORLDS / "lab.yaml")
-        world["robots"][0]["start"] = [float(value) for value in start]
-        path = Path(state) / "world.yaml"
-        path.write_text(yaml.safe_dump(world))
+    def __init__(self, robot: str, start, seed: int) -> None:
+        state = Path(tempfile.mkdtemp(prefix="drives_"))
+        like = WORLDS / ("burger.yaml" if robot == "turtlebot3_burger" else "lab.yaml")
+        robots = yaml.safe_load(like.read_text())["robots"]
+        robots[0]["start"] = [float(value) for value in start]
+        path = state / "world.yaml"
+        path.write_text(yaml.safe_dump({"name": like.stem, "like": str(WORLDS / "lab.yaml"), "robots": robots}))
         self.world = load_world(str(path))
         self.radius = self.world.robots[0].radius
-        x, y, yaw = self.world.robots[0].start_pose()
-        port = free_port()
-        os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
-        self.child = roslaunch(
-            [TOP / "bench" / "robots" / "drives.launch"],
-            folder / "roslaunch.txt",
-            port,
-            {**os.environ, "ROS_LOG_DIR": str(folder / "log")},
-            world=path,
-            state=state,
-            robot_type=robot,
-            amcl=True,
-            seed=seed,
-            x=x,
-            y=y,
-            yaw=yaw,
-        )
-        if not wait_until(rosgraph.is_master_online, 60.0):
-            raise CodedError("not_ready", "no master")
+        port, launch = free_port(), TOP / "bench" / "robots" / "drives.launch"
+        os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_LOG_DIR": str(state / "log")})
+        arguments = {"world": path, "state": state, "robot_type": robot, "amcl": True, "seed": seed}
+        arguments.update(zip(("x", "y", "yaw"), self.world.robots[0].start_pose()))
+        self.child = roslaunch([launch], state / "roslaunch.txt", port, **arguments)
+        wait(rosgraph.is_master_online, "the master")
         # before that this program would take wall time for the time of its node
-        if not wait_until(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), 60.0):
-            raise CodedError("not_ready", "roslaunch sets no parameters")
+        wait(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
         self.observer = Observer()
         self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
         self.hold_time(False)
         self.runner = GoalRunner()
-        if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
-            raise CodedError("not_ready", f"no maps, see {folder}")
+        observer = self.observer
+        wait(lambda: observer.posterior is not None and observer.lab is not None, f"maps, see {state}")
         self._truth, self._off, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
         self._stood, self._still = (0.0, 0.0, 0.0), 0.0  # since when [s] and where, and the longest of a drive [s]
         self.plan = np.zeros((0, 2))
@@ -153,14 +136,9 @@ class Lab:
         self._participant.publish(state)
 
     def add(self, points, seed, closed) -> str:
-        border = VirtualBorder(
-            name="drive",
-            kind=VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE,
-            occupancy=1.0,
-            enabled=True,
-            points=messages.points_from_array(np.array(points)),
-        )
-        border.seed = messages.points_from_array(np.array([seed]))[0]
+        kind = VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE
+        *places, inside = messages.points_from_array(np.array([*points, seed]))
+        border = VirtualBorder(name="drive", kind=kind, occupancy=1.0, enabled=True, points=places, seed=inside)
         before = self.observer.posterior
         reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="bench"), "map_integrator")
         if not reply.success:

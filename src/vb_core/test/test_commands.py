@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import rospy
 
+from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.ros import commands
 from vb_msgs.msg import InteractionState
@@ -25,32 +26,14 @@ def test_no_comment_is_part_of_a_constant():
     assert not found
 
 
-@pytest.fixture
-def answers(monkeypatch):
-    """Puts answers (or errors) in the place of the manager; gives them and what was asked."""
-    asked, given = [], []
-
-    def call(_name, _service, request, *_limits):
-        asked.append(request)
-        answer = given.pop(0) if given else CommandResponse(success=True, code="stopped")
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    monkeypatch.setattr(commands.services, "call", call)
-    monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
-    return asked, given
-
-
-class Sender(commands.CommandSender):
-    """A sender whose manager lets commands hang, by name, until they are let go."""
+class Manager:
+    """Stands in for the manager: lets commands hang, by name, until they are let go; answers, first what is `given`."""
 
     def __init__(self, hanging):
-        super().__init__("test", self._note)
-        self.asked, self._done, self._noted = [], [], threading.Semaphore(0)
+        self.asked, self.given, self._done, self._noted = [], [], [], threading.Semaphore(0)
         self._gates = {command: threading.Event() for command in hanging}
 
-    def _note(self, *answer):
+    def note(self, *answer):
         self._done.append(answer)
         self._noted.release()
 
@@ -58,7 +41,10 @@ class Sender(commands.CommandSender):
         self.asked.append(request)
         if request.command in self._gates:
             assert self._gates[request.command].wait(60)
-        return CommandResponse(success=True)
+        answer = self.given.pop(0) if self.given else CommandResponse(success=True)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def asked_for(self, command):
         return next(request for request in self.asked if request.command == command)
@@ -74,14 +60,14 @@ class Sender(commands.CommandSender):
 
 @pytest.fixture
 def sender(monkeypatch):
-    """Makes a sender and its clock."""
+    """Makes a sender, its manager and its clock."""
 
     def make(*hanging):
-        orders, now = Sender(hanging), [10.0]
-        monkeypatch.setattr(commands.services, "call", orders.call)
+        manager, now = Manager(hanging), [10.0]
+        monkeypatch.setattr(commands.services, "call", manager.call)
         monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
         monkeypatch.setattr(commands.time, "monotonic", lambda: now[0])
-        return orders, now
+        return commands.CommandSender("test", manager.note), manager, now
 
     return make
 
@@ -92,95 +78,93 @@ def no_answer(cause):
     return error
 
 
-def test_every_command_has_an_id_of_its_own_and_an_end(answers):
-    first, second = (
-        commands.make_request("save", "test", 5.0),
-        commands.make_request("save", "test", 5.0, uncertain=True),
-    )
+def test_every_command_has_an_id_of_its_own_and_an_end(sender):
+    sender()
+    first, second = (commands.make_request("save", "test", 5.0, uncertain) for uncertain in (False, True))
     assert first.id and second.id and first.id != second.id
     assert first.expires == rospy.Time(105) and (first.uncertain, second.uncertain) == (False, True)
 
 
-def test_before_simulated_time_has_begun_nothing_expires(answers, monkeypatch):
+def test_before_simulated_time_has_begun_nothing_expires(monkeypatch):
     monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(0))
     assert commands.make_request("save", "test", 5.0).expires.is_zero()
 
 
-def test_a_lost_answer_is_asked_for_once_more_under_the_same_id(answers):
-    asked, given = answers
-    given.append(no_answer(rospy.ServiceException("the connection was closed")))
+def test_a_lost_answer_is_asked_for_once_more_under_the_same_id(sender):
+    _, manager, _ = sender()
+    manager.given.append(no_answer(rospy.ServiceException("the connection was closed")))
     assert commands.send(commands.make_request("undo", "test", 5.0)).success
-    assert len(asked) == 2 and asked[0].id == asked[1].id
+    assert len(manager.asked) == 2 and manager.asked[0].id == manager.asked[1].id
 
 
 @pytest.mark.parametrize("error", [no_answer(TimeoutError("hangs")), CodedError("no_service", who="x")])
-def test_a_service_that_hangs_or_is_absent_is_not_asked_again(answers, error):
-    asked, given = answers
-    given.append(error)
-    with pytest.raises(CodedError):
+def test_a_service_that_hangs_or_is_absent_is_not_asked_again(sender, error):
+    _, manager, _ = sender()
+    manager.given.append(error)
+    with refused(error.code):
         commands.send(commands.make_request("undo", "test", 5.0))
-    assert len(asked) == 1
+    assert len(manager.asked) == 1
 
 
 def test_a_command_names_the_newest_stop_that_was_known_when_it_was_given(sender):
-    orders, now = sender()
+    orders, manager, now = sender()
     for now[0], number in ((10.0, "a"), (11.0, "a"), (12.0, "b")):
         orders._on_state(InteractionState(stop_number=number))
     for given in (11.5, 13.0, 9.0):
         orders.put("resume", given=given)
     orders.put("resume", seen_stop="shown")
-    assert sorted(request.seen_stop for request, *_ in orders.wait_for(4)) == ["", "a", "b", "shown"]
+    assert sorted(request.seen_stop for request, *_ in manager.wait_for(4)) == ["", "a", "b", "shown"]
 
 
 def test_a_command_expires_from_when_it_was_given(sender):
-    orders, now = sender()
+    orders, manager, now = sender()
     now[0] = 100.0
     orders.put("save", given=98.0)
     orders.put("define_border", given=94.0, source="other")
-    found = {request.command: (request, answer, error) for request, _, answer, error in orders.wait_for(2)}
+    found = {request.command: (request, answer, error) for request, _, answer, error in manager.wait_for(2)}
     assert found["save"][1].success and found["save"][0].expires == rospy.Time(103)
     assert found["define_border"][1] is None and found["define_border"][2].code == "expired"
-    assert [request.command for request in orders.asked] == ["save"]
+    assert [request.command for request in manager.asked] == ["save"]
 
 
 def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
-    orders, _ = sender("save", "stop")
+    orders, manager, _ = sender("save", "stop")
     for number, command in enumerate(("save", "stop", "resume")):
         assert orders.put(command, number)
     orders.put("cancel", source="somebody else")
     # neither the one that hangs nor the stop that hangs holds up others
-    assert [request.command for request, *_ in orders.wait_for(1)] == ["cancel"]
-    orders.let("stop")
-    assert orders.wait_for(2)[1][:2] == (orders.asked_for("stop"), 1)
-    orders.let("save")
-    assert {request.command for request, *_ in orders.wait_for(4)[2:]} == {"save", "resume"}
-    assert orders.asked[-1].command == "resume"
+    assert [request.command for request, *_ in manager.wait_for(1)] == ["cancel"]
+    manager.let("stop")
+    assert manager.wait_for(2)[1][:2] == (manager.asked_for("stop"), 1)
+    manager.let("save")
+    assert {request.command for request, *_ in manager.wait_for(4)[2:]} == {"save", "resume"}
+    assert manager.asked[-1].command == "resume"
 
 
 def test_what_another_node_carries_out_waits_for_its_turn_too(sender):
-    orders, _ = sender("stop")
+    orders, manager, _ = sender("stop")
     orders.put("stop")
-    orders.put("switch_border", carry_out=lambda request: [*orders.asked, request.command])
+    orders.put("switch_border", carry_out=lambda request: [*manager.asked, request.command])
     orders.put("resume")
-    orders.let("stop")
-    found = {request.command: answer for request, _, answer, _ in orders.wait_for(3)}
-    assert found["switch_border"] == [orders.asked_for("stop"), "switch_border"]
-    assert [request.command for request in orders.asked] == ["stop", "resume"]
+    manager.let("stop")
+    found = {request.command: answer for request, _, answer, _ in manager.wait_for(3)}
+    assert found["switch_border"] == [manager.asked_for("stop"), "switch_border"]
+    assert [request.command for request in manager.asked] == ["stop", "resume"]
 
 
 def test_a_person_with_too_many_commands_waiting_is_told_so_and_others_are_not_touched(sender):
-    orders, _ = sender("save")
+    orders, manager, _ = sender("save")
     assert [orders.put("save") for _ in range(11)] == [True] * 10 + [False]
     assert orders.put("undo", source="somebody else")
-    orders.let("save")
-    assert len(orders.wait_for(11)) == 11 and not orders._unanswered
+    manager.let("save")
+    assert len(manager.wait_for(11)) == 11 and not orders._unanswered
 
 
 def test_a_stop_goes_out_however_many_commands_wait(sender):
-    orders, _ = sender("save")
+    orders, manager, _ = sender("save")
     while orders.put("save"):
         pass
     assert orders.put("stop")
-    assert orders.wait_for(1)[0][0].command == "stop"
-    orders.let("save")
-    orders.wait_for(11)
+    assert manager.wait_for(1)[0][0].command == "stop"
+    manager.let("save")
+    manager.wait_for(11)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -12,7 +12,6 @@ angles = st.floats(-math.pi, math.pi)
 coordinates = st.floats(-50.0, 50.0)
 
 
-@settings(deadline=None)
 @given(angles, angles, angles)
 def test_rotations_agree_with_scipy(roll, pitch, yaw):
     ours = geometry.rotation_from_rpy(roll, pitch, yaw)
@@ -29,14 +28,12 @@ def test_a_quaternion_that_is_no_rotation_is_refused(quaternion):
         geometry.rotation_from_quaternion(quaternion)
 
 
-@settings(deadline=None)
 @given(angles)
 def test_yaw_round_trip(yaw):
     back = geometry.yaw_from_quaternion(geometry.quaternion_from_yaw(yaw))
     assert abs(geometry.wrap_angle(back - yaw)) < 1e-9
 
 
-@settings(deadline=None)
 @given(coordinates, coordinates, angles)
 def test_inverse_and_plane_poses(x, y, yaw):
     T = geometry.transform_from_pose2d(x, y, yaw)
@@ -48,7 +45,6 @@ def test_inverse_and_plane_poses(x, y, yaw):
     assert (bx, by) == (x, y) and abs(geometry.wrap_angle(byaw - yaw)) < 1e-9
 
 
-@settings(deadline=None)
 @given(st.floats(-1000, 1000))
 def test_wrapped_angles_point_the_same_way(angle):
     wrapped = geometry.wrap_angle(angle)
@@ -72,18 +68,13 @@ def test_rays_meet_the_floor_or_nothing():
     assert np.isnan(points[2:4]).all()
 
 
-@settings(deadline=None)
 @given(st.floats(-3.0, 3.0), st.floats(0.0, 0.9), st.floats(-0.2, 0.2))
 def test_along_an_arc_is_as_far_as_one_drives_along_it(curvature, share, left):
     length = share * math.pi / max(abs(curvature), 0.5)
-    yaw = curvature * length
-    end = (
-        np.array([math.sin(yaw), 1.0 - math.cos(yaw)]) / curvature
-        if abs(curvature) >= 1e-3
-        else np.array([length, 0.0])
-    )
-    if abs(curvature) < 1e-3:
-        yaw = 0.0
+    yaw, end = 0.0, np.array([length, 0.0])
+    if abs(curvature) >= 1e-3:
+        yaw = curvature * length
+        end = np.array([math.sin(yaw), 1.0 - math.cos(yaw)]) / curvature
     place = end + left * np.array([-math.sin(yaw), math.cos(yaw)])
     along, across = geometry.along_arc(place[None], curvature)
     assert along[0] == pytest.approx(length, abs=1e-9) and across[0] == pytest.approx(left, abs=1e-9)

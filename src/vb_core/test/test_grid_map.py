@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refused
@@ -10,7 +10,6 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import UNKNOWN, GridMap, distance_to
 
 
-@settings(deadline=None)
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0.01, 1.0))
 def test_cells_and_points_are_inverse(x, y, yaw, resolution):
     grid = GridMap(np.zeros((7, 11), np.int8), resolution, (x, y, yaw))

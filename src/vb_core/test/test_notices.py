@@ -9,64 +9,63 @@ from vb_core.ros import notices
 from vb_core.notices import EXPIRY_TIME, Notice, ActiveNotices, Severity
 
 
-def test_a_node_takes_back_by_saying_less():
+def held(said, now):
+    """(code, who it is about) of the notices that hold at a time [s], after what nodes said: (node, time [s], notices)."""
     book = ActiveNotices()
-    book.update("monitor1", [Notice("robot_inside", robot="r1"), Notice("goal_inside", robot="r1")], 1.0)
-    book.update("monitor2", [Notice("robot_inside", robot="r2")], 1.0)
-    book.update("monitor1", [Notice("goal_inside", robot="r1")], 2.0)
-    assert {(notice.code, notice.robot) for notice in book.current(2.0)} == {
-        ("goal_inside", "r1"),
-        ("robot_inside", "r2"),
-    }
+    for node, at, those in said:
+        book.update(node, those, at)
+    return [(notice.code, notice.robot or notice.camera) for notice in book.current(now)]
 
 
-def test_what_a_silent_node_said_is_forgotten():
-    book = ActiveNotices()
-    book.update("monitor", [Notice("robot_inside")], 1.0)
-    assert book.current(1.0 + EXPIRY_TIME)
-    assert not book.current(1.1 + EXPIRY_TIME)
+INSIDE = [Notice("robot_inside", robot="r1")]
 
 
-def test_the_most_severe_comes_first():
-    book = ActiveNotices()
-    book.update("a", [Notice("x"), Notice("y", Severity.ERROR)], 0.0)
-    book.update("b", [Notice("z", Severity.WARNING)], 0.0)
-    assert [notice.code for notice in book.current(0.0)] == ["y", "z", "x"]
+@pytest.mark.parametrize("silent, expected", [(EXPIRY_TIME, [("robot_inside", "r1")]), (EXPIRY_TIME + 0.1, [])])
+def test_what_a_silent_node_said_is_forgotten(silent, expected):
+    assert held([("monitor", 1.0, INSIDE)], 1.0 + silent) == expected
+
+
+def test_a_node_takes_back_by_saying_less_and_the_most_severe_comes_first():
+    said = [
+        ("monitor1", 1.0, [*INSIDE, Notice("goal_inside", robot="r1")]),
+        (
+            "monitor2",
+            1.0,
+            [Notice("robot_inside", robot="r2"), Notice("x", Severity.WARNING), Notice("y", Severity.ERROR)],
+        ),
+        ("monitor1", 2.0, [Notice("goal_inside", robot="r1")]),
+    ]
+    assert held(said, 2.0) == [("y", ""), ("x", ""), ("goal_inside", "r1"), ("robot_inside", "r2")]
 
 
 def test_a_stop_of_all_robots_is_not_said_again_of_each_one():
-    book = ActiveNotices()
-    book.update("driver", [Notice("robot_stopped", robot="r1")], 0.0)
-    assert [notice.code for notice in book.current(0.0)] == ["robot_stopped"]
-    book.update("manager", [Notice("stopped")], 0.0)
-    assert [notice.code for notice in book.current(0.0)] == ["stopped"]
+    of_one = ("driver", 0.0, [Notice("robot_stopped", robot="r1")])
+    assert held([of_one], 0.0) == [("robot_stopped", "r1")]
+    assert held([of_one, ("manager", 0.0, [Notice("stopped")])], 0.0) == [("stopped", "")]
 
 
 def test_that_a_camera_has_no_pose_is_told_once_if_its_calibration_says_why():
-    book = ActiveNotices()
-    book.update(
-        "a_detector", [Notice("camera_no_pose", Severity.ERROR, camera=name) for name in ("north", "south")], 10.0
-    )
-    book.update("camera_poses", [Notice("camera_not_calibrated", Severity.ERROR, camera="north")], 10.0)
-    assert {(notice.code, notice.camera) for notice in book.current(10.0)} == {
-        ("camera_not_calibrated", "north"),
-        ("camera_no_pose", "south"),
-    }
+    unplaced = [Notice("camera_no_pose", Severity.ERROR, camera=name) for name in ("north", "south")]
+    why = [Notice("camera_not_calibrated", Severity.ERROR, camera="north")]
+    found = held([("a_detector", 10.0, unplaced), ("camera_poses", 10.0, why)], 10.0)
+    assert set(found) == {("camera_not_calibrated", "north"), ("camera_no_pose", "south")}
 
 
 @pytest.mark.parametrize("other", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
 def test_nothing_else_about_a_camera_hides_that_it_is_silent(other):
     # what two cameras saw minutes ago says nothing about the cable
-    book = ActiveNotices()
-    book.update("spot_detector_north", [Notice("camera_silent", Severity.ERROR, camera="north")], 10.0)
-    book.update("camera_poses", [Notice(other, Severity.ERROR, camera="north")], 10.0)
-    assert "camera_silent" in [notice.code for notice in book.current(10.0)]
+    silent = [Notice("camera_silent", Severity.ERROR, camera="north")]
+    said = [
+        ("spot_detector_north", 10.0, silent),
+        ("camera_poses", 10.0, [Notice(other, Severity.ERROR, camera="north")]),
+    ]
+    assert ("camera_silent", "north") in held(said, 10.0)
 
 
 def test_a_warning_that_becomes_an_error_is_logged_again(monkeypatch):
     logged = []
     monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=lambda message: None))
-    monkeypatch.setattr(notices.node, "start_timer", lambda *_: None)
+    monkeypatch.setattr(notices.node, "Worker", lambda *_: None)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
     for level in ("logwarn", "logerr"):
         monkeypatch.setattr(rospy, level, lambda text, *_, level=level: logged.append(level))

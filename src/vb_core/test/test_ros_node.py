@@ -99,45 +99,36 @@ FAULTY = """
 import threading
 
 import rospy
-
-import rospy
 from vb_core.ros import node
 
 rospy.signal_shutdown = lambda reason: ended.set()
-ended = threading.Event()
-mailbox = node.Mailbox()
-worker = node.Worker(mailbox, lambda item: 1 / item)
-"""
-FAULTS = {
-    "worker": """
-mailbox.put(1)
-mailbox.put(0)
-""",
-    # a CodedError is survived, and comes back with the next tick
-    "timer": """
-rospy.rostime.set_rostime_initialized(True)
-rospy.rostime.switch_to_wallclock()
 rospy.logwarn_throttle = lambda *_: None
-ticks = iter([node.CodedError("no_map"), ZeroDivisionError()])
+ended, waiting = threading.Event(), node.Queue()
 
 
-def tick():
-    raise next(ticks)
+def work(item):
+    raise item
 
 
-timer = node.start_timer(0.001, tick)
-""",
-}
-ENDED = """
+worker = node.Worker(waiting, work)
+# a CodedError is survived
+waiting.put(node.CodedError("no_map"))
+waiting.put(ZeroDivisionError())
 assert ended.wait(30)
 print("failures", [error.code for error in node._failures])
 """
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_in_a_worker_or_timer_ends_the_node(fault):
-    done = subprocess.run([sys.executable, "-c", FAULTY + FAULTS[fault] + ENDED], capture_output=True, text=True)
+def run(program, **changes):
+    """Runs a program by itself: it changes rospy, or reads from the environment."""
+    environment = {**os.environ, **changes}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, env=environment)
     assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_a_fault_in_a_worker_ends_the_node():
+    done = run(FAULTY)
     assert "failures ['internal_error']" in done.stdout
     assert "ZeroDivisionError" in done.stderr
 
@@ -160,9 +151,7 @@ print([error.code for error in node._failures], lines[-1])
 
 
 def test_a_node_that_waits_says_for_what_and_gives_up():
-    done = subprocess.run([sys.executable, "-c", WAITING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "['input_timeout'] input_timeout\n"
+    assert run(WAITING).stdout == "['input_timeout'] input_timeout\n"
 
 
 LOGGING = """
@@ -194,8 +183,7 @@ print(before, len(asked))
 def test_a_node_that_logs_while_it_ends_does_not_end_its_successor():
     # each line logged was a registration under the node's name, upon which the master ended the other node with that
     # name
-    done = subprocess.run([sys.executable, "-c", LOGGING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stdout) == (0, "1 1\n"), done.stderr
+    assert run(LOGGING).stdout == "1 1\n"
 
 
 def test_help_tells_a_nodes_interface_without_a_ros_master():
@@ -217,14 +205,7 @@ def build() -> Lamp:
 sys.argv = ["lamp", "--help"]
 node.run("lamp", build)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        universal_newlines=True,
-        timeout=240,
-        env={**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"},
-    )
-    assert done.returncode == 0
+    done = run(program, ROS_MASTER_URI="http://127.0.0.1:1")
     assert "Switches a lamp." in done.stdout and "/lamp/wanted" in done.stdout
 
 

@@ -90,11 +90,8 @@ class Lab:
     def __init__(self, random, full):
         self.random, self.time, self.full = random, 0.0, full
         self.queue = []  # (time of arrival, action)
-        self.pressed, self.promised, self.resumes = (
-            {},
-            set(),
-            [],
-        )  # id: time; ids answered as stored; times of obeyed ones
+        self.pressed, self.promised = {}, set()  # id: time; ids answered as stored
+        self.resumes = []  # times of obeyed ones
         self.manager = StopLatch(Path("manager"))
         self.robots = [HeldStops(Path(f"robot {number}")) for number in range(2)]
         self.known = set()  # every stop that the manager ever knew of
@@ -105,7 +102,7 @@ class Lab:
         self.queue.append((self.time + self.random.choice([0.0, 0.05, 0.3, self.random.uniform(0.0, 8.0)]), action))
 
     # ------------------------------------------------------------- what people do
-    def press_stop(self, person):
+    def press_stop(self):
         identity = new_id()
         self.pressed[identity] = self.time
         for robot in range(2):
@@ -231,7 +228,7 @@ class Lab:
                 self.check()
         person = self.random.randrange(5)
         actions = [
-            (0.22, lambda: self.press_stop(person)),
+            (0.22, self.press_stop),
             (0.22, lambda: self.press_resume(person)),
             (0.2, lambda: self.look(person)),
             (0.14, self.tell_robots),

@@ -11,7 +11,6 @@ import tf2_ros
 
 from refusals import refused
 from vb_core import geometry
-from vb_core.errors import CodedError
 from vb_core.ros import transforms
 from vb_core.ros.messages import message_from_transform
 
@@ -24,9 +23,7 @@ def lookup(monkeypatch):
     # a buffer asks for the time, which no node gives here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
-    monkeypatch.setattr(
-        tf2_ros.Buffer, "__init__", lambda self, cache_time: tf2_ros.BufferCore.__init__(self, cache_time)
-    )
+    monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
     return transforms.TransformLookup()
 
 
@@ -44,16 +41,16 @@ def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
 
 
 def test_missing_transforms_and_loops_are_refused_with_tfs_reason(lookup):
-    with pytest.raises(CodedError) as raised:
+    with refused("no_transform") as raised:
         lookup.lookup("map", "camera", rospy.Time(0), 0.0)
-    assert raised.value.code == "no_transform" and "camera" in str(raised.value) and "calibrated" in str(raised.value)
+    assert "camera" in str(raised.value) and "calibrated" in str(raised.value)
     place(lookup, "camera", parent="a")
     place(lookup, "a", parent="b")
     place(lookup, "b", parent="a")
     place(lookup, "other")
-    with pytest.raises(CodedError) as raised:
+    with refused("no_transform") as raised:
         lookup.lookup("map", "camera", rospy.Time(0), 0.0)
-    assert raised.value.code == "no_transform" and "loop" in str(raised.value)
+    assert "loop" in str(raised.value)
 
 
 def test_a_time_that_is_not_known_is_refused(lookup):

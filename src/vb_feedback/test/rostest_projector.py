@@ -7,6 +7,7 @@ import os
 import subprocess
 import tempfile
 import unittest
+from pathlib import Path
 
 import numpy as np
 import rospy
@@ -88,7 +89,7 @@ class ProjectorTest(unittest.TestCase):
         said, _ = node.communicate()
         self.assertIn("not in the frame map", said)
         self.assertIn("order of the markers", said)
-        found = projector_calibration.load(self.file)
+        found = projector_calibration.load(Path(self.file))
         np.testing.assert_allclose(found.footprint()[0], floor_of(0, 0), atol=1e-3)
 
     def test_2_borders_drawing_and_preview(self):

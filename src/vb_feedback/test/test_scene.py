@@ -105,11 +105,11 @@ def test_drawing_needs_no_camera_names():
 
 def test_only_changes_are_sent():
     layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    first = words(layout, PanelContent("border", 1.0, COMMANDS[:2], True, "Draw."))
+    first = words(layout, PanelContent("border", 1, COMMANDS[:2], True, "Draw."))
     shown = {shape.key: shape for shape in first}
     assert len(shown) == len(first)
     assert scene.compare(shown, first) == ([], [])
-    later = words(layout, PanelContent("border", 2.0, COMMANDS[:1], True, "Draw."))
+    later = words(layout, PanelContent("border", 2, COMMANDS[:1], True, "Draw."))
     changed, gone = scene.compare(shown, later)
     assert [shape.namespace for shape in changed] == ["words/elapsed"]
     assert {namespace for namespace, _ in gone} == {"words/say/1"}
@@ -117,7 +117,7 @@ def test_only_changes_are_sent():
 
 def test_every_shape_has_its_own_key():
     layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    shapes = words(layout, PanelContent("border", 1.0, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
+    shapes = words(layout, PanelContent("border", 1, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
     shapes += scene.borders(layout, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
     shapes += scene.drawing(layout, scene.Drawing(((1, 1),), ("red",), ((1, 1), (2, 2)), False, (3, 3)))
     assert len({shape.key for shape in shapes}) == len(shapes)
@@ -152,10 +152,3 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
     assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(
         found[24:30, 32:38], found[25:31, 33:39]
     )
-
-
-def test_a_single_cell_is_visible():
-    physical = np.zeros((9, 9), np.int8)
-    map_with_borders = physical.copy()
-    map_with_borders[4, 5] = 50
-    assert draw_restrictions(physical, map_with_borders, 4)[4, 5] == STRIPE

@@ -13,7 +13,7 @@ from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.sounds import PITCHES, SOUNDS
 from vb_core.vocabulary import STATES
-from vb_feedback.sound.audio_sink import AudioSink
+from vb_feedback.sound.audio_sink import play
 from vb_feedback.sound.tone_synthesis import RATE, synthesize
 
 
@@ -60,7 +60,7 @@ def test_a_tick_is_soft_and_volume_counts():
 
     assert power(synthesize("tick")) * 100 < min(power(synthesize(name)) for name in SOUNDS if name != "tick")
     assert np.abs(synthesize("border", 0.5)).max() == pytest.approx(np.abs(synthesize("border")).max() / 2, abs=1)
-    assert not synthesize("border", 0.0).any() and len(synthesize("no such sound")) == 0
+    assert not synthesize("border", 0.0).any()
 
 
 # ----------------------------------------------------------------- the device
@@ -72,17 +72,15 @@ def program(folder, text):
 
 
 def test_the_player_gets_all_samples(tmp_path):
-    sink = AudioSink("front", program(tmp_path, f'echo "$@" > {tmp_path}/arguments; cat > {tmp_path}/pcm\n'))
     pcm = synthesize("success")
-    sink.play(pcm)
+    play(pcm, "front", program(tmp_path, f'echo "$@" > {tmp_path}/arguments; cat > {tmp_path}/pcm\n'))
     assert np.array_equal(np.fromfile(str(tmp_path / "pcm"), "<i2"), pcm)
     assert (tmp_path / "arguments").read_text().split() == "-q -D front -t raw -f S16_LE -r 48000 -c 1".split()
 
 
 def test_no_device_is_a_reason_and_no_crash(tmp_path):
+    says = "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1\n"
     with pytest.raises(CodedError, match="No such device"):
-        AudioSink(
-            "front", program(tmp_path, "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1\n")
-        ).play(synthesize("tick"))
+        play(synthesize("tick"), "front", program(tmp_path, says))
     with refused("no_audio"):
-        AudioSink("front", os.path.join(str(tmp_path), "none")).play(synthesize("tick"))
+        play(synthesize("tick"), "front", os.path.join(str(tmp_path), "none"))

@@ -6,38 +6,52 @@ import itertools
 
 import numpy as np
 import pytest
+import rospy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.vocabulary import STATES
 from vb_feedback.display import colors
 from vb_feedback.sound.sound_events import SoundEvents
+from vb_msgs.msg import InteractionState
+
+
+def state(name, second=0, refused="", **values):
+    """A state message whose last command was answered at a second, and refused with a code if there is one."""
+    answer = {"last_answered": rospy.Time(second), "last_success": not refused, "last_code": refused}
+    return InteractionState(name=name, **answer, **values)
 
 
 def test_tones_of_an_interaction():
     tones = SoundEvents()
     assert tones.on_spot(0.0) == []
-    assert tones.on_state("default", True, "", (0,)) == []
-    assert tones.on_spot(0.5) == []
-    assert tones.on_state("border", True, "", (1,)) == ["border"]
-    assert tones.on_state("border", True, "", (1,)) == []
-    assert tones.on_state("border", False, "", (2,)) == ["error"]
-    assert tones.on_state("border", False, "", (2,)) == []
-    assert tones.on_state("border", False, "", (3,)) == ["error"]
-    assert tones.on_spot(1.0) == ["tick"]
-    assert tones.on_state("seed", True, "", (4,)) == ["seed"]
-    assert tones.on_state("guide", True, "", (5,)) == ["guide"]
-    assert tones.on_spot(9.0) == []
-    assert tones.on_state("default", True, "saved", (6,)) == ["success"]
-    assert tones.on_state("border", True, "saved", (7,)) == ["border"]
-    assert tones.on_state("default", True, "cancelled", (8,)) == ["default"]
+    steps = (
+        (state("default"), [], False),
+        (state("border", 1), ["border"], True),
+        (state("border", 1), [], True),
+        (state("border", 2, "no"), ["error"], True),
+        (state("border", 2, "no"), [], True),
+        (state("border", 3, "no"), ["error"], True),
+        (state("border", 4, "confirm_command"), ["question"], True),
+        (state("seed", 4), ["seed"], True),
+        (state("seed", 4, ends_at=rospy.Time(99)), ["question"], True),
+        (state("seed", 4, ends_at=rospy.Time(99)), [], True),
+        (state("seed", 4, stopped=True), ["stopped"], True),
+        (state("guide", 5, stopped=True), ["guide"], False),
+        (state("default", 6, last_outcome="saved"), ["success"], False),
+        (state("border", 7, last_outcome="saved"), ["border"], True),
+        (state("default", 8, last_outcome="cancelled"), ["default"], False),
+    )
+    for second, (message, sounds, tick) in enumerate(steps):
+        assert tones.on_state(message) == sounds
+        assert tones.on_spot(float(second)) == ["tick"] * tick
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(0.0, 0.3), min_size=2, max_size=60))
 def test_ticks_keep_their_distance(pauses):
     tones = SoundEvents()
-    tones.on_state("border", True, "", ())
+    tones.on_state(state("border"))
     times = list(itertools.accumulate(pauses))
     ticks = [time for time in times if tones.on_spot(time)]
     assert ticks[0] == times[0]
@@ -46,7 +60,7 @@ def test_ticks_keep_their_distance(pauses):
 
 def test_ticks_go_on_after_time_jumped_back():
     tones = SoundEvents()
-    tones.on_state("seed", True, "", ())
+    tones.on_state(state("seed"))
     assert tones.on_spot(1000.0) and tones.on_spot(1.0)
 
 

@@ -29,7 +29,7 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
     for commands, cameras_seeing_spot, message, notices in itertools.product(
         ((), COMMANDS[:4], (*COMMANDS, "stop")), ((), many), ("Ok.", LONG), ((), NOTICES)
     ):
-        shapes = words(layout, PanelContent(state, 3599.0, commands, False, message, cameras_seeing_spot, notices))
+        shapes = words(layout, PanelContent(state, 3599, commands, False, message, cameras_seeing_spot, notices))
         for kind in (TEXT, PLATE):
             boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
             for one, other in itertools.combinations(boxes, 2):
@@ -62,7 +62,7 @@ def arc_minutes(size, layout):
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
     layout = fit_view(extent, 16 / 9)
     angle = {}
-    for shape in words(layout, PanelContent("border", 10.0, COMMANDS[:4], True, message, ("red", "robot"), notices)):
+    for shape in words(layout, PanelContent("border", 10, COMMANDS[:4], True, message, ("red", "robot"), notices)):
         if shape.kind == TEXT:
             angle[shape.namespace] = arc_minutes(shape.size[0], layout)
     assert angle["words/state"] > 22.0
@@ -82,7 +82,7 @@ def texts_of(shapes):
 @pytest.mark.parametrize("commands", [COMMANDS, (*COMMANDS, "stop")])
 def test_every_command_that_can_be_said_is_shown(commands):
     layout = fit_view(LAB, 16 / 9)
-    found = texts_of(words(layout, PanelContent("seed", 65.0, commands, True, "Yes.")))
+    found = texts_of(words(layout, PanelContent("seed", 65, commands, True, "Yes.")))
     said = ", ".join(text for name, text in found.items() if name.startswith("words/say/")).split(", ")
     assert said == [command.replace("_", " ") for command in commands]
 
@@ -90,13 +90,13 @@ def test_every_command_that_can_be_said_is_shown(commands):
 def test_an_answer_that_stands_as_a_notice_is_said_once():
     layout = fit_view(LAB, 16 / 9)
     stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
-    found = texts_of(words(layout, PanelContent("seed", 1.0, (), True, stopped.text, (), (stopped, more))))
+    found = texts_of(words(layout, PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))))
     assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
 
 
 def test_a_refusal_stands_out_for_every_eye():
     layout = fit_view(LAB, 16 / 9)
-    good, bad = (words(layout, PanelContent("seed", 1.0, (), success, "Why not.")) for success in (True, False))
+    good, bad = (words(layout, PanelContent("seed", 1, (), success, "Why not.")) for success in (True, False))
     assert not [shape for shape in good if shape.kind == PLATE]
     plate = [shape for shape in bad if shape.kind == PLATE][0]
     answer = [shape for shape in bad if shape.namespace == "words/answer"]

@@ -241,57 +241,70 @@ def test_strokes_of_people(shape, every, rounds):
 
 
 def line_spots(ways, speed=0.4, rate=25.0, seed=0, noise=0.005, cameras=1, start=0.0):
-    """(points, stamps, cameras) of a pointer that runs along a chain (M, 2) [m]."""
+    """What extract_border takes of a pointer that runs along a chain (M, 2) [m]."""
     rng = np.random.default_rng(seed)
     dense = geometry.resample_chain(np.asarray(ways, float), speed / rate)
     points = np.vstack([dense + rng.normal(0, noise, dense.shape) for _ in range(cameras)])
     stamps = np.concatenate([start + (np.arange(len(dense)) + 0.3 * k) / rate for k in range(cameras)])
-    return points, stamps, np.repeat(np.arange(cameras), len(dense))
+    return {"points": points, "stamps": stamps, "cameras": np.repeat(np.arange(cameras), len(dense))}
+
+
+def still(place, start, count=20, camera=0):
+    """The same of a pointer that is held at a place (2,), or at each of (count, 2)."""
+    places = np.tile(place, (count, 1)) if np.ndim(place) == 1 else place
+    return {"points": places, "stamps": start + np.arange(count) / 25.0, "cameras": np.full(count, camera)}
+
+
+def joined(*parts):
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def by_robot(spots, **changes):
+    """The border of spots whose second camera is on a robot."""
+    spots = {**spots, **changes}
+    return extract_border(**spots, mobile=spots["cameras"] == 1)
+
+
+def off_the_axis(chain):
+    """How far [m] a chain is from the x axis."""
+    return np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_stroke_that_ends_with_a_quick_leg_after_a_rest_is_kept_whole(seed):
     """People rest at a corner and are quick on the side: hardly anything is seen of it."""
     slow = line_spots([[0, 0], [1.5, 0], [1.5, 1.0]], cameras=2, seed=seed)
-    rest = np.tile([1.5, 1.0], (20, 1)), 6.3 + np.arange(20) / 25.0, np.zeros(20, int)
     quick = line_spots([[1.5, 1.0], [0.9, 1.2]], speed=4.0, cameras=2, seed=seed + 9, start=7.1)
-    points, stamps, cameras = (np.concatenate(parts) for parts in zip(slow, rest, quick))
-    chain = extract_border(points, stamps=stamps, cameras=cameras)
+    chain = extract_border(**joined(slow, still([1.5, 1.0], 6.3), quick))
     assert np.linalg.norm(chain.points[-1] - [0.9, 1.2]) < 0.08
 
 
 def test_a_robot_that_is_lost_for_a_second_does_not_move_the_border():
-    points, stamps, cameras = line_spots([[0, 0], [3, 0]], cameras=2)
-    lost = (cameras == 1) & (stamps > 3.0) & (stamps < 4.0)
-    points = points + 0.12 * lost[:, None] * [0.0, 1.0]
-    chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=cameras == 1)
-    assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.025
+    spots = line_spots([[0, 0], [3, 0]], cameras=2)
+    lost = (spots["cameras"] == 1) & (np.abs(spots["stamps"] - 3.5) < 0.5)
+    assert off_the_axis(by_robot(spots, points=spots["points"] + 0.12 * lost[:, None] * [0.0, 1.0])) < 0.025
 
 
 @pytest.mark.parametrize("off", [0.12, 0.18])
 def test_what_a_lost_robot_sees_beside_the_line_is_no_second_stroke(off):
     """The pointer is at one place: it is the line, seen from a wrong pose. A line that is drawn there later is another."""
-    points, stamps, cameras = line_spots([[0, 0], [3, 0], [3, 2]], cameras=3)
-    points = points + off * (cameras == 1)[:, None] * [0.6, 0.8]
-    chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=cameras == 1)
+    spots = line_spots([[0, 0], [3, 0], [3, 2]], cameras=3)
+    spots["points"] = spots["points"] + off * (spots["cameras"] == 1)[:, None] * [0.6, 0.8]
+    chain = by_robot(spots)
     assert chain.left_out_spots == 0
     assert hausdorff(chain.points, np.array([[0, 0], [3, 0], [3, 2]]), False) < 0.08
-    again = line_spots([[0, off], [2.5, off]], start=stamps.max() + 10.0)
-    points, stamps = np.concatenate([points, again[0] + [0, 1.0]]), np.concatenate([stamps, again[1]])
-    cameras = np.concatenate([cameras, np.ones(len(again[0]), int)])
-    chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=cameras == 1)
-    assert abs(chain.left_out_spots - len(again[0])) <= 3
+    again = line_spots([[0, off + 1.0], [2.5, off + 1.0]], start=spots["stamps"].max() + 10.0)
+    again["cameras"] += 1
+    assert abs(by_robot(joined(spots, again)).left_out_spots - len(again["points"])) <= 3
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.10), (0.0, -0.10)])
 def test_what_a_robot_alone_sees_is_placed_as_beside_the_other_cameras(place):
-    points, stamps, cameras = line_spots([[0, 0], [3, 0]], cameras=2)
-    robot = cameras == 1
-    points = points + robot[:, None] * place
-    seen = robot | (np.abs(points[:, 0] - 1.5) > 0.5)  # the middle metre by the robot alone
-    points, stamps, cameras, robot = points[seen], stamps[seen], cameras[seen], robot[seen]
-    chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=robot)
-    assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.05
+    spots = line_spots([[0, 0], [3, 0]], cameras=2)
+    robot = spots["cameras"] == 1
+    spots["points"] = spots["points"] + robot[:, None] * place
+    seen = robot | (np.abs(spots["points"][:, 0] - 1.5) > 0.5)  # the middle metre by the robot alone
+    assert off_the_axis(by_robot({name: values[seen] for name, values in spots.items()})) < 0.05
 
 
 def test_a_line_that_is_drawn_back_over_itself_ends_where_it_turned():
@@ -304,8 +317,7 @@ def test_a_line_that_is_drawn_back_over_itself_ends_where_it_turned():
 
 
 def test_legs_that_lie_almost_on_each_other_keep_their_tip():
-    points, stamps, _ = line_spots([[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]])
-    chain = extract_border(points, stamps=stamps)
+    chain = extract_border(**line_spots([[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]))
     assert np.linalg.norm(chain.points - [0.01, 1.0], axis=1).min() < 0.25
 
 
@@ -319,37 +331,30 @@ def test_tips_beside_each_other_that_are_passed_soon_after_each_other_are_kept(b
             parts.append(line_spots([one, other], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
             at += float(np.linalg.norm(np.subtract(other, one))) / 4.0 + 0.04
             for camera in (0, 1):
-                rest = at + np.arange(20) / 25.0 + 0.01 * camera
-                spread = np.random.default_rng([seed, number, camera]).normal(0, 0.01, (20, 2))
-                parts.append((np.asarray(other) + spread, rest, np.full(20, camera)))
+                places = np.random.default_rng([seed, number, camera]).normal(other, 0.01, (20, 2))
+                parts.append(still(places, at + 0.01 * camera, camera=camera))
             at += 0.84
-        points, stamps, cameras = (np.concatenate(column) for column in zip(*parts))
-        chain = extract_border(points, stamps=stamps, cameras=cameras)
-        assert hausdorff(chain.points, np.array(tips), False) < 0.15
+        assert hausdorff(extract_border(**joined(*parts)).points, np.array(tips), False) < 0.15
 
 
 def test_a_hook_that_is_drawn_slowly_is_no_rest():
-    hook, rest = line_spots([[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]], speed=0.04), line_spots([[0, 0], [1.5, 0]])
-    stamps = np.concatenate([hook[1], hook[1][-1] + 0.04 + rest[1]])
-    chain = extract_border(np.vstack([hook[0], rest[0]]), stamps=stamps)
+    hook = line_spots([[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]], speed=0.04)
+    chain = extract_border(**joined(hook, line_spots([[0, 0], [1.5, 0]], start=hook["stamps"][-1] + 0.04)))
     assert np.linalg.norm(geometry.resample_chain(chain.points, 0.01) - [-0.19, 0.1], axis=1).min() < 0.06
 
 
 def test_a_second_stroke_that_goes_on_from_an_end_is_joined():
-    one, two = line_spots([[0, 0], [2, 0]]), line_spots([[0, 1.5], [0, 0.1]], start=15.0)
-    chain = extract_border(np.vstack([one[0], two[0]]), stamps=np.concatenate([one[1], two[1]]))
+    chain = extract_border(**joined(line_spots([[0, 0], [2, 0]]), line_spots([[0, 1.5], [0, 0.1]], start=15.0)))
     assert chain.length == pytest.approx(3.5, abs=0.1) and chain.left_out_spots == 0
 
 
-def with_strays(points, stamps, cameras, seed, share=0.03, margin=0.5):
-    """The same spots and strays near the drawing, in the order of their stamps."""
-    rng = np.random.default_rng([seed, 5])
+def with_strays(spots, seed, share=0.03, margin=0.5):
+    """The same spots and strays near the drawing."""
+    rng, points, stamps = np.random.default_rng([seed, 5]), spots["points"], spots["stamps"]
     count = int(share * len(points))
     strays = rng.uniform(points.min(axis=0) - margin, points.max(axis=0) + margin, (count, 2))
     times = rng.uniform(stamps.min(), stamps.max(), count)
-    order = np.argsort(np.append(stamps, times))
-    everything = np.vstack([points, strays]), np.append(stamps, times), np.append(cameras, rng.integers(0, 2, count))
-    return tuple(values[order] for values in everything)
+    return joined(spots, {"points": strays, "stamps": times, "cameras": rng.integers(0, 2, count)})
 
 
 @pytest.mark.parametrize("images", [1, 3], ids=["stray", "glint"])
@@ -363,34 +368,32 @@ def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
                 line_spots(corners[number : number + 2], seed=9 * seed + number, noise=0.012, cameras=2, start=at)
             )
             # 0.2 s after a side's last spot, where the next one will begin 1.5 s later
-            at, moments = parts[-1][1].max() + 1.5, np.arange(images) / 20.0
-            parts.append((np.tile(corners[later] + 0.2, (images, 1)), at - 1.3 + moments, np.zeros(images, int)))
-        points, stamps, cameras = with_strays(*(np.concatenate(part) for part in zip(*parts)), seed)
-        chain = extract_border(points, stamps=stamps, cameras=cameras)
+            at = parts[-1]["stamps"].max() + 1.5
+            parts.append(still(corners[later] + 0.2, at - 1.3, images))
+        chain = extract_border(**with_strays(joined(*parts), seed))
         bad += not chain.closed or hausdorff(chain.points, corners[:4], True) > 0.25
     assert bad <= 1, bad
 
 
 @pytest.mark.parametrize("length", [0.3, 0.7, 1.0])
 def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
-    one, two = line_spots([[0, 0], [2, 0]]), line_spots([[0, 3], [length, 3]], speed=0.2, start=15.0)
-    chain = extract_border(np.vstack([one[0], two[0]]), stamps=np.concatenate([one[1], two[1]]))
+    beside = line_spots([[0, 3], [length, 3]], speed=0.2, start=15.0)
+    chain = extract_border(**joined(line_spots([[0, 0], [2, 0]]), beside))
     assert chain.length == pytest.approx(2.0, abs=0.05)
-    assert abs(chain.left_out_spots - len(two[0])) <= 3 and chain.left_out[:, 1].min() > 2.8
+    assert abs(chain.left_out_spots - len(beside["points"])) <= 3 and chain.left_out[:, 1].min() > 2.8
 
 
 @pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
 def test_a_piece_that_nobody_saw_is_told_and_strays_are_no_way_across(hidden):
     corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
     for seed in range(5):
-        points, stamps, cameras = line_spots(corners, speed=0.25, noise=0.012, cameras=2, seed=seed)
-        assert extract_border(points, stamps=stamps, cameras=cameras).unseen < 0.25
+        spots = line_spots(corners, speed=0.25, noise=0.012, cameras=2, seed=seed)
+        assert extract_border(**spots).unseen < 0.25
         middle, width = hidden
-        seen = np.abs(0.25 * (stamps - stamps[0]) - middle) > 0.5 * width
+        seen = np.abs(0.25 * (spots["stamps"] - spots["stamps"][0]) - middle) > 0.5 * width
         # in the middle of the time in which nothing is seen, beside the line
-        stray = points[~seen].mean(axis=0) + [0.25, 0.25]
-        times = np.append(stamps[seen], stamps[~seen].mean())
-        chain = extract_border(np.vstack([points[seen], stray]), stamps=times, cameras=np.append(cameras[seen], 0))
+        stray = still(spots["points"][~seen].mean(axis=0) + [0.25, 0.25], spots["stamps"][~seen].mean(), 1)
+        chain = extract_border(**joined({name: values[seen] for name, values in spots.items()}, stray))
         assert chain.unseen > 0.25
         assert chain.closed and hausdorff(chain.points, corners[:4], True) < 0.25
 
@@ -399,8 +402,7 @@ def test_a_slow_hand_is_no_light_that_stays():
     wrong = []
     for seed in range(10):
         line = line_spots([[0, 0], [0.9, 0]], speed=0.05, noise=0.012, cameras=2, seed=seed)
-        points, stamps, cameras = with_strays(*line, seed)
-        chain = extract_border(points, stamps=stamps, cameras=cameras)
+        chain = extract_border(**with_strays(line, seed))
         wrong.append(hausdorff(chain.points, np.array([[0, 0], [0.9, 0]]), False) > 0.15)
     assert sum(wrong) <= 1, wrong
 
@@ -416,9 +418,8 @@ def ring_spots(size, seed, noise=0.012):
 def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(size, noise, refused):
     count = 0
     for seed in range(20):
-        points, stamps, cameras = ring_spots(size, seed, noise)
         try:
-            assert extract_border(points, stamps=stamps, cameras=cameras).closed
+            assert extract_border(**ring_spots(size, seed, noise)).closed
         except CodedError as error:
             assert error.code in ("figure_too_small", "no_line")
             count += 1
@@ -426,30 +427,25 @@ def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(siz
 
 
 def test_a_ring_without_noise_is_followed_more_closely_than_one_with_it():
-    points, stamps, cameras = ring_spots(1.0, 0, noise=0.0)
-    chain = extract_border(points, stamps=stamps, cameras=cameras)
-    assert hausdorff(chain.points, points, True) < 0.03
+    spots = ring_spots(1.0, 0, noise=0.0)
+    assert hausdorff(extract_border(**spots).points, spots["points"], True) < 0.03
 
 
 def test_one_camera_at_two_images_a_second():
-    points, stamps, _ = line_spots([[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], speed=0.4, rate=2.0)
-    chain = extract_border(points, stamps=stamps)
+    chain = extract_border(**line_spots([[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], rate=2.0))
     assert chain.closed and hausdorff(chain.points, np.array([[0, 0], [2, 0], [2, 1.2], [0, 1.2]]), True) < 0.25
 
 
 @pytest.mark.parametrize("days", [30, 365])
 def test_a_robots_clock_that_is_off_costs_no_memory(days):
     """What is unknown exists only where something was seen."""
-    points, stamps, cameras = line_spots([[0, 0], [3, 0]], cameras=2)
-    later = stamps + 86400.0 * days * (cameras == 1)
-    chain = extract_border(points, stamps=later, cameras=cameras, mobile=cameras == 1)
-    assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.05
+    spots = line_spots([[0, 0], [3, 0]], cameras=2)
+    assert off_the_axis(by_robot(spots, stamps=spots["stamps"] + 86400.0 * days * (spots["cameras"] == 1))) < 0.05
 
 
 def test_an_eight_becomes_one_valid_polygon():
     turn = np.linspace(0, 2 * np.pi, 200)
-    points, stamps, _ = line_spots(np.column_stack([1.2 * np.sin(turn), 0.8 * np.sin(2 * turn)]))
-    chain = extract_border(points, stamps=stamps)
+    chain = extract_border(**line_spots(np.column_stack([1.2 * np.sin(turn), 0.8 * np.sin(2 * turn)])))
     polygon = Polygon(chain.points)
     assert chain.closed and polygon.is_valid
     # both lobes: each of them is half of it
@@ -458,8 +454,7 @@ def test_an_eight_becomes_one_valid_polygon():
 
 
 def test_a_loop_at_the_closing_point_leaves_a_valid_polygon():
-    points, stamps, _ = line_spots([[0.3, -0.2], [0, 0.1], [0, 1.5], [2, 1.5], [2, 0], [0.1, 0], [-0.2, -0.2]])
-    chain = extract_border(points, stamps=stamps)
+    chain = extract_border(**line_spots([[0.3, -0.2], [0, 0.1], [0, 1.5], [2, 1.5], [2, 0], [0.1, 0], [-0.2, -0.2]]))
     polygon = Polygon(chain.points)
     assert chain.closed and polygon.is_valid
     assert polygon.area == pytest.approx(3.0, rel=0.05)

@@ -9,32 +9,10 @@ from vb_fusion.live_extraction import DrawnBorder
 from vb_fusion.stroke.seed import find_dwells
 
 
-def extract(points, rate=25.0, **known):
-    """The seed of points that one camera sees one after the other."""
-    return extract_seed(points, stamps=np.arange(len(points)) / rate, **known)
-
-
-def spots(count=60, at=(1.0, 2.0), spread=0.015, seed=0):
-    return np.random.default_rng(seed).normal(at, spread, (count, 2))
-
-
-def test_the_way_there_does_not_move_it():
-    way = np.linspace([0, 0], [1, 2], 60)
-    points = np.vstack([way, spots(30)])
-    assert np.linalg.norm(extract(points) - [1, 2]) < 0.03
-
-
-def test_a_pointer_that_moves_on_in_the_end_dwells_no_more():
-    points, extra = scene(((1, 2), 0.0, 2.0, 25, "red"))
-    away = np.column_stack([np.linspace(1, 1.8, 20), np.full(20, 2.0)])
-    stamps, cameras = np.append(extra["stamps"], 2.0 + np.arange(20) / 25.0), np.append(extra["cameras"], ["red"] * 20)
-    assert np.linalg.norm(extract_seed(np.vstack([points, away]), stamps=stamps, cameras=cameras) - [1, 2]) < 0.03
-
-
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
 def test_refusals(points, code):
     with pytest.raises(CodedError) as caught:
-        extract(points)
+        extract_seed(points, stamps=np.arange(len(points)) / 25.0)
     assert caught.value.code == code
 
 
@@ -43,12 +21,13 @@ FALSE = (2.0, 1.0)
 
 
 def scene(*parts, seed=0):
-    """Points, stamps and cameras of (place, first [s], last [s], rate [1/s], camera)."""
+    """Points, stamps and cameras of (place or the two ends of a way, first [s], last [s], rate [1/s], camera)."""
     rng = np.random.default_rng(seed)
     points, stamps, cameras = [], [], []
     for place, first, last, rate, camera in parts:
         count = int((last - first) * rate)
-        points.append(rng.normal(place, 0.015, (count, 2)))
+        way = place if np.ndim(place) == 1 else np.linspace(*place, count)
+        points.append(rng.normal(way, 0.015, (count, 2)))
         stamps.append(np.sort(rng.uniform(first, last, count)))
         cameras.append(np.full(count, camera))
     return np.vstack(points), {"stamps": np.concatenate(stamps), "cameras": np.concatenate(cameras)}
@@ -64,6 +43,8 @@ SEEDS = {
         (1, 2),
     ),
     "in turn with a bright place": ([(FALSE, 0.0, 8.0, 15, "robot"), ((1, 2), 2.0, 8.0, 6, "robot")], (1, 2)),
+    "the way there": ([(((0, 0), (1, 2)), 0.0, 2.4, 25, "red"), ((1, 2), 2.4, 3.6, 25, "red")], (1, 2)),
+    "moving on in the end": ([((1, 2), 0.0, 2.0, 25, "red"), (((1, 2), (1.8, 2)), 2.0, 2.8, 25, "red")], (1, 2)),
     "flashes come after it": ([((0, 0), 0.0, 2.0, 25, "red"), *FLASHES], (0, 0)),
 }
 
@@ -108,6 +89,19 @@ def test_places_nearer_than_a_hand_trembles_are_one_dwell(apart, count):
     assert len(find_dwells(points, **extra)) == count
 
 
+@pytest.mark.parametrize("speed", [0.2, 0.3, 0.5])
+def test_a_place_that_the_pointer_comes_to_is_one_dwell(speed):
+    for seed in range(20):
+        parts = (
+            (((1.0, 0.0), (0.0, 0.0)), 0.0, 1.0 / speed, 25, "red"),
+            ((0.0, 0.0), 1.0 / speed, 1.0 / speed + 3.0, 25, "red"),
+        )
+        points, extra = scene(*parts, seed=seed)
+        dwells = find_dwells(points, **extra)
+        assert DrawnBorder(dwells=dwells).other_dwell is None
+        assert len(dwells) == 1 or np.linalg.norm(dwells[-2].point) > 0.075
+
+
 @pytest.mark.parametrize("last", [1.8, 7.0, 30.0])
 def test_what_only_a_robot_sees_is_no_seed_where_a_steady_camera_saw_the_pointer_dwell(last):
     """White paper stays in a robot's image after the pointer was switched off; to a camera that moves it is new."""
@@ -119,6 +113,28 @@ def test_what_only_a_robot_sees_is_no_seed_where_a_steady_camera_saw_the_pointer
     # where the steady camera saw but the border's end, the robot's place is meant
     end = np.random.default_rng(2).normal(0, 0.015, (50, 2))
     assert np.linalg.norm(extract_seed(points, before=end, **extra) - [1, 2]) < 0.03
+
+
+POINTER, END = [((0, 0), 0.0, 1.7, 25, camera) for camera in ("green", "red")], np.zeros((3, 2))
+
+
+@pytest.mark.parametrize(
+    "later, before, taken",
+    [
+        ([(FALSE, 2.5, 5.5, 25, "green")], None, (0, 0)),
+        ([(FALSE, 2.5, 5.5, 25, camera) for camera in ("green", "red")], None, FALSE),
+        ([(((0, 0), (1.85, 0.93)), 1.7, 2.5, 50, "green"), (FALSE, 2.5, 5.5, 25, "green")], None, FALSE),
+        ([(FALSE, 2.5, 5.5, 25, "green")], END, FALSE),
+    ],
+    ids=["one camera's light", "as many cameras", "the pointer was seen on its way", "after the border's end"],
+)
+def test_light_that_comes_up_elsewhere_is_the_seed_if_as_many_cameras_see_it(later, before, taken):
+    for seed in range(5):
+        points, extra = scene(*POINTER, *later, seed=seed)
+        drawn = DrawnBorder(dwells=find_dwells(points, before=before, **extra))
+        assert np.linalg.norm(drawn.seed - taken) < 0.04
+        # the other one is told, unless it was the shorter one, or the border's end
+        assert (drawn.other_dwell is None) == (taken == FALSE)
 
 
 def test_a_camera_that_misses_images_sees_a_dwell():

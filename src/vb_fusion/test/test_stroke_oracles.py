@@ -261,11 +261,11 @@ def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
                 stays.append([])
             stays[-1].append(place)
     held = [stay for stay in stays if len(stay) >= 7] or [max(stays, key=len)]
-    wanted = {}
-    for stay in held:
-        last, count = wanted.get(spot[stay[-1]], (-1, 0))
-        wanted[spot[stay[-1]]] = max(last, stay[-1]), count + len(stay)
-    assert seed._find_stays(spot, bins) == sorted(wanted.values())
+    wanted = []
+    for number in {spot[stay[0]] for stay in held}:
+        at_it = [stay for stay in held if spot[stay[0]] == number]
+        wanted.append((spot.tolist().index(number), at_it[-1][-1], sum(map(len, at_it))))
+    assert seed._find_stays(spot, bins) == sorted(wanted, key=lambda stay: stay[1])
 
 
 @settings(STEADY, max_examples=60)

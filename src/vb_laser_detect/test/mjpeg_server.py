@@ -11,7 +11,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
 
 
 class MjpegServer:
-    """Serves JPEG images at a rate to everybody who asks.
+    """Serves JPEG images at a rate to everybody who asks, from the first one on, or from number N for /video?N.
 
     Attributes:
         jpegs: sent in turn; may be replaced while it runs.
@@ -45,7 +45,7 @@ class MjpegServer:
         request.send_response(self.status)
         request.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
         request.end_headers()
-        number, due = 0, time.monotonic()
+        number, due = int(request.path.partition("?")[2] or 0), time.monotonic()
         try:
             while self.status == 200 and not self.broken.is_set() and not self.closed.is_set():
                 if not self.stalled.is_set():

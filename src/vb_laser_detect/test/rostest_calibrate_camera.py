@@ -5,7 +5,6 @@ import math
 import subprocess
 import tempfile
 import threading
-import time
 import unittest
 
 import numpy as np
@@ -24,8 +23,8 @@ from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.detection.projection import floor_points
 
 from scenes import Scene
+from vb_testing import TIMEOUT, wait_until
 
-TIMEOUT = 120.0
 SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 
 
@@ -33,7 +32,6 @@ class Command:
     """A process with a terminal's lines."""
 
     def __init__(self, *arguments):
-        self._changed = threading.Condition()
         self.lines = []
         self._process = subprocess.Popen(
             ["rosrun", "vb_laser_detect", "calibrate_camera", *arguments],
@@ -48,9 +46,7 @@ class Command:
 
     def _read(self):
         for line in self._process.stdout:
-            with self._changed:
-                self.lines.append(line.rstrip())
-                self._changed.notify_all()
+            self.lines.append(line.rstrip())
 
     def type(self, line):
         self._process.stdin.write(line + "\n")
@@ -58,15 +54,10 @@ class Command:
 
     def wait_for(self, *words, after=0):
         """The first line from number `after` on that has one of the words."""
-
-        def found():
-            return next((line for line in self.lines[after:] if any(word in line for word in words)), None)
-
-        with self._changed:
-            self._changed.wait_for(found, TIMEOUT)
-            if found() is None:
-                raise AssertionError(f"waited in vain for {words} after line {after} of:\n" + "\n".join(self.lines))
-            return found()
+        return wait_until(
+            lambda: next((line for line in self.lines[after:] if any(word in line for word in words)), None),
+            lambda: f"{words} after line {after} of:\n" + "\n".join(self.lines),
+        )
 
     def status(self):
         status = self._process.wait(TIMEOUT)
@@ -81,38 +72,29 @@ class Command:
 
 
 class Player:
-    """A camera that shows what it is told to."""
+    """The camera red, which shows what it is told to."""
 
-    def __init__(self, name, camera, rate, topic="image_raw"):
-        self.name, self.camera = name, camera
-        self.shown = None
-        self._changed = threading.Condition()
+    def __init__(self, render, rate=8):
+        self._render, self._shown = render, None
         self._latest, self._interval = rospy.Time.now(), rospy.Duration(1.0 / rate)
-        self.render = lambda: np.full((camera.height, camera.width), 90, np.uint8)
-        self._images = rospy.Publisher(f"/{name}/{topic}", Image, queue_size=1)
-        self._infos = rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1)
-        self._timer = rospy.Timer(rospy.Duration(1.0 / rate), self._play)
+        self._images = rospy.Publisher("/red/image_raw", Image, queue_size=1)
+        self._infos = rospy.Publisher("/red/camera_info", CameraInfo, queue_size=1)
+        self._timer = rospy.Timer(self._interval, self._play)
+        self.close = self._timer.shutdown
 
     def _play(self, _event):
         if self._images.get_num_connections() == 0:
             return
         # the images' own time: as many within a second of it on a busy machine as on any
-        frame, now = self.name + "_optical_frame", self._latest + self._interval
-        self._infos.publish(info_from_camera(self.camera, now, frame))
-        self._images.publish(message_from_image(self.render(), "mono8", now, frame))
-        with self._changed:
-            self._latest = now
-            self._changed.notify_all()
+        frame, now = "red_optical_frame", self._latest + self._interval
+        self._infos.publish(info_from_camera(SMALL, now, frame))
+        self._images.publish(message_from_image(self._render(self._shown), "mono8", now, frame))
+        self._latest = now
 
     def show(self, what, seconds):
         """Shows something else, and waits until it was shown for so long, by the images' own time."""
-        with self._changed:
-            self.shown, since = what, self._latest
-            if not self._changed.wait_for(lambda: (self._latest - since).to_sec() > seconds, TIMEOUT):
-                raise AssertionError("the camera does not play")
-
-    def close(self):
-        self._timer.shutdown()
+        self._shown, since = what, self._latest
+        wait_until(lambda: (self._latest - since).to_sec() > seconds, "the camera's images")
 
 
 class CalibrateCameraTest(unittest.TestCase):
@@ -122,7 +104,6 @@ class CalibrateCameraTest(unittest.TestCase):
         cls.buffer = tf2_ros.Buffer()
         cls.listener = tf2_ros.TransformListener(cls.buffer)
         cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
-        cls.infos = rospy.Publisher("/nobody/camera_info", CameraInfo, queue_size=1)
         # takes its time without the person: it runs while the others are guided
         cls.unattended = Command("spots", "nobody")
 
@@ -133,16 +114,6 @@ class CalibrateCameraTest(unittest.TestCase):
     def setUp(self):
         self.folder = tempfile.TemporaryDirectory()
         self.addCleanup(self.folder.cleanup)
-
-    def start(self, *arguments):
-        command = Command(*arguments)
-        self.addCleanup(command.end)
-        return command
-
-    def player(self, *arguments):
-        player = Player(*arguments)
-        self.addCleanup(player.close)
-        return player
 
     def click(self, point, frame="map"):
         message = PointStamped()
@@ -162,28 +133,28 @@ class CalibrateCameraTest(unittest.TestCase):
         truth = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
         scene, rng = Scene(640, 360, seed=4), np.random.default_rng(2)
         base = np.clip(np.median([scene.render() for _ in range(3)], axis=0).max(axis=2), 0, 200).astype(np.uint8)
-        red = self.player("red", SMALL, 8)
         rows, columns = np.mgrid[:360, :640]
 
-        def render():
+        def render(spot):
             picture = base + rng.normal(0, 2, base.shape)
-            if red.shown is not None:
-                u, v = red.shown
+            if spot is not None:
+                u, v = spot
                 picture = picture + 400 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 1.6**2))
             return np.clip(picture, 0, 255).astype(np.uint8)
 
-        red.render = render
+        red = Player(render)
+        self.addCleanup(red.close)
         # where the running lab looks for calibrations
         rospy.set_param("/camera_poses/calibration_dir", self.folder.name)
         self.addCleanup(rospy.delete_param, "/camera_poses")
-        command = self.start("spots", "red")
+        command = Command("spots", "red")
+        self.addCleanup(command.end)
         command.wait_for("Hold the spot")
         places = [(80.3, 60.6), (570.2, 70.4), (560.8, 300.1), (70.5, 290.9), (320.4, 60.2), (330.7, 300.8)]
         command.type("done")
         command.wait_for("too_few_calibration_points")
         # a click that is not in the map's frame, as long as it takes to connect with the command
-        while self.clicks.get_num_connections() == 0:
-            rospy.rostime.wallsleep(0.02)
+        wait_until(lambda: self.clicks.get_num_connections(), "the command to listen to clicks")
         self.click((0, 0), "odom")
         command.wait_for("set RViz' fixed frame")
         for i, pixel in enumerate(places):
@@ -227,12 +198,12 @@ class CalibrateCameraTest(unittest.TestCase):
 
     def check_transform(self, frame, truth):
         """Waits until tf has a frame at its true pose."""
-        error, deadline = float("inf"), time.monotonic() + TIMEOUT
-        while error > 0.02 and time.monotonic() < deadline:
+
+        def is_there():
             found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(TIMEOUT))
-            error = np.abs(messages.transform_from_message(found.transform) - truth).max()
-            rospy.rostime.wallsleep(0.05)
-        self.assertLess(error, 0.02, frame)
+            return np.abs(messages.transform_from_message(found.transform) - truth).max() < 0.02
+
+        wait_until(is_there, f"{frame} at its place")
 
     def test_nothing_comes_from_the_camera(self):
         command = self.unattended

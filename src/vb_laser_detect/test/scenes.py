@@ -100,7 +100,9 @@ class ImageDetector(SpotDetector):
         geometry: of all images.
     """
 
-    bayer, geometry = False, None
+    def __init__(self, params=None, judge=None, bayer=False, geometry=None):
+        super().__init__(params, judge)
+        self.bayer, self.geometry = bayer, geometry
 
     def detect(self, image, stamp):
         """See `SpotDetector.detect`."""
@@ -116,12 +118,12 @@ class FlatFloor:
     def __init__(self, scale=0.004, reject=lambda u, v: ""):
         self._scale, self._reject = scale, reject
 
-    def to_floor(self, pixels):
-        """As `ImageGeometry.to_floor`."""
-        return np.column_stack([np.asarray(pixels, float) * self._scale, np.zeros(len(pixels))])
+    def meters_per_pixel(self, pixels):
+        """As `ImageGeometry.meters_per_pixel`."""
+        return np.full(len(pixels), self._scale)
 
     def point(self, u, v):
         """As `ImageGeometry.point`."""
         if self._reject(u, v):
             raise CodedError(self._reject(u, v))
-        return FloorPoint(self.to_floor([(u, v)])[0], self._scale, GROUND_PLANE, 3.0)
+        return FloorPoint(np.array([u * self._scale, v * self._scale, 0.0]), self._scale, GROUND_PLANE, 3.0)

@@ -14,7 +14,7 @@ from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration import pose as pose_module
 from vb_laser_detect.calibration.pose import POINT_SIGMA, Correspondences, estimate_pose
-from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
+from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_place
 from vb_laser_detect.detection.projection import floor_points
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
@@ -183,8 +183,8 @@ def test_session_guides_to_a_result_and_back():
         assert session.undo()
     with pytest.raises(CodedError):
         session.solve()
-    assert parse_numbers("1.5, -2", 2) == [1.5, -2.0]
-    assert parse_numbers("1.5", 2) is None and parse_numbers("a b", 2) is None and parse_numbers("nan 1", 2) is None
+    assert parse_place("1.5, -2") == [1.5, -2.0]
+    assert not any(map(parse_place, ("1.5", "a b", "nan 1")))
 
 
 # ------------------------------------------------------------------ the file

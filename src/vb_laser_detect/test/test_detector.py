@@ -12,8 +12,8 @@ from vb_laser_detect.detector import DetectorParams
 PERIOD = 0.04
 
 
-def at_once(**changes):
-    return ImageDetector(DetectorParams.stationary(confirm_frames=1, **changes))
+def at_once(**kind):
+    return ImageDetector(DetectorParams.stationary(confirm_frames=1), **kind)
 
 
 def feed(detector, images, start=0.0):
@@ -34,8 +34,7 @@ def steps_seen(detector, images, start=0.4):
 @pytest.mark.parametrize("color", [RED, GREEN])
 @pytest.mark.parametrize("sigma", [1.2, 2.5, 5.0])
 def test_spot_is_found_to_a_fraction_of_a_pixel(bayer, color, sigma):
-    scene, detector, random = Scene(), at_once(), np.random.default_rng(2)
-    detector.bayer = bayer
+    scene, detector, random = Scene(), at_once(bayer=bayer), np.random.default_rng(2)
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     errors = []
     for i in range(12):
@@ -116,8 +115,7 @@ DISTURBANCES = {
 @pytest.mark.parametrize("bayer", [False, True])
 @pytest.mark.parametrize("disturbance", DISTURBANCES.values(), ids=DISTURBANCES)
 def test_no_spot_without_a_laser(disturbance, bayer):
-    scene, detector = Scene(), at_once()
-    detector.bayer = bayer
+    scene, detector = Scene(), at_once(bayer=bayer)
     found = feed(detector, [scene.render(bayer=bayer, **disturbance(scene, i)) for i in range(60)])
     assert found == [[]] * 60
 
@@ -141,8 +139,7 @@ def test_white_is_what_the_camera_shows_at_most(white):
 
 @pytest.mark.parametrize("laser", [RED, GREEN])
 def test_bayer_images_tell_white_light_from_a_laser(laser):
-    scene, detector = tinted(Scene()), at_once()
-    detector.bayer = True
+    scene, detector = tinted(Scene()), at_once(bayer=True)
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     glint = feed(detector, [scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
     assert glint == [[]] * 10
@@ -164,8 +161,7 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
 def test_small_glints_that_move_are_no_spots_on_bayer_images():
     # a glint hardly larger than a pixel: the pattern makes colours of it, another one wherever it goes
     scene = tinted(Scene())
-    detector = ImageDetector(DetectorParams.stationary())
-    detector.bayer = True
+    detector = ImageDetector(bayer=True)
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     looked_at, found, time = 0, 0, 0.4
     for sigma in (0.5, 0.6, 0.7):
@@ -184,8 +180,7 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
 @pytest.mark.parametrize("brightness, gain", [(60.0, 1.6), (60.0, 2.5), (110.0, 1.6)])
 def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
     # a sunbeam's edge creeps along under the spot: what rose there is larger than any spot
-    scene, detector = tinted(Scene(brightness=brightness)), ImageDetector(DetectorParams.stationary())
-    detector.bayer = bayer
+    scene, detector = tinted(Scene(brightness=brightness)), ImageDetector(bayer=bayer)
     dark = scene.floor.copy()
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     found, truths = [], [(150.0 + 3.0 * i, 180.0) for i in range(60)]
@@ -199,8 +194,7 @@ def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
 
 
 def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
-    scene, detector = tinted(Scene()), ImageDetector(DetectorParams.stationary())
-    detector.bayer = True
+    scene, detector = tinted(Scene()), ImageDetector(bayer=True)
     floor = scene.floor.copy()
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     truths, found = [(150.0 + 3.0 * i, 180.0) for i in range(40)], []
@@ -215,8 +209,7 @@ def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
 
 @pytest.mark.parametrize("gain, bayer", [(1.4, False), (0.4, False), (0.4, True)])
 def test_a_spot_is_followed_over_a_switched_light(gain, bayer):
-    scene, detector = Scene(), at_once()
-    detector.bayer = bayer
+    scene, detector = Scene(), at_once(bayer=bayer)
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     held = []
     for i, light in enumerate([1.0] * 5 + [gain] * 60):
@@ -272,16 +265,14 @@ def test_a_confirmed_stroke_gives_back_its_first_spots():
 def test_sizes_count_in_millimetres_where_the_pose_is_known():
     scene = Scene()
     for scale, expected in ((0.002, 1), (0.05, 0)):
-        detector = at_once()
-        detector.geometry = FlatFloor(scale)
+        detector = at_once(geometry=FlatFloor(scale))
         feed(detector, [scene.render() for _ in range(6)])
         assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
     assert detector.candidates[0].rejection == "too_large"
 
 
 def test_a_place_can_be_rejected_and_the_reason_is_kept():
-    scene, detector = Scene(), at_once()
-    detector.geometry = FlatFloor(reject=lambda u, v: "spot_outside_map" if u < 320 else "")
+    scene, detector = Scene(), at_once(geometry=FlatFloor(reject=lambda u, v: "spot_outside_map" if u < 320 else ""))
     feed(detector, [scene.render() for _ in range(6)])
     spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
     assert [round(spot.u) for spot in spots] == [500]
@@ -324,8 +315,8 @@ def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(color):
 
 @pytest.mark.parametrize("color", [RED, GREEN])
 def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(color):
-    detector, scene = ImageDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=120.0)
-    detector.geometry = FlatFloor(0.003)
+    scene = Scene(640, 480, brightness=120.0)
+    detector = ImageDetector(DetectorParams.mobile(confirm_frames=1), geometry=FlatFloor(0.003))
     lamp = cv2.ellipse(np.zeros((480, 640), np.float32), (320, 300), (34, 20), 0, 0, 360, 90.0, -1)
     scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
     assert not any(feed(detector, [scene.render([])] * 3))
@@ -345,8 +336,8 @@ def drawn(step):
 @pytest.mark.parametrize("kind", ["bgr", "bayer", "mono"])
 @pytest.mark.parametrize("rhythm", [5.0, 3.0, 0.0], ids=["5 Hz", "3 Hz", "steady"])
 def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
-    scene, detector = tinted(Scene(320, 192)), ImageDetector(DetectorParams.stationary(max_dwell_time=10.0))
-    detector.bayer = kind == "bayer"
+    scene = tinted(Scene(320, 192))
+    detector = ImageDetector(DetectorParams.stationary(max_dwell_time=10.0), bayer=kind == "bayer")
 
     def image(step, *spots):
         on = not rhythm or (step * PERIOD * rhythm) % 1.0 < 0.5
@@ -374,7 +365,7 @@ def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
 
 @pytest.mark.parametrize("every", [10, 12])
 def test_images_that_come_late_are_left_out_and_counted(every):
-    scene, detector = tinted(Scene(320, 192)), ImageDetector(DetectorParams.stationary())
+    scene, detector = tinted(Scene(320, 192)), ImageDetector()
     feed(detector, [scene.render()] * 8)
     order = list(range(120))
     for i in range(0, 119, every):
@@ -388,7 +379,7 @@ def test_images_that_come_late_are_left_out_and_counted(every):
 
 
 def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
-    scene, detector = Scene(320, 192), ImageDetector(DetectorParams.stationary())
+    scene, detector = Scene(320, 192), ImageDetector()
     feed(detector, [scene.render()[:, :, 1].copy()] * 8)
     lit = {step for step in range(150) if (step * PERIOD * 2.0) % 1.0 < 0.5}
     shown = (scene.render([drawn(step / 3.0)] * (step in lit), color=(1.0, 1.0, 1.0)) for step in range(150))
@@ -398,7 +389,7 @@ def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
 
 def test_a_weak_pointer_beside_a_lamp_in_grey_images():
     # what counts is how bright the room is, not the lamp in it
-    scene, detector = Scene(brightness=60.0), ImageDetector(DetectorParams.stationary())
+    scene, detector = Scene(brightness=60.0), ImageDetector()
     scene.floor[60:80, 560:590] = 255.0
     feed(detector, [scene.render()[:, :, 1].copy()] * 8)
     shown = (scene.render([drawn(step)], power=0.3 * 255.0, color=(1.0, 1.0, 1.0)) for step in range(60))
@@ -408,7 +399,7 @@ def test_a_weak_pointer_beside_a_lamp_in_grey_images():
 @pytest.mark.parametrize("depth", [0.3, 0.5])
 @pytest.mark.parametrize("gray", [False, True])
 def test_lamps_that_flicker_over_a_rolling_shutter(depth, gray):
-    scene, detector, found = tinted(Scene(320, 240)), ImageDetector(DetectorParams.stationary()), set()
+    scene, detector, found = tinted(Scene(320, 240)), ImageDetector(), set()
     floor, rows = scene.floor.copy(), np.arange(240, dtype=np.float32)[:, None, None]
     for step in range(-25, 100):
         lit = floor * (1.0 + depth * np.sin(2 * np.pi * (rows / 150.0 + 0.13 * step)))
@@ -420,8 +411,7 @@ def test_lamps_that_flicker_over_a_rolling_shutter(depth, gray):
 
 
 def test_images_that_come_in_bursts():
-    scene, detector, found = tinted(Scene(480, 192)), ImageDetector(DetectorParams.stationary()), 0
-    detector.geometry = FlatFloor(0.004)
+    scene, detector, found = tinted(Scene(480, 192)), ImageDetector(geometry=FlatFloor(0.004)), 0
     feed(detector, [scene.render()] * 9)
     for step in range(90):
         # three at a time, stamped as they arrive; the spot is drawn at 2 m/s
@@ -473,8 +463,7 @@ def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer):
     # dots of paper that are laid down are as sudden, round and bright as a spot, and more coloured
     for color in ((225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)):
         for radius in (3, 5, 9):
-            scene, detector = tinted(Scene(320, 240)), ImageDetector(preset(confirm_frames=1))
-            detector.bayer = bayer
+            scene, detector = tinted(Scene(320, 240)), ImageDetector(preset(confirm_frames=1), bayer=bayer)
             feed(detector, [scene.render(bayer=bayer) for _ in range(5)])
             dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
             dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]

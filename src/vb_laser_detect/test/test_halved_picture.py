@@ -89,6 +89,13 @@ def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg)
         assert np.abs(again.searched.astype(int) - picture.searched).mean() < 1.0
 
 
+def test_an_image_that_comes_late_is_not_decoded():
+    scene, detector, decoded = Scene(*SIZE), SpotDetector(), []
+    detector.detect(HalvedPicture(SIZE, lambda *size: cv2.resize(scene.render(), size)), 1.0)
+    assert detector.detect(HalvedPicture(SIZE, lambda *size: decoded.append(size)), 0.96) == []
+    assert detector.late == 1 and not decoded
+
+
 def middle_of_spot(image):
     light = np.maximum(image[..., 2].astype(float) - 200.0, 0.0)
     light[:, image.shape[1] // 2 :] = 0.0

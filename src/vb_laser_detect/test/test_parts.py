@@ -14,7 +14,8 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture, PixelReader
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
-from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, find_regions, max_channel
+from vb_laser_detect.detection.blocks import block_maxima, blocks_around, find_regions, max_channel
+from vb_laser_detect.detection.proposals import Background
 from vb_laser_detect.detection.debug_image import draw_candidates
 
 from vb_laser_detect.detection.projection import ProjectionParams
@@ -131,7 +132,7 @@ def test_statistics():
     assert math.isnan(statistics.summary(0.0)["latency_ms"])
     for i in range(50):
         statistics.count_image(10 + 0.04 * i, 10 + 0.04 * i - 0.02, 0.002, i % 2)
-    statistics.count_rejection("no_transform")
+    statistics.count_rejections("no_transform")
     summary = SimpleNamespace(**statistics.summary(12.0))
     assert (summary.processed, summary.detected, summary.spots) == (50, 25, 25)
     assert summary.rate_hz == pytest.approx(25, rel=0.02)

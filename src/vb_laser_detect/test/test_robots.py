@@ -1,16 +1,20 @@
-"""Where robots are at an image's time, from tf2's real buffer."""
+"""Where robots and a camera are at an image's time, from tf2's real buffer."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import rospy
 import tf2_ros
 
 from vb_core import geometry
+from vb_core.camera_model import CameraModel
 from vb_core.robot_profile import Limits, RobotProfile, RobotShape
 from vb_core.ros import robot_profile, transforms
 from vb_core.ros.messages import message_from_transform
-from vb_laser_detect.camera_geometry import Robots
+from vb_laser_detect import camera_geometry
+from vb_laser_detect.camera_geometry import CameraGeometry, Robots
+from vb_laser_detect.detection.projection import FloorProjection
 
 PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
 
@@ -29,7 +33,7 @@ class Report:
 def lab(monkeypatch):
     """(the robots, tf's buffer, the report); tf is told where a robot is by `drive`."""
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
-    monkeypatch.setattr(tf2_ros.Buffer, "__init__", lambda self, cache_time: tf2_ros.BufferCore.__init__(self))
+    monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
     # a buffer that waits asks for the time, which no node gives here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
@@ -77,3 +81,17 @@ def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
     for cylinder, x in zip(robots.cylinders(rospy.Time(900.0)), (2.0, 3.0)):
         assert cylinder.x == x and math.isclose(cylinder.radius, robots.cylinders(rospy.Time(5.0))[0].radius)
     assert not report.codes
+
+
+def test_a_lens_is_looked_up_twice_a_second_and_at_once_for_images_of_another_size(lab, monkeypatch):
+    asked, clock = [], SimpleNamespace(monotonic=lambda: 100.0)
+    monkeypatch.setattr(camera_geometry, "time", clock)
+    info = SimpleNamespace(model_for=lambda size: asked.append(size) or CameraModel.ideal(*size, 500.0))
+    report = SimpleNamespace(require_own_frame=lambda frame: None)
+    red = CameraGeometry(False, info, None, FloorProjection(), (), report)
+    drive(red._transforms._buffer, "red", 2.0, 5.0, static=True)
+    large, small = (640, 480), (320, 240)
+    for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
+        clock.monotonic = lambda seconds=seconds: 100.0 + seconds
+        red.geometry_of("red", rospy.Time(5.0 + seconds), size)
+    assert asked == [large, small, small, large]

@@ -99,7 +99,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
 def report(monkeypatch):
     """A detector's report of a camera, at a time that the test sets, which sends nothing."""
     monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=lambda message: None))
-    monkeypatch.setattr(detector_diagnostics, "start_timer", lambda *_: None)
+    monkeypatch.setattr(detector_diagnostics, "Worker", lambda *_: None)
     told = []
     monkeypatch.setattr(
         detector_diagnostics,
@@ -129,9 +129,8 @@ def play(report, began, ends, rate=10.0, age=0.02, search=0.01, level=100, conte
     """Images that a detector searched; ends at that time [s]."""
     for now in np.arange(began, ends, 1.0 / rate):
         report.at(now)
-        report.see_picture(Picture(np.full((48, 64), level, np.uint8), content))
-        report.set_missing_input(None)
-        report.count_image(rospy.Time.from_sec(now - age - search), search, 0, 0, "red_frame")
+        picture = Picture(np.full((48, 64), level, np.uint8), content)
+        report.see_image(rospy.Time.from_sec(now - age - search), "red_frame", picture, None, search)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +196,8 @@ def test_a_robots_camera_is_not_to_be_calibrated_because_the_robot_is_lost(repor
         red = report(mobile=mobile)
         for now in range(100, 140):
             red.at(float(now))
-            red.set_missing_input(CodedError("no_transform", "no transform from 'red_frame'"))
+            missing = CodedError("no_transform", "no transform from 'red_frame'")
+            red.see_image(rospy.Time(now), "red_frame", Picture(np.zeros((48, 64), np.uint8), "mono"), missing, 0.01)
         assert red.told() == [(code, Severity.ERROR, "red")]
         assert "red_frame" in red.notices()[0].sentence()
 

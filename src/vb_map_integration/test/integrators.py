@@ -31,7 +31,8 @@ def square(column, row, size=20, grid=GRID, **options):
 
 def integrator(root=None, grid=GRID, **params):
     result = MapIntegrator(root, **params)
-    result.set_map(grid)
+    if grid is not None:
+        result.set_map(grid)
     return result
 
 

@@ -12,7 +12,7 @@ from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
-from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate, restricted_area
+from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate
 
 # the same examples on every computer, however busy
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -179,9 +179,9 @@ def test_a_polygon_restricts_what_its_definition_says_cell_by_cell(draw):
         wanted, codes = polygon_by_cells(cells, vertices, seed, robots)
         if isinstance(wanted, str):
             with refused(wanted):
-                restricted_area(grid, border, grid.grid_to_world(robots))
+                integrate(grid, border, grid.grid_to_world(robots))
             continue
-        found = restricted_area(grid, border, grid.grid_to_world(robots))
+        found = integrate(grid, border, grid.grid_to_world(robots))
         assert [issue.code for issue in found.issues] == codes
         assert (found.spread(cells.shape) == wanted).all() and np.array_equal(found.line, border.points)
         assert math.isclose(found.area_m2, wanted.sum() * 0.05**2)

@@ -27,66 +27,59 @@ def codes(keeper):
     return [notice.code for notice in keeper.notices]
 
 
-def again(tmp_path):
+def again(restart):
     """The borders and what is said after a restart."""
-    keeper = integrator(tmp_path)
+    keeper = restart()
     found = keeper.borders, codes(keeper)
-    keeper.close()
     return found
 
 
-def closed(tmp_path, count=3):
+def closed(restart, count=3):
     """The borders of a database that was used and closed."""
-    keeper = integrator(tmp_path)
+    keeper = restart()
     for number in range(count):
         keeper.add(square(10 + 25 * number, 10, name=f"number {number}"), 1.0 + number)
     keeper.close()
     return keeper.borders
 
 
-def test_borders_come_back_after_a_restart(tmp_path):
-    first = integrator(tmp_path)
+def test_borders_come_back_after_a_restart(restart, tmp_path):
+    first = restart()
     first.add(square(10, 10, name="kitchen", robots=("ada",)), 1.0)
     first.add(square(60, 10, occupancy=0.3), 2.0)
     first.remove("b2")
     (copy,) = (tmp_path / "copies").iterdir()
     assert copy.read_bytes() == (tmp_path / FILE).read_bytes()  # with each change
-    first.close()
-    second = integrator(tmp_path)
+    second = restart()
     assert second.borders == first.borders and second.revision == first.revision and codes(second) == []
     assert np.array_equal(second.map_with_borders.data, first.map_with_borders.data)
     assert second.add(square(30, 50), 4.0).ids == ("b3",)  # ids are never used twice
-    second.close()
 
 
-def test_undo_and_redo_survive_a_restart(tmp_path):
-    first = integrator(tmp_path)
+def test_undo_and_redo_survive_a_restart(restart):
+    first = restart()
     first.add(square(10, 10), 1.0)
     first.add(square(60, 10), 2.0)
     first.remove("b1")
     first.undo()
-    first.close()
-    second = integrator(tmp_path)
+    second = restart()
     assert second.available_commands == ["undo", "redo"]
     assert second.redo().ids == ("b1",) and [border.id for border in second.borders] == ["b2"]
     second.undo()
-    second.close()
-    third = integrator(tmp_path)
+    third = restart()
     third.undo()
     third.undo()
     assert third.borders == () and third.available_commands == ["redo"]
-    third.close()
-    fourth = integrator(tmp_path)
+    fourth = restart()
     for expected in (["b1"], ["b1", "b2"], ["b2"]):
         fourth.redo()
         assert [border.id for border in fourth.borders] == expected
     with refused("nothing_to_redo"):
         fourth.redo()
     assert fourth.available_commands == ["undo"]
-    fourth.close()
 
 
-def test_the_history_is_bounded(tmp_path, monkeypatch):
+def test_the_history_is_bounded(monkeypatch):
     monkeypatch.setattr(module, "MAX_CHANGES", 5)
     keeper = integrator()
     for number in range(9):
@@ -98,32 +91,28 @@ def test_the_history_is_bounded(tmp_path, monkeypatch):
     assert len(keeper.borders) == 4
 
 
-def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
+def test_a_second_integrator_is_refused(restart, tmp_path, monkeypatch):
     """Both gave the id b1, and one border was gone after a restart."""
     monkeypatch.setattr(durable_values, "LOCK_TIMEOUT", 0.1)
-    first = integrator(tmp_path)
+    first = restart()
     with refused("database_in_use"):
         MapIntegrator(tmp_path)
     first.add(square(10, 10), 1.0)
-    first.close()
-    assert again(tmp_path) == (first.borders, [])
+    assert again(restart) == (first.borders, [])
 
 
-def test_a_repeated_request_is_carried_out_once(tmp_path):
-    first = integrator(tmp_path)
+def test_a_repeated_request_is_carried_out_once(restart):
+    first = restart()
     assert first.add(square(10, 10), 1.0, request_id="r1").ids == ("b1",)
-    first.close()
-    second = integrator(tmp_path)
+    second = restart()
     assert second.add(square(10, 10), 2.0, request_id="r1").ids == ("b1",)
     assert second.add(square(10, 10), 2.0, request_id="r2").ids == ("b2",)
     assert len(second.borders) == 2
     second.undo("u1")
-    second.close()
-    third = integrator(tmp_path)
+    third = restart()
     assert third.undo("u1").ids == ("b2",) and [border.id for border in third.borders] == ["b1"]
     third.redo("r3")
     assert third.redo("r3").ids == ("b2",) and len(third.borders) == 2
-    third.close()
 
 
 def command(keeper, number):
@@ -148,7 +137,7 @@ while True:
 """
 
 
-def test_a_kill_at_any_moment_loses_nothing_that_was_answered(tmp_path):
+def test_a_kill_at_any_moment_loses_nothing_that_was_answered(restart, tmp_path):
     code = WRITER.format(test=str(Path(__file__).parent), root=str(tmp_path))
     random = np.random.default_rng(1)
     for _ in range(3):
@@ -159,7 +148,7 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(tmp_path):
         process.send_signal(signal.SIGKILL)
         rest = process.communicate()[0].split()
         said = int(rest[-1]) if rest else said
-        keeper = integrator(tmp_path)
+        keeper = restart()
         assert said <= keeper.revision <= said + 1 and codes(keeper) == []
         keeper.close()
 
@@ -184,13 +173,13 @@ for number in range(3):
 
 
 @pytest.mark.parametrize("size", [0, 1000])
-def test_on_a_full_disk_borders_act_and_each_change_is_refused(tmp_path, size):
+def test_on_a_full_disk_borders_act_and_each_change_is_refused(restart, tmp_path, size):
     """Was answered as success, and the border vanished later."""
-    borders = closed(tmp_path, 2)
+    borders = closed(restart, 2)
     code = FULL_DISK.format(test=str(Path(__file__).parent), size=size, root=str(tmp_path))
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, universal_newlines=True, check=True)
     assert done.stdout.splitlines() == ["cannot_write b1 b2"] * 3
-    assert again(tmp_path) == (borders, []) and not list(tmp_path.glob(".borders*"))
+    assert again(restart) == (borders, []) and not list(tmp_path.glob(".borders*"))
 
 
 def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(tmp_path):
@@ -206,8 +195,8 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
     keeper.close()
 
 
-def test_a_repair_that_cannot_be_written_is_said_until_it_can(tmp_path, monkeypatch):
-    borders = closed(tmp_path, 2)
+def test_a_repair_that_cannot_be_written_is_said_until_it_can(restart, tmp_path, monkeypatch):
+    borders = closed(restart, 2)
     (tmp_path / FILE).write_bytes(b"?")
 
     def fail(*_):
@@ -215,18 +204,17 @@ def test_a_repair_that_cannot_be_written_is_said_until_it_can(tmp_path, monkeypa
 
     with monkeypatch.context() as full:
         full.setattr(files, "write_together", fail)
-        keeper = integrator(tmp_path)
+        keeper = restart()
     assert keeper.borders == borders and codes(keeper) == ["database_repaired", "database_read_only"]
     keeper.undo()
     assert codes(keeper) == ["database_repaired"]
     found = keeper.borders
-    keeper.close()
-    assert again(tmp_path) == (found, [])
+    assert again(restart) == (found, [])
 
 
 @pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited", "newer"])
-def test_a_damaged_file_is_written_again_from_the_copy_and_reported(tmp_path, damage):
-    borders = closed(tmp_path)
+def test_a_damaged_file_is_written_again_from_the_copy_and_reported(restart, tmp_path, damage):
+    borders = closed(restart)
     path, content = tmp_path / FILE, (tmp_path / FILE).read_bytes()
     damaged = {
         "truncated": content[: len(content) * 2 // 3],
@@ -240,8 +228,8 @@ def test_a_damaged_file_is_written_again_from_the_copy_and_reported(tmp_path, da
     else:
         assert damaged[damage] != content
         path.write_bytes(damaged[damage])
-    assert again(tmp_path) == (borders, ["database_repaired"])
-    assert again(tmp_path) == (borders, []) and path.read_bytes() == content
+    assert again(restart) == (borders, ["database_repaired"])
+    assert again(restart) == (borders, []) and path.read_bytes() == content
     assert [one.read_bytes() for one in tmp_path.glob("*.damaged")] == [
         one for one in [damaged.get(damage)] if one is not None
     ]
@@ -295,20 +283,20 @@ def test_a_copy_that_was_put_in_the_files_place_counts_more_than_later_ones(tmp_
     values.close()
 
 
-def test_a_start_puts_its_days_copy_right(tmp_path):
-    before = closed(tmp_path)
+def test_a_start_puts_its_days_copy_right(restart, tmp_path):
+    before = closed(restart)
     (copy,) = (tmp_path / "copies").iterdir()
     copy.write_bytes(b"?")
-    assert again(tmp_path) == (before, [])
+    assert again(restart) == (before, [])
     (tmp_path / FILE).write_bytes(b"?")
-    assert again(tmp_path) == (before, ["database_repaired"])
+    assert again(restart) == (before, ["database_repaired"])
 
 
-def test_a_database_of_a_newer_version_is_refused_and_left_alone(tmp_path, monkeypatch):
+def test_a_database_of_a_newer_version_is_refused_and_left_alone(restart, tmp_path, monkeypatch):
     """It was called damaged, set aside, and all borders were gone."""
     with monkeypatch.context() as newer:
         newer.setattr(durable_values, "FORMAT", 2)
-        closed(tmp_path)
+        closed(restart)
     before = {path: path.read_bytes() for path in tmp_path.glob("borders*")}
     for _ in range(2):  # the lock is given back
         with refused("database_newer"):
@@ -317,9 +305,9 @@ def test_a_database_of_a_newer_version_is_refused_and_left_alone(tmp_path, monke
 
 
 @pytest.mark.parametrize("fault", ["deleted", "overwritten"])
-def test_files_that_are_lost_while_it_runs_come_again_with_the_next_change(tmp_path, fault):
+def test_files_that_are_lost_while_it_runs_come_again_with_the_next_change(restart, tmp_path, fault):
     """An addition was answered with success, and after a restart no border was there."""
-    keeper = integrator(tmp_path)
+    keeper = restart()
     keeper.add(square(10, 10), 1.0)
     if fault == "deleted":
         shutil.rmtree(str(tmp_path))
@@ -328,29 +316,27 @@ def test_files_that_are_lost_while_it_runs_come_again_with_the_next_change(tmp_p
             path.write_bytes(b"?" * 9000)
     assert keeper.add(square(50, 50), 2.0).ids == ("b2",)
     found = keeper.borders
-    keeper.close()
-    assert again(tmp_path) == (found, [])
+    assert again(restart) == (found, [])
 
 
-def test_with_the_lock_deleted_the_second_integrator_takes_over(tmp_path):
+def test_with_the_lock_deleted_the_second_integrator_takes_over(restart, tmp_path):
     """Both handed out the id b1."""
     first = integrator(tmp_path)
     (tmp_path / "borders.lock").unlink()
-    second = integrator(tmp_path)
+    second = restart()
     assert second.add(square(10, 10), 1.0).ids == ("b1",)
     for _ in range(2):
         with refused("database_in_use"):
             first.add(square(50, 50), 1.0)
         assert first.borders == ()
     found = second.borders
-    second.close()
-    assert again(tmp_path) == (found, [])
+    assert again(restart) == (found, [])
 
 
-def test_a_refused_change_is_not_back_after_a_restart(tmp_path, monkeypatch):
+def test_a_refused_change_is_not_back_after_a_restart(restart, monkeypatch):
     """The copy cannot be put in its place when the file has been."""
-    before = closed(tmp_path)
-    keeper, replace, left = integrator(tmp_path), files.os.replace, [1]
+    before = closed(restart)
+    keeper, replace, left = restart(), files.os.replace, [1]
 
     def fail_once(source, target):
         if "copies" in target and left:
@@ -362,13 +348,12 @@ def test_a_refused_change_is_not_back_after_a_restart(tmp_path, monkeypatch):
     with refused("cannot_write"):
         keeper.add(square(10, 60, name="refused"), 9.0)
     assert not left
-    keeper.close()
-    assert again(tmp_path) == (before, [])
+    assert again(restart) == (before, [])
 
 
 @pytest.mark.parametrize("copies", [True, False])
-def test_a_file_that_cannot_be_read_now_is_not_damaged(tmp_path, monkeypatch, copies):
-    before, read = closed(tmp_path), Path.read_bytes
+def test_a_file_that_cannot_be_read_now_is_not_damaged(restart, tmp_path, monkeypatch, copies):
+    before, read = closed(restart), Path.read_bytes
 
     def refuse(path):
         if path.name == FILE or not copies:
@@ -378,19 +363,18 @@ def test_a_file_that_cannot_be_read_now_is_not_damaged(tmp_path, monkeypatch, co
     with monkeypatch.context() as context:
         context.setattr(Path, "read_bytes", refuse)
         if copies:
-            keeper = integrator(tmp_path)
+            keeper = restart()
             assert keeper.borders == before
-            keeper.close()
         else:
             with refused("cannot_read"):
-                integrator(tmp_path)
-    assert again(tmp_path) == (before, []) and not list(tmp_path.glob("*.damaged"))
+                restart()
+    assert again(restart) == (before, []) and not list(tmp_path.glob("*.damaged"))
 
 
 @pytest.mark.parametrize("written", [0, 1, 2])
-def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(tmp_path, monkeypatch, written):
+def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(restart, monkeypatch, written):
     """The disk is full after so many writes."""
-    keeper = integrator(tmp_path)
+    keeper = restart()
     keeper.add(square(10, 10), 1.0)
     other = GRID.with_data(np.roll(GRID.data, 1, axis=0))
     keeper.set_map(other)
@@ -411,8 +395,6 @@ def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(tmp_path, m
             taken = False
     after = keeper.borders, keeper.map_name
     assert after == (((), "attic") if taken else before)
-    keeper.close()
-    second = MapIntegrator(tmp_path)
+    second = restart(None)
     second.set_map(other)
     assert (second.borders, second.map_name) == after
-    second.close()

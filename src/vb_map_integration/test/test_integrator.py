@@ -11,7 +11,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import MapIntegrator
 from vb_map_integration.grid import free_parts
-from vb_map_integration.grid.region import Region, join_regions
+from vb_map_integration.grid.region import Region, join_regions, put_on_map
 
 from integrators import GRID, at, expected, integrator, square
 
@@ -62,8 +62,8 @@ def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
     assert keeper.borders == () and np.array_equal(keeper.map_with_borders.data, GRID.data)
 
 
-def test_refusals_change_nothing(tmp_path):
-    keeper = integrator(tmp_path)
+def test_refusals_change_nothing(restart, tmp_path):
+    keeper = restart()
     keeper.add(square(10, 10), 1.0)
     before, cells, revision = keeper.borders, keeper.map_with_borders.data.copy(), keeper.revision
 
@@ -86,8 +86,8 @@ def test_refusals_change_nothing(tmp_path):
     assert files == read_files()
 
 
-def test_an_unnamed_border_is_numbered_by_those_that_are_there(tmp_path):
-    keeper = integrator(tmp_path)
+def test_an_unnamed_border_is_numbered_by_those_that_are_there(restart):
+    keeper = restart()
     for place in (10, 60):
         keeper.add(square(place, 10, name=""), 1.0)
     keeper.remove("b1")
@@ -95,10 +95,10 @@ def test_an_unnamed_border_is_numbered_by_those_that_are_there(tmp_path):
     assert [(border.id, border.name) for border in keeper.borders] == [("b2", "border 2"), ("b3", "border 1")]
 
 
-def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
+def test_undo_and_redo_bring_back_no_name_that_another_has(restart):
     """An unnamed border may have the number of a removed one: undo goes back in order, and takes the newer one first."""
     draw = np.random.default_rng(5)
-    keeper = integrator(tmp_path)
+    keeper = restart()
     for step in range(200):
         names = {border.id: border.name for border in keeper.borders}
         actions = [lambda: keeper.add(square(*draw.integers(5, 60, 2), name=""), float(step))]
@@ -128,6 +128,8 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split():
     assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
+    # what is split already is not split by another border
+    assert "splits_free_space" not in [found.code for found in keeper.check(square(20, 20)).issues]
     # replacing the band by a small square joins the parts again
     assert keeper.check(square(70, 50, id=outcome.ids[0])).free_parts == 1
 
@@ -148,6 +150,7 @@ def test_no_free_space_left_for_the_robot_is_reported():
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
     found = [one.code for one in keeper.add(everything, 1.0).issues]
     assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
+    assert "no_free_space_left" not in [one.code for one in keeper.check(square(20, 20)).issues]  # there was none
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -161,11 +164,8 @@ def test_regions_in_different_windows_are_compared_and_drawn_cell_by_cell(seed):
     one, other = (region.spread((20, 20)) for region in regions)
     assert regions[0].shared(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
     assert np.array_equal(join_regions(regions).spread((20, 20)), one | other)
-    cells = np.full((20, 20), -1, np.int8)
-    regions[0].apply(cells, regions[1].window)
-    inside = np.zeros((20, 20), bool)
-    inside[regions[1].window] = True
-    assert np.array_equal(cells == 100, one & inside)
+    grid = GridMap(np.full((20, 20), -1, np.int8), 0.05)
+    assert np.array_equal(put_on_map(grid, regions).data == 100, one | other) and (grid.data == -1).all()
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

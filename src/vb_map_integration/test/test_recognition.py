@@ -10,8 +10,8 @@ from refusals import refused
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_map_integration.integrator import MapIntegrator
-from vb_map_integration.places.registration import IDENTITY, Transform, register
+from vb_map_integration.places import registration
+from vb_map_integration.places.registration import IDENTITY, Transform, WallMap
 
 from integrators import GRID, integrator
 
@@ -75,6 +75,10 @@ def closed_off(keeper, transform=IDENTITY):
 
 
 # ----------------------------------------------------------------- registration
+def register(old, new):
+    return registration.register(WallMap(old), WallMap(new))
+
+
 @pytest.mark.parametrize(
     "truth, resolution",
     [
@@ -150,28 +154,25 @@ def test_maps_without_walls_are_not_registered():
 
 
 # ----------------------------------------------------------------- recognition
-def test_ten_seconds_of_slam_do_not_lose_the_border(tmp_path):
+def test_ten_seconds_of_slam_do_not_lose_the_border(restart):
     """Day 1: a static map. Day 2: SLAM from nothing. Day 3: the static map had no border, "it is the same place"."""
-    keeper = integrator(tmp_path, flat())
+    keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
-    keeper.close()
-    slam = MapIntegrator(tmp_path)
+    slam = restart(None)
     for width in (0.6, 2.0):
         slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
         assert slam.needs_confirmation and len(slam.borders) == 1
         asked = next(notice for notice in slam.notices if notice.code == "borders_unconfirmed")
         # what people know: nobody named the place
         assert sentences.border_name(slam.borders[0].name) in asked.sentence()
-    slam.close()
-    third = integrator(tmp_path, flat())
+    third = restart(flat())
     assert closed_off(third) and not third.needs_confirmation
-    third.close()
 
 
 @pytest.mark.parametrize("truth", [Transform(0.25, 0.0, 0.0), Transform(0.0, 0.0, np.radians(3.0))])
-def test_borders_move_with_the_map(tmp_path, truth):
+def test_borders_move_with_the_map(restart, truth):
     """A map moved by 0.25 m or turned by 3 degrees had no border at all."""
-    keeper = integrator(tmp_path, flat())
+    keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(truth, seed=3))
     assert not keeper.needs_confirmation and closed_off(keeper, truth)
@@ -181,12 +182,11 @@ def test_borders_move_with_the_map(tmp_path, truth):
     keeper.set_map(flat())
     assert np.array_equal(keeper.borders[0].points, keep_out().points)
     assert np.abs(keeper.borders[1].points - Transform(3.0, -3.0, 0.0).apply(keep_out().points)).max() < 0.05
-    keeper.close()
 
 
-def test_many_small_shifts_never_leave_the_walls(tmp_path):
+def test_many_small_shifts_never_leave_the_walls(restart):
     """Thirty shifts of two cells each passed as the same place, with the border 3 m away from its walls."""
-    keeper = integrator(tmp_path, flat())
+    keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     for step in (1, 2, 15, 30):
         truth = Transform(0.1 * step, 0.0, 0.0)
@@ -194,11 +194,10 @@ def test_many_small_shifts_never_leave_the_walls(tmp_path):
         apart = np.abs(keeper.borders[0].points - truth.apply(keep_out().points)).max()
         assert keeper.needs_confirmation or apart < 0.06
         assert closed_off(keeper, truth) or keeper.needs_confirmation
-    keeper.close()
 
 
-def test_in_doubt_borders_stay_in_force_until_somebody_confirms(tmp_path):
-    keeper = integrator(tmp_path, flat())
+def test_in_doubt_borders_stay_in_force_until_somebody_confirms(restart):
+    keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(plan=1, seed=4))
     assert keeper.needs_confirmation and closed_off(keeper)
@@ -211,35 +210,29 @@ def test_in_doubt_borders_stay_in_force_until_somebody_confirms(tmp_path):
     keeper.set_map(flat())
     assert [(border.id, border.enabled) for border in keeper.borders] == [("b1", False)]
     keeper.confirm(True, "ground floor")
-    keeper.close()
-    again = integrator(tmp_path, flat(plan=1, seed=4))
+    again = restart(flat(plan=1, seed=4))
     assert [border.name for border in again.borders] == ["bath"] and again.map_name == "upstairs"
-    again.close()
 
 
-def test_floors_with_the_same_walls_are_told_apart_by_their_names(tmp_path):
+def test_floors_with_the_same_walls_are_told_apart_by_their_names(restart):
     for name in ("ground", "upstairs"):
-        keeper = integrator(tmp_path, flat(seed=len(name)), map_name=name)
+        keeper = restart(flat(seed=len(name)), map_name=name)
         assert keeper.borders == ()
         keeper.add(keep_out(name=name), 1.0)
-        keeper.close()
     for seed, name in enumerate(("upstairs", "ground"), 10):
-        keeper = integrator(tmp_path, flat(seed=seed), map_name=name)
+        keeper = restart(flat(seed=seed), map_name=name)
         assert [border.name for border in keeper.borders] == [name] and not keeper.needs_confirmation
-        keeper.close()
     # without a name both fit: nothing is sure
-    keeper = integrator(tmp_path, flat(seed=20))
+    keeper = restart(flat(seed=20))
     assert keeper.needs_confirmation and len(keeper.borders) == 1
-    keeper.close()
 
 
-def test_a_map_that_grows_cell_by_cell_stays_confirmed(tmp_path):
-    keeper = integrator(tmp_path, flat(known=(0.0, 4.0)))
+def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
+    keeper = restart(flat(known=(0.0, 4.0)))
     keeper.add(keep_out(), 1.0)
     for width in (5.0, 6.0, 7.0, 9.0):
         keeper.set_map(flat(known=(0.0, width)))
         assert closed_off(keeper) and not keeper.needs_confirmation
-    keeper.close()
 
 
 # ----------------------------------------------------------------- what acts, and why not

@@ -33,10 +33,10 @@ def closed_at(keeper, x, y):
     return int(keeper.map_with_borders.values_at([(x, y)])[0]) == 100
 
 
-def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_closed(tmp_path):
+def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_closed(restart):
     """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
     partition = ((0.0, 2.4), (3.1, 2.4))
-    keeper = integrator(tmp_path, with_walls(flat(), partition))
+    keeper = restart(with_walls(flat(), partition))
     keeper.add(DOOR, 1.0)
     accepted = keeper.in_force.area_m2("b1")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
@@ -54,12 +54,10 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     assert all(len(one) == 0 for one in keeper.in_force.outlines("b1"))
     assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.area_m2("b1") > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
-    keeper.close()
-    again = integrator(tmp_path, flat(seed=1))  # what was accepted is kept
+    again = restart(flat(seed=1))  # what was accepted is kept
     assert again.in_force.status(again.borders[0]) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
     again.undo()
     assert again.in_force.status(again.borders[0]) == (True, "to_be_confirmed")
-    again.close()
 
 
 def test_a_line_that_cannot_be_put_on_the_map_keeps_closed_what_it_closed():
@@ -130,16 +128,14 @@ def test_an_answer_about_another_map_than_the_current_one_is_refused():
     keeper.confirm(True, "", map_id=keeper.map_id)
 
 
-def test_a_known_map_with_the_name_of_another_place_is_a_question(tmp_path):
+def test_a_known_map_with_the_name_of_another_place_is_a_question(restart):
     """map_name:=upstairs with the file of downstairs was silently downstairs."""
     for name, plan in (("downstairs", 0), ("upstairs", 1)):
-        keeper = integrator(tmp_path, flat(plan=plan), map_name=name)
+        keeper = restart(flat(plan=plan), map_name=name)
         keeper.add(keep_out(name=name), 1.0)
         assert keeper.map_name == name and not keeper.needs_confirmation
-        keeper.close()
-    keeper = integrator(tmp_path, flat(plan=0), map_name="upstairs")
+    keeper = restart(flat(plan=0), map_name="upstairs")
     assert keeper.needs_confirmation and closed_off(keeper)
-    keeper.close()
 
 
 def test_a_name_that_nobody_could_read_is_refused_and_nothing_changes():
@@ -154,8 +150,8 @@ def test_a_name_that_nobody_could_read_is_refused_and_nothing_changes():
     assert keeper.revision == revision and keeper.map_name == ""
 
 
-def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(tmp_path):
-    keeper = integrator(tmp_path, flat())
+def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(restart):
+    keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(seed=50))
     keeper.add(keep_out(Transform(3.3, 0.0, 0.0)), 1.0)
@@ -165,7 +161,6 @@ def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(tm
     known = {one.fingerprint for one in keeper._database.maps()}
     assert len(known) == MAX_MAPS + 3  # the first, the current one, and the one that is needed
     assert all(border.map_id in known for border in keeper.borders)
-    keeper.close()
 
 
 def state(keeper):
@@ -175,11 +170,11 @@ def state(keeper):
     return verdicts, keeper.map_with_borders.data.tolist()
 
 
-def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
+def test_what_is_in_force_is_a_function_of_what_is_stored(restart):
     """Whatever happened before, a start from the database gives the same."""
     random = np.random.default_rng(4)
     maps = [flat(), flat(seed=1), with_walls(flat(seed=2), ((0.0, 2.4), (3.1, 2.4)))]
-    keeper = integrator(tmp_path, maps[0])
+    keeper = restart(maps[0])
     for step in range(25):
         ids = [border.id for border in keeper.borders]
         actions = [
@@ -199,10 +194,8 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
             continue
         keeper.confirm(True, "")  # a start knows only maps that were confirmed or drawn on
         before, current = state(keeper), keeper.physical
-        keeper.close()
-        keeper = integrator(tmp_path, current)
+        keeper = restart(current)
         assert state(keeper) == before
-    keeper.close()
 
 
 def test_a_border_that_was_accepted_where_it_does_not_fit_any_more_waits_and_ends_no_program():

@@ -20,20 +20,23 @@ class System:
         self.follows, self.dispatch_after = follows, dispatch_after
         self.refusals = list(refuse_saves)
         self.percept = Perception(now=100.0, robot=robot)
-        self.border, self.seed, self.commands, self.actions = [], [], [], []
-        self._arrives = None
-        self._answer_at = None
+        self.border, self.seed, self.commands, self.actions, self.robots = [], [], [], [], []
+        self._arrives = self._answer_at = None
+
+    def from_robot(self, spot):
+        """Distance [m] and bearing [rad]."""
+        x, y, yaw = self.robot
+        return math.dist(spot, (x, y)), geometry.wrap_angle(math.atan2(spot[1] - y, spot[0] - x) - yaw)
 
     def robot_sees(self, spot):
-        x, y, yaw = self.robot
-        distance = math.hypot(spot[0] - x, spot[1] - y)
-        bearing = geometry.wrap_angle(math.atan2(spot[1] - y, spot[0] - x) - yaw)
+        distance, bearing = self.from_robot(spot)
         return 0.45 < distance < 3.0 and abs(bearing) < math.radians(29.0)
 
     def run(self, limit, dt=DT):
         while self.percept.now < 100.0 + limit:
             action = self.script.step(Perception(**vars(self.percept)))
             self.actions.append(action)
+            self.robots.append(self.robot)
             if action.outcome:
                 return action.outcome
             self.percept.now += dt
@@ -46,14 +49,12 @@ class System:
         state = self.percept.state
         if action.laser is None or state == "default":
             return
-        by_robot, seen = self.robot_sees(action.laser), False
-        if self.covered(np.array(action.laser)):
-            seen = True
-            if not self.follows and self._arrives is None:
-                self._arrives = self.percept.now + self.dispatch_after
+        by_robot, covered = self.robot_sees(action.laser), self.covered(np.array(action.laser))
+        if covered and not self.follows and self._arrives is None:
+            self._arrives = self.percept.now + self.dispatch_after
         if by_robot:
             self.percept.last_seen_by_robot = self.percept.now
-        if seen or by_robot:
+        if covered or by_robot:
             self.percept.last_seen = self.percept.now
             if state == "border":
                 self.border.append(action.laser)
@@ -81,7 +82,6 @@ class System:
             self.percept.answer, self.percept.answered = answer, action.number
 
     def _drive(self, action, dt):
-        x, y, yaw = self.robot
         if self._arrives is not None and self.percept.now >= self._arrives and action.laser is not None:
             # put where it sees the spot, which stands for driving there
             spot = np.array(action.laser)
@@ -89,10 +89,8 @@ class System:
                 self.robot = (spot[0], spot[1] - 1.0, math.pi / 2)
                 self._arrives = self.percept.now + self.dispatch_after
         elif self.follows and action.laser is not None and self.robot_sees(action.laser):
-            distance = math.hypot(action.laser[0] - x, action.laser[1] - y)
-            bearing = geometry.wrap_angle(math.atan2(action.laser[1] - y, action.laser[0] - x) - yaw)
-            speed = float(np.clip(0.8 * (distance - (1.0 if distance > 0.8 else 0.8)), -0.1, 0.2)) * max(
-                0.0, 1.0 - abs(bearing) / 0.44
-            )
+            distance, bearing = self.from_robot(action.laser)
+            speed = float(np.clip(0.8 * (distance - (1.0 if distance > 0.8 else 0.8)), -0.1, 0.2))
+            speed *= max(0.0, 1.0 - abs(bearing) / 0.44)
             self.robot = advance(self.robot, speed * dt, float(np.clip(1.8 * bearing, -0.8, 0.8)) * dt)
         self.percept.robot = self.robot

@@ -60,6 +60,12 @@ def expected_pixel(model, T_map_optical, x, y):
     return model.project(geometry.apply(geometry.invert(T_map_optical), np.array([[x, y, 0.0]])))[0]
 
 
+def added_light(view, scene):
+    """What the laser adds to the image of a scene."""
+    lit = view.frame(scene).astype(float)
+    return lit - view.frame(dataclasses.replace(scene, laser=None))
+
+
 def centroid(change):
     rows, columns = np.indices(change.shape)
     return np.array([(change * columns).sum(), (change * rows).sum()]) / change.sum()
@@ -71,17 +77,14 @@ def test_spot_lies_where_the_camera_model_says(lab, color):
     view = ceiling(lab, "mono")
     rng = np.random.default_rng(1)
     for x, y in np.column_stack([rng.uniform(0.8, 2.5, 15), rng.uniform(0.6, 2.4, 15)]):
-        empty = view.frame(Snapshot(1.0)).astype(float)
-        lit = view.frame(Snapshot(1.0, laser=(x, y), laser_color=color)).astype(float)
-        wanted = expected_pixel(view.model, view.pose, x, y)
-        assert np.linalg.norm(centroid(lit - empty) - wanted) < 0.2
+        change = added_light(view, Snapshot(1.0, laser=(x, y), laser_color=color))
+        assert np.linalg.norm(centroid(change) - expected_pixel(view.model, view.pose, x, y)) < 0.2
 
 
 def test_spot_in_a_bayer_image(lab):
     view = ceiling(lab, "bayer")
     for x, y in [(1.5, 1.2), (2.21, 1.83), (2.503, 1.307)]:
-        empty = view.frame(Snapshot(1.0)).astype(float)
-        change = view.frame(Snapshot(1.0, laser=(x, y), laser_color="green")).astype(float) - empty
+        change = added_light(view, Snapshot(1.0, laser=(x, y), laser_color="green"))
         # the green pixels of both kinds of rows make a whole grid
         green = np.zeros_like(change)
         green[0::2, 1::2], green[1::2, 0::2] = change[0::2, 1::2], change[1::2, 0::2]
@@ -123,32 +126,22 @@ def test_a_fast_spot_is_smeared_over_the_exposure(lab):
 # ------------------------------------------------------------------ what hides it
 def test_person_and_furniture_hide_the_spot(lab):
     view = ceiling(lab, "mono")
-    person = (1.2, 1.5, 0.0)
     # the ray to a point beyond the person, seen from the camera, passes through the shoulders
-    hidden = (0.9, 1.5)
-
-    def change(snapshot, without):
-        lit = view.frame(snapshot).astype(int)
-        u, v = np.round(expected_pixel(view.model, view.pose, *snapshot.laser)).astype(int)
-        before = lit[v - 6 : v + 7, u - 6 : u + 7].copy()
-        return int((before - view.frame(without).astype(int)[v - 6 : v + 7, u - 6 : u + 7]).max())
-
-    assert change(Snapshot(1.0, laser=hidden), Snapshot(1.0)) > 80
-    with_person = Snapshot(1.0, laser=hidden, person=person)
+    hidden, behind_box = (0.9, 1.5), (3.28, 0.9)
+    assert added_light(view, Snapshot(1.0, laser=hidden)).max() > 80
     u, v = np.round(expected_pixel(view.model, view.pose, *hidden)).astype(int)
-    assert view.frame(with_person)[v - 3 : v + 4, u - 3 : u + 4].max() < 200
-    behind_box = (3.28, 0.9)
-    assert change(Snapshot(1.0, laser=behind_box), Snapshot(1.0)) <= 2
-    assert change(Snapshot(1.0, laser=(2.6, 1.0)), Snapshot(1.0)) > 80
+    with_person = view.frame(Snapshot(1.0, laser=hidden, person=(1.2, 1.5, 0.0)))
+    assert with_person[v - 3 : v + 4, u - 3 : u + 4].max() < 200
+    assert np.abs(added_light(view, Snapshot(1.0, laser=behind_box))).max() <= 2
+    assert added_light(view, Snapshot(1.0, laser=(2.6, 1.0))).max() > 80
 
 
 def test_box_hides_the_spot_from_the_robot(lab):
-    view = robot(lab)
-    base = {"robot": (2.0, 1.0, 0.0)}
-    with_spot = view.frame(Snapshot(1.0, base, (3.4, 1.0))).astype(int)
-    assert np.abs(with_spot - view.frame(Snapshot(1.0, base)).astype(int)).max() == 0
-    with_spot = view.frame(Snapshot(1.0, base, (2.6, 1.0))).astype(int)
-    assert np.abs(with_spot - view.frame(Snapshot(1.0, base)).astype(int)).max() > 80
+    hidden, seen = (
+        np.abs(added_light(robot(lab), Snapshot(1.0, {"robot": (2.0, 1.0, 0.0)}, place))).max()
+        for place in ((3.4, 1.0), (2.6, 1.0))
+    )
+    assert hidden == 0 and seen > 80
 
 
 # ------------------------------------------------------------------ frames
@@ -166,9 +159,7 @@ def test_a_frame_leaves_no_trace_in_the_next(lab):
 
 def test_noise_is_as_large_as_the_model_says(lab):
     view = ceiling(lab, "mono", Models())
-    first = view.frame(Snapshot(1.0)).astype(float)
-    first = first.copy()
-    second = view.frame(Snapshot(1.0)).astype(float)
+    first, second = (view.frame(Snapshot(1.0)).astype(float) for _ in range(2))
     middle = (slice(200, 340), slice(300, 500))
     sigma = Models().camera_noise.sigma(first[middle].mean())
     # rounding to whole grey levels adds 1/12
@@ -225,11 +216,9 @@ def test_depth_has_holes_at_flat_angles_and_noise_that_grows(lab):
 # ------------------------------------------------------------------ geometry of the drawing
 def test_rays_of_a_distorted_camera_are_exact(lab):
     camera = lab[0].camera("mono").model()
-    grid = RayGrid(camera)
-    for column, row in [(0, 0), (959, 539), (13, 500), (480, 270)]:
-        exact = camera.rays(np.array([[column, row]]))[0]
-        assert abs(grid.x[row, column] - exact[0]) * camera.focal_px < 0.02
-        assert abs(grid.y[row, column] - exact[1]) * camera.focal_px < 0.02
+    grid, pixels = RayGrid(camera), np.array([(0, 0), (959, 539), (13, 500), (480, 270)])
+    drawn = np.stack([grid.x, grid.y], axis=-1)[pixels[:, 1], pixels[:, 0]]
+    assert np.abs(drawn - camera.rays(pixels)[:, :2]).max() * camera.focal_px < 0.02
 
 
 def test_the_nearer_box_hides_the_other_whatever_the_order():
@@ -281,15 +270,12 @@ def test_a_jumping_spot_is_not_swept_over_the_floor():
 
 def test_frames_are_spread_evenly_and_on_time():
     schedule = FrameSchedule([25.0, 25.0, 25.0], 0.015)
-    taken = []
-    for step in range(1, 1001):
-        taken += schedule.due(10.0 + step * 0.002)
-    stamps = {index: [stamp for i, stamp in taken if i == index] for index in range(3)}
+    taken = [image for step in range(1, 1001) for image in schedule.due(10.0 + step * 0.002)]
     for index in range(3):
-        assert len(stamps[index]) in (50, 51)
-        np.testing.assert_allclose(np.diff(stamps[index]), 0.04, atol=1e-9)
-    gaps = np.diff(sorted(stamp for _, stamp in taken))
-    np.testing.assert_allclose(gaps, 0.04 / 3, atol=1e-9)
+        stamps = [stamp for i, stamp in taken if i == index]
+        assert len(stamps) in (50, 51)
+        np.testing.assert_allclose(np.diff(stamps), 0.04, atol=1e-9)
+    np.testing.assert_allclose(np.diff(sorted(stamp for _, stamp in taken)), 0.04 / 3, atol=1e-9)
     assert schedule.skipped == 0
     # a computer that is too slow takes the newest one
     assert len(schedule.due(14.0)) == 3 and schedule.skipped == 3 * 49

@@ -107,10 +107,10 @@ def test_exact_wheels_measure_the_true_path():
     robot = body(EXACT, start=(2.0, 1.0, 0.7))
     _, now = drive(robot, 0.4, 0.5, 2.0)
     drive(robot, -0.2, -0.9, 2.0, now)
-    traveled = geometry.invert(geometry.transform_from_pose2d(2.0, 1.0, 0.7)) @ geometry.transform_from_pose2d(
-        *robot.pose
+    start, odometry, end = (
+        geometry.transform_from_pose2d(*pose) for pose in ((2.0, 1.0, 0.7), robot.odometry, robot.pose)
     )
-    assert np.allclose(geometry.transform_from_pose2d(*robot.odometry), traveled, atol=1e-9)
+    assert np.allclose(start @ odometry, end, atol=1e-9)
 
 
 def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
@@ -118,24 +118,20 @@ def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
     drive(robot, 0.4, 0.5, 20.0)
     composed = robot.map_to_odom() @ geometry.transform_from_pose2d(*robot.odometry)
     assert np.allclose(composed, geometry.transform_from_pose2d(*robot.estimate()), atol=1e-9)
-    traveled = geometry.pose2d_from_transform(geometry.transform_from_pose2d(*robot.pose))
-    assert np.hypot(robot.odometry[0] - traveled[0], robot.odometry[1] - traveled[1]) > 0.002
+    assert math.dist(robot.odometry[:2], robot.pose[:2]) > 0.002
 
 
 def test_localisation_error_has_its_sigma_and_varies_slowly():
     model = LocalizationModel(position_sigma=0.02, yaw_sigma=0.01, correlation_time=5.0)
     errors, steps = [], []
     for seed in range(60):
-        robot = body(localization=model, seed=seed)
-        now, before = 0.0, None
+        robot, now, of_one = body(localization=model, seed=seed), 0.0, []
         for _ in range(60):
             _, now = drive(robot, 0.2, 0.3, 0.1, now)
-            estimate, true = robot.estimate(), robot.pose
-            error = np.array([estimate[0] - true[0], estimate[1] - true[1], geometry.wrap_angle(estimate[2] - true[2])])
-            errors.append(error)
-            if before is not None:
-                steps.append(error - before)
-            before = error
+            x, y, turn = np.subtract(robot.estimate(), robot.pose)
+            of_one.append((x, y, geometry.wrap_angle(turn)))
+        errors += of_one
+        steps += list(np.diff(of_one, axis=0))
     sigma = np.std(errors, axis=0)
     assert sigma[:2] == pytest.approx(0.02, rel=0.35) and sigma[2] == pytest.approx(0.01, rel=0.35)
     # over 0.1 s of 5 s an Ornstein-Uhlenbeck process moves by sqrt(2 * 0.1 / 5) = 0.2 of its sigma
@@ -161,9 +157,8 @@ def test_beams_agree_with_fine_sampling():
     origin, angles = (-1.0 + 2.01, 2.0 + 1.51), np.linspace(-math.pi, math.pi, 200)
     ranges = DistanceField(grid).cast(origin, angles, 10.0)
     samples = np.arange(0.0, 6.0, 0.002)
-    points = np.stack(
-        [origin[0] + samples * np.cos(angles)[:, None], origin[1] + samples * np.sin(angles)[:, None]], axis=-1
-    )
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    points = origin + samples[:, None] * directions[:, None]
     blocked = grid.values_at(points.reshape(-1, 2)).reshape(points.shape[:2]) != FREE
     expected = samples[blocked.argmax(axis=1)]
     # a beam may pass a cell's very corner

@@ -25,8 +25,8 @@ WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
 EVERYWHERE, NOWHERE = (lambda spot: True), (lambda spot: False)
 
 
-def chain_of(scenario):
-    return np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
+def chain_of(border, closed):
+    return np.vstack([border, border[:1]]) if closed else border
 
 
 def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, **more):
@@ -41,7 +41,7 @@ def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, **more):
 def check_drawing(key, sim):
     """What was seen lies on the border, and covers it."""
     scenario = WORLD.scenario(key)
-    border, chain = np.array(sim.border), chain_of(scenario)
+    border, chain = np.array(sim.border), chain_of(scenario.border, scenario.closed)
     assert max(distance_to_chain(spot, chain) for spot in border[::5]) < 0.12
     missed = [distance_to_chain(place, border[::3]) for place in geometry.resample_chain(chain, 0.05)]
     assert max(missed) < 0.10
@@ -153,19 +153,10 @@ def test_without_any_camera_the_robot_is_led_there():
 
 def test_the_person_moves_as_people_do_and_keeps_off_walls_and_robot():
     sim = system("carpet", "robot_only", covered=NOWHERE)
-    places = []
-    see = sim._see
-
-    def watch(action):
-        places.append((action.pose[:2], sim.robot[:2]))
-        see(action)
-
-    sim._see = watch
     sim.run(280.0)
-    people, robots = (np.array(side) for side in zip(*places))
+    people, robots = np.array([action.pose for action in sim.actions])[:, :2], np.array(sim.robots)[:, :2]
     assert np.linalg.norm(np.diff(people, axis=0), axis=1).max() <= 1.0 * DT + 1e-6
-    grid = sim.script.person.grid
-    assert (grid.values_at(people) == 0).all()
+    assert sim.script.person.is_floor(people).all()
     moving = np.linalg.norm(np.diff(people, axis=0), axis=1) > 0
     assert np.linalg.norm(people - robots, axis=1)[1:][moving].min() > 0.35
 
@@ -191,15 +182,14 @@ REAL = ParticipantModel(stroke_scale=1.0)
 def test_a_careful_stroke_stays_at_the_border(seed, closed):
     rng = np.random.default_rng(seed)
     border = SQUARE + rng.normal(0.0, 0.1, (4, 2))
-    stroke = Stroke(border, closed, ParticipantModel(), rng)
-    chain = np.vstack([border, border[:1]]) if closed else border
+    stroke, chain = Stroke(border, closed, ParticipantModel(), rng), chain_of(border, closed)
     places = np.array([stroke.at(arc) for arc in np.linspace(stroke.start, stroke.length, 200)])
     assert max(distance_to_chain(place, chain) for place in places) < 0.06
     assert max(distance_to_chain(place, places) for place in geometry.resample_chain(chain, 0.05)) < 0.15
 
 
-def drawn_by(style, border=SQUARE, closed=True, model=REAL):
-    return Stroke(border, closed, model, np.random.default_rng(0), style=style)
+def drawn_by(style, model=REAL):
+    return Stroke(SQUARE, True, model, np.random.default_rng(0), style=style)
 
 
 def test_real_strokes_move_as_people_do():
@@ -213,7 +203,7 @@ def test_real_strokes_move_as_people_do():
         assert 0.5 < np.sum(0.01 / pace) / stroke.length < 2.0
         slow.append(pace.min())
         fast.append(pace.max())
-        chain = np.vstack([SQUARE, SQUARE[:1]])
+        chain = chain_of(SQUARE, True)
         off.append(np.sqrt(np.mean([distance_to_chain(stroke.at(arc), chain) ** 2 for arc in arcs[::10]])))
     assert np.median(slow) < 0.25 and np.median(fast) > 2.0
     # centimetres, as people are off on the floor, not the millimetres of a ruler
@@ -221,36 +211,23 @@ def test_real_strokes_move_as_people_do():
 
 
 def test_closed_strokes_have_gaps_and_overlaps():
-    ends = np.array(
-        [
-            drawn_by(style, model=ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)).points[-1]
-            for style in load_styles()
-        ]
-    )
+    exact = ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)
+    ends = np.array([drawn_by(style, exact).points[-1] for style in load_styles()])
     gap = np.linalg.norm(ends - SQUARE[0], axis=1) / np.linalg.norm(np.ptp(SQUARE, axis=0))
     assert 0.02 < np.median(gap) < 0.15 and gap.max() > 0.15
 
 
 def test_the_ends_of_open_strokes_are_missed_like_any_corner():
     """A doorway's line has two ends and nothing else: without errors there its index was 1.000 by construction."""
-    door = np.array([[3.2, 3.18], [3.2, 3.88]])
-    ends = np.array(
-        [
-            Stroke(door, False, ParticipantModel(aim_sigma=0.03), np.random.default_rng(seed)).points[[0, -1]]
-            for seed in range(200)
-        ]
-    )
+    door, model = np.array([[3.2, 3.18], [3.2, 3.88]]), ParticipantModel(aim_sigma=0.03)
+    strokes = [Stroke(door, False, model, np.random.default_rng(seed)) for seed in range(200)]
+    ends = np.array([stroke.points[[0, -1]] for stroke in strokes])
     assert np.sqrt(np.mean((ends[:, :, 0] - 3.2) ** 2)) == pytest.approx(0.03 / np.sqrt(2.0), rel=0.2)
 
 
 def test_open_strokes_end_where_the_floor_ends():
-    stroke = Stroke(
-        np.array([[0.0, 0.0], [0.0, 2.0]]),
-        False,
-        ParticipantModel(late_start=0.0),
-        np.random.default_rng(0),
-        lambda places: (places[:, 1] > 0.1) & (places[:, 1] < 1.8),
-    )
+    border, model = np.array([[0.0, 0.0], [0.0, 2.0]]), ParticipantModel(late_start=0.0)
+    stroke = Stroke(border, False, model, np.random.default_rng(0), lambda at: (at[:, 1] > 0.1) & (at[:, 1] < 1.8))
     assert stroke.at(0.0)[1] == pytest.approx(0.11, abs=0.02)
     assert stroke.at(stroke.length)[1] == pytest.approx(1.79, abs=0.02)
 
@@ -260,18 +237,14 @@ def test_marks_on_the_floor_lie_beside_the_map():
     assert np.allclose(meant, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
     assert np.allclose(perceive_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
     turned = perceive_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
-    assert np.allclose(
-        turned - turned.mean(axis=0),
-        np.column_stack([-(SQUARE - SQUARE.mean(axis=0))[:, 1], (SQUARE - SQUARE.mean(axis=0))[:, 0]]),
-    )
+    x, y = (SQUARE - SQUARE.mean(axis=0)).T
+    assert np.allclose(turned - turned.mean(axis=0), np.column_stack([-y, x]))
 
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])
 def test_wrong_words_are_noticed_on_the_display(method):
-    right, wrong = [
-        system("room", method, seed=seed, model=ParticipantModel(wrong_word=share, tries=6))
-        for seed, share in ((3, 0.0), (3, 0.9))
-    ]
+    models = [ParticipantModel(wrong_word=share, tries=6) for share in (0.0, 0.9)]
+    right, wrong = (system("room", method, seed=3, model=model) for model in models)
     assert right.run(200.0) == "saved" and wrong.run(290.0) in ("saved", "gave_up")
     assert len(wrong.commands) > len(right.commands) and wrong.percept.now > right.percept.now
 

@@ -79,8 +79,6 @@ def append_line(path: Union[str, Path], line: str, private: bool = False) -> Non
         OSError: if it cannot be written.
     """
     os.makedirs(os.path.dirname(str(path)), exist_ok=True)
-    descriptor = os.open(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT, PRIVATE if private else 0o644)
-    try:
-        os.write(descriptor, (line + "\n").encode("utf-8"))
-    finally:
-        os.close(descriptor)
+    mode = PRIVATE if private else 0o644
+    with open(str(path), "ab", buffering=0, opener=lambda name, flags: os.open(name, flags, mode)) as log:
+        log.write((line + "\n").encode("utf-8"))

@@ -78,7 +78,7 @@ class Picture(NamedTuple):
 
     pixels: np.ndarray
     content: str
-    scale = 1  # of `searched`: see `HalvedPicture`
+    scale, whole = 1, True  # see `HalvedPicture`
 
     @property
     def size(self) -> Tuple[int, int]:
@@ -120,6 +120,11 @@ class HalvedPicture:
 
     def __init__(self, size: Tuple[int, int], decode: Callable[[int, int], np.ndarray]) -> None:
         self.size, self._decode = size, decode
+
+    @property
+    def whole(self) -> bool:
+        """Returns whether the whole pixels are decoded by now."""
+        return "pixels" in vars(self)
 
     @cached_property
     def pixels(self) -> np.ndarray:

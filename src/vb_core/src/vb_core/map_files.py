@@ -10,7 +10,7 @@ import math
 import os
 import re
 from pathlib import Path
-from typing import Any, List, Optional
+from typing import Any, Callable, List, Optional
 
 import cv2
 import numpy as np
@@ -99,25 +99,20 @@ def read_map(path: Path) -> GridMap:
     if not isinstance(description, dict):
         raise _bad(path, "$file_no_keys")
 
-    def number(key: str, default: Optional[float] = None) -> float:
+    def read(key: str, example: str, is_right: Callable[[Any], bool], default: Any = None) -> Any:
         found = description.get(key, default)
-        if isinstance(found, bool) or not isinstance(found, (int, float)) or not math.isfinite(found):
-            raise _wrong(path, key, "0.05", found)
-        return float(found)
+        if not is_right(found):
+            raise _bad(path, "$file_value", key=key, expected=example, found=repr(found))
+        return found
 
-    mode = description.get("mode", "trinary")
-    if mode not in ("trinary", "scale", "raw"):
-        raise _wrong(path, "mode", "trinary | scale | raw", mode)
-    origin = description.get("origin")
-    if not (isinstance(origin, list) and len(origin) == 3 and all(type(value) in (int, float) for value in origin)):
-        raise _wrong(path, "origin", "[x, y, yaw]", origin)
-    name = description.get("image")
-    if not isinstance(name, str) or not name or "\0" in name:
-        raise _wrong(path, "image", "map.pgm", name)
+    def number(key: str, default: Optional[float] = None) -> float:
+        return float(read(key, "0.05", lambda found: type(found) in (int, float) and math.isfinite(found), default))
+
+    mode = read("mode", "trinary | scale | raw", lambda found: found in ("trinary", "scale", "raw"), "trinary")
+    origin = read("origin", "[x, y, yaw]", _is_pose)
+    name = read("image", "map.pgm", lambda found: isinstance(found, str) and found != "" and "\0" not in found)
+    negate = read("negate", "0 | 1", lambda found: isinstance(found, (int, float)), 0)
     image = _read_image(path.parent / name)
-    negate = description.get("negate", 0)
-    if not isinstance(negate, (int, float)):
-        raise _wrong(path, "negate", "0 | 1", negate)
     resolution = number("resolution")
     if mode == "raw":
         gray = _gray(image, colors_only=False)
@@ -135,7 +130,7 @@ def read_map(path: Path) -> GridMap:
         cells = np.where(darkness > high, 100, np.where(darkness < low, 0, between))
     # an image's first row is its top, a grid's first row is its lowest y
     try:
-        return GridMap(np.ascontiguousarray(cells[::-1]).astype(np.int8), resolution, (origin[0], origin[1], origin[2]))
+        return GridMap(np.ascontiguousarray(cells[::-1]).astype(np.int8), resolution, tuple(origin))
     except (CodedError, OverflowError) as error:
         raise _bad(path, str(error)) from None
 
@@ -144,8 +139,8 @@ def _bad(path: Path, reason: Optional[str], **values: Any) -> CodedError:
     return CodedError("bad_map_file", file=str(path), reason=reason, **values)
 
 
-def _wrong(path: Path, key: str, expected: str, found: Any) -> CodedError:
-    return _bad(path, "$file_value", key=key, expected=expected, found=repr(found))
+def _is_pose(found: Any) -> bool:
+    return isinstance(found, list) and len(found) == 3 and all(type(value) in (int, float) for value in found)
 
 
 def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:

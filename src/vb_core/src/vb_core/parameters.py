@@ -13,6 +13,7 @@ key, a wrong type or a value out of range is a `ParameterError` that names the k
 from __future__ import annotations
 
 import dataclasses
+import operator
 from typing import Any, Mapping, Optional, Sequence, Type, TypeVar
 
 from vb_core.errors import ParameterError
@@ -39,7 +40,7 @@ def param(
         doc: the meaning of a parameter that no file in config/ lists. Of one that is listed, the comment there is the
             meaning; `doc` may repeat how it begins, where dynamic_reconfigure shows it.
     """
-    metadata = {"unit": unit, "low": low, "high": high, "above": above, "choices": choices, "doc": doc}
+    metadata = dict(default=default, unit=unit, low=low, high=high, above=above, choices=choices, doc=doc)
     if isinstance(default, (list, dict)):
         return dataclasses.field(default_factory=lambda: default.copy(), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -51,7 +52,7 @@ class Parameters:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            value = check(field.name, getattr(self, field.name), _default(field), field.metadata)
+            value = _check(field.name, getattr(self, field.name), field.metadata)
             object.__setattr__(self, field.name, value)
 
     @classmethod
@@ -91,18 +92,10 @@ class Parameters:
         """Lists each value that is not the default, with its unit, on one line for a node's log; "" if there is none."""
         parts = []
         for field in dataclasses.fields(self):
-            value, unit = getattr(self, field.name), field.metadata.get("unit", "")
-            if value != _default(field):
+            value, unit = getattr(self, field.name), field.metadata["unit"]
+            if value != field.metadata["default"]:
                 parts.append(f"{field.name}={value}{' ' + unit if unit else ''}")
         return ", ".join(parts)
-
-
-def _default(field: dataclasses.Field) -> Any:
-    if field.default is not dataclasses.MISSING:
-        return field.default
-    if field.default_factory is not dataclasses.MISSING:  # type: ignore[misc]
-        return field.default_factory()  # type: ignore[misc]
-    return None
 
 
 _EXPECTED = {
@@ -116,30 +109,30 @@ _EXPECTED = {
 }
 
 
-def check(key: str, value: Any, default: Any, limits: Mapping[str, Any]) -> Any:
-    """Checks a value; returns it in the default's type.
+_LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "above": ("above", operator.le)}
+
+
+def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
+    """Checks a value against what `param` keeps of it; returns it in the default's type.
 
     Raises:
         ParameterError: names the key and says what was expected.
     """
-    unit, kind = limits.get("unit") or "", type(default)
+    unit, kind = limits["unit"], type(limits["default"])
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
     right = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
     if kind in _EXPECTED and not (right and value == value):  # nan is no number
         raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
     if kind in (float, tuple):
         value = kind(value)
-    low, high, above, choices = (limits.get(name) for name in ("low", "high", "above", "choices"))
     # a list's limits apply to each of its numbers
     for number in value if isinstance(value, (list, tuple)) else [value]:
         if not isinstance(number, (int, float)) or isinstance(number, bool):
             continue
-        if low is not None and number < low:
-            raise ParameterError(key, f"must be at least {low} {unit}".rstrip() + f", got {number}")
-        if high is not None and number > high:
-            raise ParameterError(key, f"must be at most {high} {unit}".rstrip() + f", got {number}")
-        if above is not None and number <= above:
-            raise ParameterError(key, f"must be above {above} {unit}".rstrip() + f", got {number}")
-    if choices is not None and value not in choices:
-        raise ParameterError(key, f"must be one of {', '.join(map(str, choices))}, got {value!r}")
+        for name, (words, breaks) in _LIMITS.items():
+            limit = limits[name]
+            if limit is not None and breaks(number, limit):
+                raise ParameterError(key, f"must be {words} {limit} {unit}".rstrip() + f", got {number}")
+    if limits["choices"] is not None and value not in limits["choices"]:
+        raise ParameterError(key, f"must be one of {', '.join(map(str, limits['choices']))}, got {value!r}")
     return value

@@ -6,7 +6,7 @@ derives from it what it can, so that another robot needs only another file.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Mapping
 
@@ -125,12 +125,11 @@ class RobotProfile:
         """
         if not isinstance(mapping, Mapping):
             raise ParameterError(where, f"expected keys and values, got {mapping!r}")
-        groups = {"shape": RobotShape, "limits": Limits, "base": Base, "scanner": Scanner}
-        groups.update(camera=OnboardCamera, frames=Frames)
-        known = {entry.name for entry in fields(cls)}
+        groups = {entry.name: entry.default_factory for entry in fields(cls) if entry.default_factory is not MISSING}
+        known = sorted({*groups, "model", "contacts"})
         for key in mapping:
             if key not in known:
-                raise ParameterError(f"{where}/{key}", f"unknown parameter; known are {', '.join(sorted(known))}")
+                raise ParameterError(f"{where}/{key}", f"unknown parameter; known are {', '.join(known)}")
         contacts = mapping.get("contacts") or ()
         if not isinstance(contacts, (list, tuple)):
             raise ParameterError(f"{where}/contacts", f"expected a list, got {contacts!r}")

@@ -21,6 +21,7 @@ False
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import threading
@@ -199,13 +200,6 @@ def _read(path: Path) -> bytes:
 
 def _empty(path: Path) -> None:
     """Empties a file in its place, if it can."""
-    try:
-        descriptor = os.open(str(path), os.O_WRONLY | os.O_TRUNC)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    except OSError:
-        pass
-    finally:
-        os.close(descriptor)
+    with contextlib.suppress(OSError), open(str(path), "r+b") as file:
+        file.truncate()
+        os.fsync(file.fileno())

@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-import collections
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
-import numpy as np
 import rospy
 from nav_msgs.msg import OccupancyGrid
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.notices import Notice
 from vb_core.offer import effective
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robots import OfferListener
-from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder
-from vb_msgs.msg import VirtualBorderArray
+from vb_msgs.msg import BorderPreview
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, restriction_overlay, scene
 from vb_feedback.display.display_messages import marker_from_shape
+from vb_feedback.display.inputs import InputListener, Inputs
 from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import words
 
 _REFRESH_PERIOD = 2.0  # [s]
 _PERIOD = 0.04  # [s] between two drawings: no spot waits longer than one frame of a camera
-_TRAIL = 60  # spots kept, all cameras together: 1.5 s at 25 frames/s from one to two cameras
 _STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, finer than a doorway
 
 RESTRICTED = "/virtual_borders/display/restricted"
@@ -46,20 +42,6 @@ class DisplayParams(Parameters):
     robots: list = param(["base_link"])
     robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
     language: str = param(sentences.ENGLISH, choices=sentences.languages())
-
-
-@dataclass(frozen=True)
-class _Inputs:
-    """The newest messages, as one drawing step uses them."""
-
-    physical: Optional[GridMap] = None
-    map_with_borders: Optional[GridMap] = None
-    state: Optional[InteractionState] = None
-    progress: Optional[BorderProgress] = None
-    preview: Optional[BorderPreview] = None
-    borders: Tuple[VirtualBorder, ...] = ()
-    spots: Tuple[scene.TrailPoint, ...] = ()
-    held: Tuple[Notice, ...] = ()
 
 
 class DisplayMarkersNode:
@@ -94,27 +76,22 @@ class DisplayMarkersNode:
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
         self._newcomers: List[Any] = []
-        self._known = _Inputs()
-        self._spots: Deque[scene.TrailPoint] = collections.deque(maxlen=_TRAIL)
+        self._grids: Dict[str, GridMap] = {}  # by topic
         # of the worker alone
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
         self._overlaid: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
-        self._notice_listener = NoticeListener(self._wake.set)
+        self._inputs = InputListener(self._wake.set)
+        self._notices = NoticeListener(self._wake.set)
         self._robots = OfferListener(self._wake.set)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
         self._refreshed = 0.0
         node.Worker(self._wake, lambda _woken: self._work())
-        for topic, which in ((names.PHYSICAL_MAP, "physical"), (names.MAP_WITH_BORDERS, "map_with_borders")):
-            rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, which, queue_size=1)
-        rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
-        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
-        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
+        for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
+            rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, topic, queue_size=1)
 
     # ------------------------------------------------------------------ inputs
     def _on_subscriber(self) -> rospy.SubscribeListener:
@@ -130,29 +107,12 @@ class DisplayMarkersNode:
 
         return Listener()
 
-    def _store(self, what: Any, where: str) -> None:
-        with self._lock:
-            self._known = replace(self._known, **{where: what})
-        self._wake.set()
-
-    def _on_grid(self, message: OccupancyGrid, which: str) -> None:
+    def _on_grid(self, message: OccupancyGrid, topic: str) -> None:
         try:
-            grid = grid_from_message(message)
+            self._grids[topic] = grid_from_message(message)
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"display_markers: {error}")
             return
-        self._store(grid, which)
-
-    def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._store(tuple(message.borders), "borders")
-
-    def _on_spot(self, message: LaserSpot) -> None:
-        x, y = message.position.x, message.position.y
-        if not (np.isfinite(x) and np.isfinite(y)):
-            rospy.logwarn_throttle(5.0, f"display_markers: a spot of camera '{message.camera}' has no position")
-            return
-        with self._lock:
-            self._spots.append(scene.TrailPoint(message.camera, x, y, message.header.stamp.to_sec()))
         self._wake.set()
 
     # ------------------------------------------------------------------ work
@@ -175,12 +135,14 @@ class DisplayMarkersNode:
     def _draw(self) -> bool:
         """Sends what changed; returns whether something goes on changing by itself."""
         with self._lock:
-            known = replace(self._known, spots=tuple(self._spots), held=tuple(self._notice_listener.current()))
             newcomers, self._newcomers = self._newcomers, []
-        grid = known.map_with_borders or known.physical
+        known = self._inputs.current()
+        physical, restricted = (self._grids.get(topic) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
+        grid = restricted or physical
         if grid is not None:
             self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
-        self._show_restricted(known)
+        if physical is not None and restricted is not None:
+            self._show_restricted(physical, restricted, known.preview)
         if self._markers.get_num_connections() == 0 and not newcomers:
             return False
         now = rospy.get_time()
@@ -198,10 +160,7 @@ class DisplayMarkersNode:
         # fading shapes are drawn again, and once more to remove them
         return any(shape.lifetime for shape in shapes)
 
-    def _show_restricted(self, known: _Inputs) -> None:
-        physical, map_with_borders, preview = known.physical, known.map_with_borders, self._current_preview(known)
-        if physical is None or map_with_borders is None:
-            return
+    def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, preview: Optional[BorderPreview]) -> None:
         shown, self._overlaid = self._overlaid, (physical, map_with_borders, preview)
         if all(old is new for old, new in zip(shown, self._overlaid)):
             return
@@ -219,28 +178,12 @@ class DisplayMarkersNode:
         cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, wanted)
         self._restricted.publish(message_from_grid(map_with_borders.with_data(cells), rospy.Time.now()))
 
-    @staticmethod
-    def _current_preview(known: _Inputs) -> Optional[BorderPreview]:
-        """Returns the preview, if it belongs to the current interaction."""
-        state, preview = known.state, known.preview
-        if state is None or preview is None or not preview.available or not state.interaction_id:
-            return None
-        return preview if preview.interaction_id == state.interaction_id else None
-
-    def _compose(self, known: _Inputs, has_map: bool, now: float) -> List[scene.Shape]:
-        layout, params, state, progress = self._layout, self._params, known.state, known.progress
-        # what belongs to an interaction that has ended is not shown any more
-        if (
-            state is None
-            or not state.interaction_id
-            or progress is None
-            or progress.interaction_id != state.interaction_id
-        ):
-            progress = None
+    def _compose(self, known: Inputs, has_map: bool, now: float) -> List[scene.Shape]:
+        layout, params, progress = self._layout, self._params, known.progress
         cameras_seeing_spot = list(progress.cameras_seeing_spot) if progress is not None else []
-        shown = display_messages.select_notices(known.held, params.language)
-        shown += display_messages.preview_notices(self._current_preview(known), params.language)
-        content = display_messages.panel_from_state(state, cameras_seeing_spot, shown, has_map, params.language)
+        shown = display_messages.select_notices(self._notices.current(), params.language)
+        shown += display_messages.preview_notices(known.preview, params.language)
+        content = display_messages.panel_from_state(known.state, cameras_seeing_spot, shown, has_map, params.language)
         connected = self._robots.current()
         if connected is not None:
             content = replace(content, commands=effective(connected[1], content.commands))

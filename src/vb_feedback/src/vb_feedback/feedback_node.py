@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import List, Optional
 
 import rospy
 from std_msgs.msg import ColorRGBA
@@ -29,35 +30,25 @@ class FeedbackNode:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._tones = SoundEvents()
-        self._lit = ""
+        self._lit: Optional[colors.Color] = None
         self._led = rospy.Publisher(names.LED, ColorRGBA, queue_size=1, latch=True)
         self._sound = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=10)
 
     def _on_state(self, message: InteractionState) -> None:
-        answer = (message.last_answered.to_nsec(), message.last_command, message.last_code)
-        light = "stopped" if message.stopped else message.name
+        light = colors.STOPPED if message.stopped else colors.state_color(message.name)
         with self._lock:
-            sounds = self._tones.on_state(
-                message.name,
-                message.last_success,
-                message.last_outcome,
-                answer,
-                message.last_code,
-                message.stopped,
-                not message.ends_at.is_zero(),
-            )
-            self._play(sounds)
+            self._play(self._tones.on_state(message))
             if light != self._lit:
                 self._lit = light
-                self._led.publish(ColorRGBA(*colors.light_color(light), 1.0))
+                self._led.publish(ColorRGBA(*light, 1.0))
 
     def _on_spot(self, _message: LaserSpot) -> None:
         with self._lock:
             self._play(self._tones.on_spot(rospy.get_time()))
 
-    def _play(self, sounds: list) -> None:
+    def _play(self, sounds: List[str]) -> None:
         for name in sounds:
             sound = Sound(name=name)
             sound.header.stamp = rospy.Time.now()

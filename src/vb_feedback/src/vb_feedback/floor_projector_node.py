@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, List, Optional, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -18,15 +17,16 @@ from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import BorderPreviewArray, grid_from_message
-from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
+from vb_core.ros.messages import grid_from_message
+from vb_msgs.msg import BorderPreview
 
 from vb_feedback.projector import projector_calibration
 from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
+from vb_feedback.display.inputs import InputListener
 from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
 from vb_feedback.projector.projector_calibration import MARKERS, ProjectorCalibration
 from vb_feedback.projector.projector_window import ProjectorWindow
-from vb_feedback.display.scene import Border, Drawing
+from vb_feedback.display.scene import Drawing, TrailPoint
 
 FRAME = "projector"
 # [s] a spot that no camera has seen for this long is gone
@@ -87,14 +87,9 @@ class FloorProjectorNode:
         self._clicked: List[Tuple[float, float]] = []
         self._window = window
         self._period = 1.0 / params.max_rate
-        self._lock = threading.Lock()
         # no message reports the spot's end: check now and then during an interaction
         self._wake = node.WakeTimer(1.0)
-        self._state: Optional[InteractionState] = None
-        self._progress: Optional[BorderProgress] = None
-        self._preview: Optional[BorderPreview] = None
-        self._borders: Tuple[Border, ...] = ()
-        self._spot: Optional[Tuple[float, float, float]] = None
+        self._inputs = InputListener(self._wake.set)
         self._spot_shown: Optional[Tuple[float, float]] = None
         self._shown: Optional[Tuple[FloorContent, Optional[BorderPreview]]] = None
         self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
@@ -103,29 +98,12 @@ class FloorProjectorNode:
             rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
         node.Worker(self._wake, lambda _woken: self._work())
         self._wake.set()
-        rospy.Subscriber(names.STATE, InteractionState, self._store, "_state", queue_size=1)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "_progress", queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "_preview", queue_size=1)
-        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
-        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=10)
 
     def close(self) -> None:
         """Closes the window."""
         self._wake.close()
         if self._window is not None:
             self._window.close()
-
-    def _store(self, message: Any, where: str) -> None:
-        with self._lock:
-            setattr(self, where, message)
-        self._wake.set()
-
-    def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._store(tuple(border_from_message(border) for border in message.borders), "_borders")
-
-    def _on_spot(self, message: LaserSpot) -> None:
-        if np.isfinite(message.position.x) and np.isfinite(message.position.y):
-            self._store((message.position.x, message.position.y, message.header.stamp.to_sec()), "_spot")
 
     # ------------------------------------------------------------- calibration
     def _ask(self) -> None:
@@ -173,29 +151,25 @@ class FloorProjectorNode:
 
     def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
         """Returns what to show at a time [s], and the preview that its region is from."""
-        with self._lock:
-            state, progress, preview = self._state, self._progress, self._preview
-            borders, spot = self._borders, self._spot
-        interaction = state.interaction_id if state is not None else ""
-        if not interaction or state is None:
+        known = self._inputs.current()
+        borders = tuple(map(border_from_message, known.borders))
+        if known.state is None or not known.state.interaction_id:
             return FloorContent(borders=borders), None
         drawing = Drawing()
-        if progress is not None and progress.interaction_id == interaction:
+        if known.progress is not None:
             # every message repeats the points, but only the chain is shown
-            drawing = replace(drawing_from_progress(progress), points=(), point_cameras=())
-        if preview is None or preview.interaction_id != interaction or not preview.available or not preview.success:
-            preview = None
-        return FloorContent(state.name, borders, drawing, self._steady_spot(spot, now)), preview
+            drawing = replace(drawing_from_progress(known.progress), points=(), point_cameras=())
+        preview = known.preview if known.preview is not None and known.preview.success else None
+        return FloorContent(known.state.name, borders, drawing, self._steady_spot(known.spots, now)), preview
 
-    def _steady_spot(self, spot: Optional[Tuple[float, float, float]], now: float) -> Optional[Tuple[float, float]]:
-        """Returns the spot's position in steps, so that not every small move makes a new image."""
-        if spot is None or not abs(now - spot[2]) <= _SPOT_LIFETIME:
+    def _steady_spot(self, spots: Tuple[TrailPoint, ...], now: float) -> Optional[Tuple[float, float]]:
+        """Returns the newest spot's position in steps, so that not every small move makes a new image."""
+        if not spots or not abs(now - spots[-1].stamp) <= _SPOT_LIFETIME:
             self._spot_shown = None
-        elif (
-            self._spot_shown is None
-            or np.hypot(spot[0] - self._spot_shown[0], spot[1] - self._spot_shown[1]) > _SPOT_STEP
-        ):
-            self._spot_shown = spot[:2]
+        else:
+            at = (spots[-1].x, spots[-1].y)
+            if self._spot_shown is None or np.hypot(*np.subtract(at, self._spot_shown)) > _SPOT_STEP:
+                self._spot_shown = at
         return self._spot_shown
 
     @staticmethod

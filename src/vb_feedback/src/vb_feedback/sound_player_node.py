@@ -14,7 +14,7 @@ from vb_core.ros import node, parameters
 from vb_core.sounds import SOUNDS, TICK
 from vb_msgs.msg import Sound
 
-from vb_feedback.sound.audio_sink import AudioSink
+from vb_feedback.sound.audio_sink import play
 from vb_feedback.sound.tone_synthesis import synthesize
 
 
@@ -43,12 +43,10 @@ class SoundPlayerNode:
 
     Args:
         params: see config/sound_player.yaml.
-        sink: the output.
     """
 
-    def __init__(self, params: SoundParams, sink: AudioSink) -> None:
+    def __init__(self, params: SoundParams) -> None:
         self._params = params
-        self._sink = sink
         self._waiting: node.Queue = node.Queue(_MAX_WAITING)
         self._busy = False
         self._silent_until = 0.0
@@ -72,7 +70,7 @@ class SoundPlayerNode:
             return
         self._busy = True
         try:
-            self._sink.play(synthesize(name, self._params.volume))
+            play(synthesize(name, self._params.volume), self._params.device, self._params.program)
         except CodedError as error:
             # a device may be plugged in later: tried again now and then, without a second word
             self._silent_until = time.monotonic() + _RETRY_DELAY
@@ -89,5 +87,4 @@ class SoundPlayerNode:
 
 def build() -> SoundPlayerNode:
     """Reads the parameters and makes the node."""
-    params = parameters.read(SoundParams)
-    return SoundPlayerNode(params, AudioSink(params.device, params.program))
+    return SoundPlayerNode(parameters.read(SoundParams))

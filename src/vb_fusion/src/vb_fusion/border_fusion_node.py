@@ -21,11 +21,11 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
 from vb_fusion.extraction import ExtractionParams
 from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, subsample_evenly
-from vb_fusion.collector import Collector, CollectorParams, FloorSpot
+from vb_fusion.collector import Collector, FloorSpot
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
-_NESTED = ("extraction", "collector")
+RATE = 8.0  # [1/s] of progress messages while spots come; the display needs 5, a busy machine slows it
 SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots come
 
 
@@ -33,8 +33,8 @@ SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots come
 class FusionParams(Parameters):
     """The node's own parameters."""
 
-    rate: float = param(8.0, "Hz", low=1.0, high=50.0)
     live_cpu_share: float = param(0.12, above=0.0, high=1.0)
+    seen_timeout: float = param(0.5, "s", above=0.0, high=10.0)
 
 
 class BorderFusionNode:
@@ -44,7 +44,7 @@ class BorderFusionNode:
         /virtual_borders/spots (vb_msgs/LaserSpot): of every camera.
         /virtual_borders/state (vb_msgs/InteractionState, latched): spots are collected in Border and Seed only.
     Published topics:
-        /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
+        /virtual_borders/progress (vb_msgs/BorderProgress, latched): 8 times a second while spots come in Border and Seed, at
             1 Hz while none come, and on each change of state. After the interaction the last one stays.
         /virtual_borders/notices (vb_msgs/NoticeArray, latched): any failure; the node continues after all of them. What
             makes the drawing doubtful is told when a stroke has ended, until the interaction ends.
@@ -55,10 +55,10 @@ class BorderFusionNode:
         config/border_fusion.yaml
     """
 
-    def __init__(self, params: FusionParams, collecting: CollectorParams, extraction: ExtractionParams) -> None:
+    def __init__(self, params: FusionParams, extraction: ExtractionParams) -> None:
         self._params = params
         self._extraction = extraction
-        self._collector = Collector(collecting)
+        self._collector = Collector()
         self._live = LiveExtractor(extraction, params.live_cpu_share)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
@@ -67,10 +67,7 @@ class BorderFusionNode:
         self._forget = False  # the interaction was cancelled; its spots go once they were shown
         self._hears_state = False  # whether it has heard of any state yet
         self._lost = False  # this node or the interaction manager was started again in the middle of an interaction
-        self._wrong_frame = 0
-        self._wrong_camera = ""
         self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
-        self._bad_message: Optional[CodedError] = None
         self._doubts: List[Notice] = []  # about the drawing, told last
         self._published = -np.inf
 
@@ -86,12 +83,6 @@ class BorderFusionNode:
 
     # ------------------------------------------------------------- input
     def _on_state(self, message: InteractionState) -> None:
-        try:
-            self._take_state(message)
-        except Exception as error:  # the node must hear the next state, whatever was wrong with this one
-            self._complain("state", error)
-
-    def _take_state(self, message: InteractionState) -> None:
         state = state_of(message.name)
         if state.name not in STATES:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.name}")
@@ -102,8 +93,7 @@ class BorderFusionNode:
             fresh = self._collector.set_state(state, message.interaction_id, message.entered.to_sec())
             if fresh:
                 self._live.reset()
-                self._wrong_frame, self._wrong_camera = 0, ""
-                self._failure = self._bad_message = None
+                self._failure = None
                 self._doubts = []
                 # begun before this node was there: a border of the rest alone would be another one than was drawn
                 self._lost = not self._hears_state
@@ -117,17 +107,6 @@ class BorderFusionNode:
         self._changed.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
-        try:
-            self._take_spot(message)
-        except Exception as error:
-            self._complain("spot", error)
-
-    def _complain(self, what: str, error: Exception) -> None:
-        rospy.logerr_throttle(5.0, f"{rospy.get_name()}: a {what} could not be used: {error!r}")
-        with self._lock:
-            self._bad_message = CodedError("bad_message", what=f"{what}: {error}")
-
-    def _take_spot(self, message: LaserSpot) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
             rospy.logwarn_throttle(
                 5.0,
@@ -135,8 +114,7 @@ class BorderFusionNode:
                 f"instead of '{names.MAP_FRAME}'",
             )
             with self._lock:
-                self._wrong_frame += 1
-                self._wrong_camera = message.camera
+                self._collector.ignore_frame(message.camera)
             return
         position = message.position
         spot = FloorSpot(
@@ -159,7 +137,7 @@ class BorderFusionNode:
         jumps must not stop it.
         """
         while not rospy.is_shutdown() and not self._closing:
-            state_changed = self._changed.wait(1.0 / self._params.rate)
+            state_changed = self._changed.wait(1.0 / RATE)
             if state_changed:  # else one that comes just now would be lost
                 self._changed.clear()
             try:
@@ -176,21 +154,22 @@ class BorderFusionNode:
     def _publish_notices(self) -> None:
         """Publishes notices of what is still wrong."""
         with self._lock:
-            problems = [self._failure, self._bad_message]
+            problems = [self._failure] if self._failure is not None else []
             if self._lost:
                 problems.append(CodedError("drawing_lost"))
-            if self._wrong_frame:
-                problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
-            problems += [CodedError("camera_clock_off", camera=name) for name in sorted(self._collector.wrong_clocks)]
-            state, now = self._collector.state, rospy.get_time()
+            problems += [CodedError(code, camera=camera) for code, camera in sorted(self._collector.faults)]
+            state = self._collector.state
             if state == DEFAULT:
                 self._doubts = []
             # what a stroke leaves out or open is known when it has ended; until then what was told stays readable
-            elif state != BORDER or not self._collector.cameras_seeing(now):
+            elif state != BORDER or not self._cameras_seeing():
                 self._doubts = self._find_doubts(self._live.drawn)
             doubts = self._doubts
-        notices = [Notice.from_error(problem, Severity.WARNING) for problem in problems if problem is not None]
+        notices = [Notice.from_error(problem, Severity.WARNING) for problem in problems]
         self._notices.set(notices + doubts)
+
+    def _cameras_seeing(self) -> List[str]:
+        return self._collector.cameras_seeing(rospy.get_time(), self._params.seen_timeout)
 
     def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:
         """Returns what makes a drawing doubtful."""
@@ -227,19 +206,16 @@ class BorderFusionNode:
         return True
 
     def _progress_message(self, collection, drawn: DrawnBorder) -> BorderProgress:
-        now = rospy.get_rostime()
-        border, seed, ignored = self._collector.counts
         message = BorderProgress()
-        message.header.stamp = now
+        message.header.stamp = rospy.get_rostime()
         message.header.frame_id = names.MAP_FRAME
         message.interaction_id = collection.interaction_id
-        message.border_spots, message.seed_spots = border, seed
-        message.ignored_spots = ignored + self._wrong_frame
+        message.border_spots, message.seed_spots, message.ignored_spots = self._collector.counts
         shown = subsample_evenly(collection.border)
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
-        message.cameras_seeing_spot = self._collector.cameras_seeing(now.to_sec())
+        message.cameras_seeing_spot = self._cameras_seeing()
         chain, seed = drawn.chain, drawn.seed
         if chain is not None:
             message.chain = points_from_array(chain.points)
@@ -302,7 +278,5 @@ class BorderFusionNode:
 def build() -> BorderFusionNode:
     """Reads the parameters and makes the node."""
     return BorderFusionNode(
-        parameters.read(FusionParams, ignore=_NESTED),
-        parameters.read(CollectorParams, "~collector"),
-        parameters.read(ExtractionParams, "~extraction"),
+        parameters.read(FusionParams, ignore=("extraction",)), parameters.read(ExtractionParams, "~extraction")
     )

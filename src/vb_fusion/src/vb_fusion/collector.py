@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Set
+from typing import Dict, List, Set, Tuple
 
 import numpy as np
 
-from vb_core.parameters import Parameters, param
 from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
+MAX_SPOTS = 60_000  # kept of one state: ten minutes of four cameras at 25 Hz
+STAMP_TOLERANCE = 0.05  # [s] how much older than the state a spot may be and still count: one frame of a camera
 CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more say that its clock was set back
 MAX_CLOCK_ERROR = 60.0  # [s] from which on a clock is off; smaller errors are camera_poses' to tell
-
-
-@dataclass(frozen=True)
-class CollectorParams(Parameters):
-    """Limits of the collection."""
-
-    max_spots: int = param(60000, low=100, high=1000000)
-    stamp_tolerance: float = param(0.05, "s", low=0.0, high=10.0)
-    seen_timeout: float = param(0.5, "s", above=0.0, high=10.0)
 
 
 @dataclass(frozen=True)
@@ -41,43 +34,33 @@ COLUMNS = 6
 
 
 class SpotStore:
-    """Stores spots in arrays of limited size.
+    """Stores at most MAX_SPOTS spots.
 
-    When they are full, every other spot of each camera is dropped, so that memory is bounded and neither a part of the
+    When it is full, every other spot of each camera is dropped, so that memory is bounded and neither a part of the
     drawing nor a camera is lost.
     """
 
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
+    def __init__(self) -> None:
         self.clear()
 
     def append(self, spot: FloorSpot, camera: int) -> None:
         """Keeps a spot seen by camera number `camera`."""
-        if self.kept == len(self._data):
-            rows = self._data if self.kept < self._limit else self._every_other()
-            self._data = np.empty((min(2 * self.kept, self._limit), COLUMNS))
-            self._data[: len(rows)] = rows
-            self.kept = len(rows)
-        self._data[self.kept] = (spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile)
-        self.kept += 1
+        if len(self._data) >= MAX_SPOTS * COLUMNS:
+            rows = self.rows
+            order = np.argsort(rows[:, 4], kind="stable")
+            number = np.arange(len(order)) - np.searchsorted(rows[order, 4], rows[order, 4])
+            self._data = array("d", rows[np.sort(order[number % 2 == 0])].tobytes())
+        self._data.extend((spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile))
         self.total += 1
-
-    def _every_other(self) -> np.ndarray:
-        order = np.argsort(self._data[:, 4], kind="stable")
-        number = np.arange(len(order)) - np.searchsorted(self._data[order, 4], self._data[order, 4])
-        return self._data[np.sort(order[number % 2 == 0])]
 
     def clear(self) -> None:
         """Drops all."""
-        self._data = np.empty((min(256, self._limit), COLUMNS))
-        self.kept = self.total = 0
+        self._data, self.total = array("d"), 0
 
     @property
     def rows(self) -> np.ndarray:
         """(K, 6): stamp, x, y, confidence, camera, mobile; later spots do not change it."""
-        rows = self._data[: self.kept]
-        rows.flags.writeable = False
-        return rows
+        return np.array(self._data).reshape(-1, COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -100,22 +83,19 @@ class Collector:
     and a camera whose clock is off is left out and named.
     """
 
-    def __init__(self, params: Optional[CollectorParams] = None) -> None:
-        self._params = params or CollectorParams()
+    def __init__(self) -> None:
         self.interaction_id = ""
         self.state = DEFAULT
         self.ignored: Counter = Counter()
         self._entered = -math.inf
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
-        self.wrong_clocks: Set[str] = set()
+        self.faults: Set[Tuple[str, str]] = set()  # the code of a fault, and the camera that has it
         # of each camera in this state [s]: by how much its clock was set back, its last stamp, and that as if it was not
         self._set_back: Dict[str, float] = {}
         self._previous: Dict[str, float] = {}
         self._newest: Dict[str, float] = {}
-        self._stores = {
-            state.collects: SpotStore(self._params.max_spots) for state in STATES.values() if state.collects
-        }
+        self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
     def set_state(self, state: State, interaction_id: str, entered: float) -> bool:
         """Adopts a new state; returns whether a new interaction began.
@@ -129,13 +109,18 @@ class Collector:
             self.interaction_id = interaction_id
             self.ignored = Counter()
             self._cameras = []
-            self.wrong_clocks = set()
+            self.faults = set()
             for store in self._stores.values():
                 store.clear()
         if state != self.state or fresh:
             self.state, self._entered = state, entered
             self._set_back, self._previous, self._newest = {}, {}, {}
         return fresh
+
+    def ignore_frame(self, camera: str) -> None:
+        """Counts a spot of a camera that is not in the map frame."""
+        self.ignored["frame"] += 1
+        self.faults.add(("spots_wrong_frame", camera))
 
     def add(self, spot: FloorSpot, now: float = math.nan) -> str:
         """Adds a spot that arrives at a time [s].
@@ -173,15 +158,15 @@ class Collector:
         if not self.state.collects:
             return "state"
         if spot.stamp > now + MAX_CLOCK_ERROR:
-            self.wrong_clocks.add(spot.camera)
+            self.faults.add(("camera_clock_off", spot.camera))
             return "clock"
         previous = self._previous.get(spot.camera, -math.inf)
         self._previous[spot.camera] = spot.stamp
         if spot.stamp < previous - CLOCK_STEP:
             return "clock"  # an old message, or the first one since the clock was set back
-        if spot.stamp + self._find_set_back(spot) < self._entered - self._params.stamp_tolerance:
+        if spot.stamp + self._find_set_back(spot) < self._entered - STAMP_TOLERANCE:
             if now - spot.stamp > MAX_CLOCK_ERROR:
-                self.wrong_clocks.add(spot.camera)
+                self.faults.add(("camera_clock_off", spot.camera))
             return "before_state"
         return ""
 
@@ -190,11 +175,9 @@ class Collector:
         for store in self._stores.values():
             store.clear()
 
-    def cameras_seeing(self, now: float) -> List[str]:
-        """Returns the names of the cameras that see the spot at a time [s]."""
-        return sorted(
-            camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seen_timeout
-        )
+    def cameras_seeing(self, now: float, timeout: float) -> List[str]:
+        """Returns the names of the cameras that have seen the spot within a timeout [s] of a time [s]."""
+        return sorted(camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= timeout)
 
     @property
     def counts(self) -> tuple:

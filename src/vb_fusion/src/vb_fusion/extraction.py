@@ -15,7 +15,7 @@ line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -94,9 +94,8 @@ def extract_border(
     if count < params.min_size:
         raise CodedError("too_few_spots", spots=count, needed=params.min_size)
     if paper:
-        stages = run_algorithms(spots.points, params)
-        closed = classify_closure(stages["chain"])
-        return _make_chain(stages["chain"], closed, stages)
+        line = run_algorithms(spots.points, params)
+        return _make_chain(line, classify_closure(line))
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
     seen = merge_observations(spots)
@@ -109,10 +108,8 @@ def extract_border(
     lifted = not ((began < placed.stamps) & (placed.stamps < ended)).any()
     unseen = np.hypot(*np.diff(placed.points, axis=0).T)[np.abs(np.diff(placed.stamps)) > find_dropout(places.stamps)]
     closing = chain.gap if joined and (chain.closed or lifted) else 0.0
-    stages = {"cluster": seen.points[line], **chain.stages}
     left_out, spots_left_out = seen.points[others], int(seen.spots[others].sum())
-    unseen = float(unseen.max(initial=closing))
-    return replace(chain, unseen=unseen, left_out=left_out, left_out_spots=spots_left_out, stages=stages)
+    return replace(chain, unseen=float(unseen.max(initial=closing)), left_out=left_out, left_out_spots=spots_left_out)
 
 
 def _join_strokes(
@@ -157,13 +154,12 @@ def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> 
     line = fit_line(kept, closure.closed and (joined or closure.gap <= params.eps))
     if len(line) < 3:
         closure = classify_closure(line)
-    chain = _simplify(line, closure.closed, params.simplification_tolerance)
-    return _make_chain(chain, closure, {"placed": placed.points, "thinned": stroke.points})
+    return _make_chain(_simplify(line, closure.closed, params.simplification_tolerance), closure)
 
 
-def _make_chain(chain: np.ndarray, closure: Closure, stages: Dict[str, np.ndarray]) -> BorderChain:
+def _make_chain(chain: np.ndarray, closure: Closure) -> BorderChain:
     length = geometry.chain_length(chain, closure.closed)
-    return BorderChain(chain, closure.closed, closure.code, length, closure.gap, closure.values, stages=stages)
+    return BorderChain(chain, closure.closed, closure.code, length, closure.gap, closure.values)
 
 
 def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:

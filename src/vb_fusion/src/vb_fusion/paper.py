@@ -6,7 +6,7 @@ implementations of DBSCAN do; too many points for that are refused. The default 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Dict, List
+from typing import TYPE_CHECKING, List
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -20,18 +20,19 @@ if TYPE_CHECKING:
 MAX_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points held at one place, or 50,000 along a line
 
 
-def run_algorithms(points: np.ndarray, params: "ExtractionParams") -> Dict[str, np.ndarray]:
-    """Runs the three algorithms on points (N, 2) [m]; returns their results, "cluster", "thinned" and "chain".
+def run_algorithms(points: np.ndarray, params: "ExtractionParams") -> np.ndarray:
+    """Runs the three algorithms on points (N, 2) [m]; returns the chain (M, 2) [m].
 
     Raises:
         CodedError: "no_line" or "too_many_spots".
     """
-    cluster = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
-    thinned = thin_points(cluster, params.thinning_dist) if len(cluster) else cluster
-    chain = thinned[generate_polygon(thinned, params.polygon_dist)] if len(cluster) else cluster
+    chain = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
+    if len(chain):
+        thinned = thin_points(chain, params.thinning_dist)
+        chain = thinned[generate_polygon(thinned, params.polygon_dist)]
     if len(chain) < 2:
         raise CodedError("no_line", spots=len(points), shortest=f"{params.min_exp:g}")
-    return {"cluster": cluster, "thinned": thinned, "chain": chain}
+    return chain
 
 
 def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, min_size: int) -> np.ndarray:
@@ -70,17 +71,12 @@ def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
     return [np.flatnonzero(label == number) for number in range(int(label.max()) + 1)]
 
 
-def find_neighbors(points: np.ndarray, radius: float) -> np.ndarray:
-    """Returns the indices (E, 2) of each pair of points at most radius [m] apart, once.
+def _tree(points: np.ndarray, radius: float) -> cKDTree:
+    """Builds a tree of the points.
 
     Raises:
-        CodedError: "too_many_spots".
+        CodedError: "too_many_spots" if too many of them are neighbours.
     """
-    return _tree(points, radius).query_pairs(radius, output_type="ndarray").astype(np.int64)
-
-
-def _tree(points: np.ndarray, radius: float) -> cKDTree:
-    """Builds a tree of the points, unless too many of them are neighbours."""
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
     if pairs > MAX_PAIRS:
@@ -104,11 +100,11 @@ def thin_points(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray
         pointset_out: (M, 2) float64 [m], the means in the order they were made, then the points without neighbours.
     """
     count = len(pointset_in)
-    pairs = find_neighbors(pointset_in, max_neighbor_dist)
+    pairs = _tree(pointset_in, max_neighbor_dist).query_pairs(max_neighbor_dist, output_type="ndarray")
     both = np.vstack([pairs, pairs[:, ::-1]])
     near = coo_matrix((np.ones(len(both), dtype=bool), (both[:, 0], both[:, 1])), shape=(count, count)).tocsr()
     left = np.ones(count, dtype=bool)
-    numbers = np.diff(near.indptr).astype(np.int64)
+    numbers = np.diff(near.indptr)
     pointset_out = []  # l. 2
     while left.any():  # l. 3
         p = int(np.argmax(numbers))  # l. 4

@@ -33,7 +33,7 @@ from vb_laser_detect.calibration.calibration_session import (
     HeldSpot,
     describe,
     describe_points,
-    parse_numbers,
+    parse_place,
 )
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 
@@ -54,11 +54,7 @@ def detector_params_of(camera: str) -> DetectorParams:
 
 
 class Inputs:
-    """The person's input: lines typed and points clicked in RViz, in order.
-
-    Subscribed topics:
-        /clicked_point (geometry_msgs/PointStamped): RViz' tool "Publish Point", fixed frame map.
-    """
+    """The person's input: lines typed and points clicked in RViz, in order."""
 
     def __init__(self) -> None:
         self._events: "queue.Queue[Tuple[str, Any]]" = queue.Queue()
@@ -96,7 +92,7 @@ class SpotCalibration:
         self._held, self._lock = HeldSpot(), threading.Lock()
         # a held spot must not become background while the person finds the place in RViz
         self._detector = SpotDetector(detector_params_of(camera).replace(max_dwell_time=3600.0))
-        self._images = CameraImages(camera)
+        self._images = CameraImages(camera, own_source=False)
         self.camera = self._images.model()
         self.session = CalibrationSession(self.camera, arguments.point_sigma)
         threading.Thread(target=self._watch, daemon=True).start()
@@ -129,11 +125,11 @@ class SpotCalibration:
                 elif value == "done":
                     return self._finish()
                 elif value:
-                    numbers = parse_numbers(value, 2)
-                    if numbers is None:
+                    place = parse_place(value)
+                    if place is None:
                         print_line(_HELP)
                         continue
-                    self._add_place(numbers)
+                    self._add_place(place)
                 if value != "":
                     print_line("  " + self.session.describe_progress())
             except CodedError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import deque
 from functools import partial
 from typing import Deque, List, Optional, Sequence, Tuple
@@ -17,11 +19,10 @@ from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import array_from_image
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
-from vb_laser_detect.detection.projection import FloorProjection
+from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 
-# [s] between lookups of a camera's pose: a recalibrated camera is soon known, and no image waits for it
+# [s] between lookups of a camera's lens and pose: a recalibrated camera is soon known, and no image waits for it
 _LOOKUP_PERIOD = 0.5
 _TF_TIMEOUT = 0.15  # [s] odometry comes in after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
@@ -114,10 +115,9 @@ class DepthTopic:
         best = min(list(self._images), key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
         if best is None or abs((best.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
             return None, None
-        if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
-            self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame))
-            return None, None
         try:
+            if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
+                raise CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame)
             depth = depth_array(best)
         except CodedError as error:
             self._report.fault(error)
@@ -180,11 +180,8 @@ class Robots:
             except CodedError:
                 self._report.count("robot_without_pose")
                 continue
-            found.append(
-                RobotCylinder(
-                    x, y, profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late, profile.shape.height
-                )
-            )
+            radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
+            found.append(RobotCylinder(x, y, radius, profile.shape.height))
         return found
 
 
@@ -216,8 +213,7 @@ class CameraGeometry:
         self._transforms = TransformLookup()
         self._robots = Robots(robots, self._transforms, report)
         self._pose: Optional[np.ndarray] = None
-        self._frame = ""
-        self._looked_up: Optional[rospy.Time] = None
+        self._of, self._looked_up = ("", (0, 0)), -math.inf  # frame and size of the images, and when [s]
 
     def geometry_of(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at its time is looked up only when it is asked for.
@@ -226,24 +222,23 @@ class CameraGeometry:
             size: of the image, width and height [px].
 
         Raises:
-            CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
+            CodedError: what `DetectorDiagnostics.require_own_frame` raises; "no_camera_info"; "no_transform", "bad_transform" if tf
+                does not connect map and camera at all.
         """
-        camera, now = self._info.model_for(size), rospy.Time.now()
-        self._report.focal = float(camera.matrix[0, 0])
-        if (
-            self._looked_up is None
-            or frame_id != self._frame
-            or abs((now - self._looked_up).to_sec()) >= _LOOKUP_PERIOD
-        ):
-            self._looked_up = None  # while there is none it is asked for with each image
+        self._report.require_own_frame(frame_id)
+        now = time.monotonic()
+        if self._of != (frame_id, size) or now - self._looked_up >= _LOOKUP_PERIOD:
+            self._looked_up = -math.inf  # what there is not is asked for with each image
+            self._camera = self._info.model_for(size)
+            self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
-            self._looked_up, self._frame = now, frame_id
+            self._looked_up, self._of = now, (frame_id, size)
         if self._mobile:
             pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
         else:
             pose = partial(np.copy, self._pose)
         depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
-        return ImageGeometry(camera, pose, self._projector, depth, partial(self._robots.cylinders, stamp))
+        return ImageGeometry(self._camera, pose, self._projector, depth, partial(self._robots.cylinders, stamp))
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
@@ -254,6 +249,6 @@ class CameraGeometry:
             if self._mobile:  # just started, or gone
                 return lookup(stamp, _TF_TIMEOUT)
             # a camera that does not move stays where it was last seen, whatever became of its publisher
-            if self._pose is None or frame_id != self._frame:
+            if self._pose is None or frame_id != self._of[0]:
                 raise
             return self._pose

@@ -67,11 +67,12 @@ class CameraPosesNode:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         self._look()
-        self._timer = node.start_timer(1.0, self._look)
+        self._timer = node.WakeTimer(1.0)
+        node.Worker(self._timer, lambda _: self._look())
 
     def close(self) -> None:
         """Withdraws its notices."""
-        self._timer.shutdown()
+        self._timer.close()
         self._notices.close()
 
     def _on_status(self, message: DetectorStatus) -> None:

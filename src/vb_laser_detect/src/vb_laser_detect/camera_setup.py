@@ -1,9 +1,4 @@
-"""Sets up a camera that its detector reads itself: lens, delay, exposure.
-
-Subscribed topics:
-    <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage): of the running detector
-    <camera>/camera_info (sensor_msgs/CameraInfo): beside it
-"""
+"""Sets up a camera that its detector reads itself: lens, delay, exposure."""
 
 from __future__ import annotations
 
@@ -48,6 +43,9 @@ PAPER = dict(default="A3", help="of the board: A4, A3 (default), A2, A1, A0")
 class CameraImages:
     """The images of a camera whose detector runs, and its settings.
 
+    Args:
+        own_source: whether its detector must read it itself; else a CodedError "no_source" says that it does not.
+
     Subscribed topics:
         <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage); camera_info beside it
 
@@ -56,9 +54,11 @@ class CameraImages:
         frame: its optical frame; images name it unless the detector's parameters do.
     """
 
-    def __init__(self, camera: str) -> None:
-        self.camera, self.node = camera, f"/spot_detector_{camera}"
+    def __init__(self, camera: str, own_source: bool = True) -> None:
+        self.node = f"/spot_detector_{camera}"
         self.params: Dict[str, Any] = rospy.get_param(self.node, {})
+        if own_source and not self.params.get("source"):
+            raise CodedError("no_source", camera=camera)
         self.settings = str(self.params.get("settings", ""))
         self.frame = str(self.params.get("frame", ""))
         self._reader = PixelReader()
@@ -112,12 +112,6 @@ class CameraImages:
         if refused:
             raise CodedError("control_refused", source=self.params["source"], why=", ".join(refused))
 
-    def require_source(self) -> "CameraImages":
-        """Returns itself; raises CodedError "no_source" if the detector does not read this camera itself."""
-        if not self.params.get("source"):
-            raise CodedError("no_source", camera=self.camera)
-        return self
-
     def keep(self, **values: Any) -> None:
         """Writes settings into the camera's file, or says what to write if the lab has none."""
         if not self.settings:
@@ -163,7 +157,7 @@ _PAGE = b"""<!doctype html><title>Lens</title><body style="margin:0;background:#
 
 def calibrate_lens(arguments: argparse.Namespace) -> int:
     """Collects views of the board until they are enough, and writes the lens file."""
-    images = CameraImages(arguments.camera).require_source()
+    images = CameraImages(arguments.camera)
     board = BoardParams.for_paper(arguments.paper)
     board = board if arguments.square is None else board.replace(square=arguments.square)
     image = images.next()[1].pixels
@@ -199,13 +193,9 @@ def _look_for_board(lens: LensCalibration, board: BoardParams, image: np.ndarray
     except CodedError as error:
         text = error.message
     height, width = image.shape[:2]
-    columns, rows = lens.covered.shape
-    for column, row in np.argwhere(~lens.covered):
-        corner = (
-            (column * width // columns, row * height // rows),
-            ((column + 1) * width // columns, (row + 1) * height // rows),
-        )
-        cv2.rectangle(image, *corner, (0, 140, 255), max(1, width // 640))
+    for cell in np.argwhere(~lens.covered):
+        corners = ((at * (width, height) // lens.covered.shape).tolist() for at in (cell, cell + 1))
+        cv2.rectangle(image, *corners, (0, 140, 255), max(1, width // 640))
     for line, words in enumerate((lens.describe(), text)):
         cv2.putText(
             image, words, (10, (line + 1) * height // 18), cv2.FONT_HERSHEY_SIMPLEX, height / 700, (0, 0, 255), 2
@@ -215,7 +205,7 @@ def _look_for_board(lens: LensCalibration, board: BoardParams, image: np.ndarray
 
 def measure_camera_delay(arguments: argparse.Namespace) -> int:
     """Blinks with this terminal's window, and measures how late the camera's images show it."""
-    images = CameraImages(arguments.camera).require_source()
+    images = CameraImages(arguments.camera)
     print(
         "Let the camera see this window, as large as it can be and in a dim room. It blinks for 20 s; do not move anything."
     )
@@ -263,7 +253,7 @@ def _blink() -> List[float]:
 
 def set_exposure(arguments: argparse.Namespace) -> int:
     """Finds an exposure time at which the floor is grey, and looks whether the laser is white then."""
-    images = CameraImages(arguments.camera).require_source()
+    images = CameraImages(arguments.camera)
 
     def try_exposure(exposure: int) -> Look:
         images.set(exposure=exposure)

@@ -27,16 +27,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import List, Optional, Tuple, Union
+from typing import List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.background import BLOCK, Region
+from vb_laser_detect.detection.blocks import BLOCK, Region
 from vb_laser_detect.detection.features import ImageTraits, SpotClassifier
-from vb_laser_detect.detection.projection import ImageGeometry, meters_per_pixel
+from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import Proposer, SearchedImage
 from vb_laser_detect.detection.tracking import Expected, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
@@ -44,10 +44,6 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
-# a ghost, whose outline is in the background alone, is left by something that moved: where the camera did not, less else
-# changes, and nothing passed beside it while a ghost lasts, there is none, and a spot on the edge of a white sheet has such an
-# outline too
-_STILL = 0.02
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _LATEST = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
@@ -68,7 +64,6 @@ class SpotDetector:
         self._classifier = judge or features.packaged_classifier()
         self.late = 0
         self.reset()
-        self.set_params(self.params)
 
     def set_params(self, params: DetectorParams) -> None:
         """Changes the parameters; the background stays.
@@ -78,7 +73,7 @@ class SpotDetector:
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
-        self.params = self._tracker.params = self._proposer.params = params
+        self.params = self._tracker.params = params
 
     def reset(self) -> None:
         """Forgets the scene; the next frame begins a new one."""
@@ -87,7 +82,7 @@ class SpotDetector:
         self._geometry: Optional[ImageGeometry] = None
         self._measured = False  # whether anything in the last image was worth it
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer, self._tracker = Proposer(self.params), SpotTracker(self.params)
+        self._proposer, self._tracker = Proposer(self.params.moving_camera), SpotTracker(self.params)
 
     @property
     def lamps(self) -> int:
@@ -114,17 +109,17 @@ class SpotDetector:
             CodedError: "bad_image" for any other image.
         """
         picture = _checked(image)
+        early = -math.inf if self._stamp is None else self._stamp - stamp
+        if 0.0 < early <= _LATEST:
+            self.late += 1
+            self.candidates = []
+            return []
         if self.params.moving_camera and (picture.mosaic or picture.scale > 1):
             # a mosaic cannot be moved by parts of a pixel, and two sizes would be moved in twice the time
             picture = Picture(picture.bgr(), "bgr")
         if picture.scale > 1 and self._measured:
             picture.decode_whole()  # what was measured in the last image is likely to be there still
         pixels = picture.searched
-        early = -math.inf if self._stamp is None else self._stamp - stamp
-        if 0.0 < early <= _LATEST:
-            self.late += 1
-            self.candidates = []
-            return []
         shape = picture.scale, *pixels.shape
         if early > _LATEST or self._shape not in (None, shape):
             self.reset()
@@ -134,7 +129,7 @@ class SpotDetector:
         motion = self._proposer.estimate_motion(pixels)
         expected = self._tracker.begin(stamp, camera, motion)
         searched = self._proposer.propose(picture, expected)
-        seen = self._examine_all(searched, camera._replace(bright=searched.bright), expected)
+        seen = self._examine_all(searched, camera._replace(bright=searched.background.bright), expected)
         confirmed, kept = self._confirm(seen)
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.update_background(searched, kept, min(elapsed, 1.0))
@@ -143,13 +138,19 @@ class SpotDetector:
     def _examine_all(self, searched: SearchedImage, camera: ImageTraits, expected: List[Expected]) -> List[Spot]:
         """Measures and classifies what is in an image's regions."""
         seen: List[Spot] = []
-        self._measured = False
+        self._measured, least = False, _MIN_LEVEL * camera.bright
+        bright = [region for region in searched.regions if searched.brightest(region) >= least]
+        largest = dict(zip(bright, self._largest(bright, camera)))
         for region in searched.regions:
             here = next((one for one in expected if one.overlaps(region)), None)
-            spot = self._examine(region, searched, camera, here)
+            if region in largest:
+                spot = self._examine(region, largest[region], searched, camera, here)
+            else:
+                spot = _rejected(region, "too_dark")
             if here is not None and spot.rejection == "too_large":
                 # by now, other light falls on the place where it is expected
-                spot = self._examine(here.clip(region), searched, camera, here, here.widest)
+                part = here.clip(region)
+                spot = self._examine(part, self._largest([part], camera)[0], searched, camera, here, here.widest)
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
         return seen
@@ -157,31 +158,23 @@ class SpotDetector:
     def _examine(
         self,
         region: Region,
+        largest: float,
         searched: SearchedImage,
         camera: ImageTraits,
         expected: Optional[Expected],
         widest: float = math.inf,
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
-        middle, size = ((region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0), float(region[2] - region[0])
-        least = _MIN_LEVEL * camera.bright
-        if searched.brightest(region) < least:
-            return Spot(*middle, size, rejection="too_dark")
-        largest = self._largest(*middle, camera)
         if math.isnan(largest):
-            return Spot(*middle, size, rejection="off_floor")
+            return _rejected(region, "off_floor")
         self._measured = True
         image, reference = searched.picture.pixels, searched.background.whole_reference()
-        if features.brightest(image, region) < least:
-            return Spot(*middle, size, rejection="too_dark")
+        if searched.brightest(region) < _MIN_LEVEL * camera.bright:  # now that it is decoded whole
+            return _rejected(region, "too_dark")
         blob = features.measure(image, reference, region, largest, camera, widest)
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
-            busy = searched.change_elsewhere(blob.u, blob.v, blob.diameter)
-            measured = {**blob.features, "busy": busy}
-            passed = searched.was_passed(blob.u, blob.v, blob.diameter)
-            if busy < _STILL and not passed and searched.background.motion is None:
-                measured["edge"] = math.nan
+            measured = {**blob.features, **searched.surroundings(blob.u, blob.v, blob.diameter)}
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
             probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:
@@ -221,11 +214,17 @@ class SpotDetector:
                 kept.append(spot)
         return confirmed, kept
 
-    def _largest(self, u: float, v: float, camera: ImageTraits) -> float:
-        """Returns a spot's largest diameter [px] at a place; NaN where the floor is not seen."""
-        if self._geometry is None:
-            return _MAX_DIAGONAL_SHARE * camera.diagonal
-        return 0.001 * self.params.max_diameter_mm / meters_per_pixel(self._geometry.to_floor, u, v) + _BLUR_PX
+    def _largest(self, regions: Sequence[Region], camera: ImageTraits) -> List[float]:
+        """Returns a spot's largest diameter [px] in the middle of each region; NaN where the floor is not seen."""
+        if self._geometry is None or not regions:
+            return [_MAX_DIAGONAL_SHARE * camera.diagonal] * len(regions)
+        middles = np.array(regions).reshape(-1, 2, 2).mean(axis=1)
+        return (0.001 * self.params.max_diameter_mm / self._geometry.meters_per_pixel(middles) + _BLUR_PX).tolist()
+
+
+def _rejected(region: Region, rejection: str) -> Spot:
+    left, top, right, bottom = region
+    return Spot((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), rejection=rejection)
 
 
 def _same_blob(spot: Spot, other: Spot) -> bool:

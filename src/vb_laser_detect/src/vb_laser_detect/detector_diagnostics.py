@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import rospy
 
@@ -12,10 +12,11 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture
 from vb_core.notices import Notice, Severity
-from vb_core.ros.node import Mailbox, start_timer
+from vb_core.ros.node import Mailbox, WakeTimer, Worker
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.calibration_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
+from vb_laser_detect.detection.tracking import Spot
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus
 
@@ -57,21 +58,22 @@ class DetectorDiagnostics:
         self._watch = InputWatch(rospy.get_time())
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._notices = NoticePublisher()
-        self._timer = start_timer(1.0, self._publish)
+        self._timer = WakeTimer(1.0)
+        Worker(self._timer, lambda _: self._publish())
 
     def close(self) -> None:
         """Withdraws its notices."""
-        self._timer.shutdown()
+        self._timer.close()
         self._notices.close()
 
     # ------------------------------------------------------------- what the node tells
     def count(self, code: str) -> None:
         """Counts an ordinary rejection: a candidate that is not a spot."""
-        self._counts.count_rejection(code)
+        self._counts.count_rejections(code)
 
     def fault(self, error: CodedError, severe: bool = False) -> None:
         """Counts a fault of the input, and tells it for some seconds; `severe`: it is a fault of the program."""
-        self._counts.count_rejection(error.code)
+        self._counts.count_rejections(error.code)
         self._meet(self._faults, error, severe)
 
     def _meet(self, faults: Dict[str, Tuple[Notice, rospy.Time]], error: CodedError, severe: bool) -> None:
@@ -85,7 +87,7 @@ class DetectorDiagnostics:
             is_silent: it sends no images because of that.
         """
         if error is not None:
-            self._counts.count_rejection(error.code)
+            self._counts.count_rejections(error.code)
         with self._lock:
             self._source_fault = None if error is None else self._notice(error, is_silent)
             self._silent_source = is_silent
@@ -97,18 +99,34 @@ class DetectorDiagnostics:
             self._source_fault = self._source_fault if self._silent_source else None
         self._tell()
 
-    def set_missing_input(self, reason: Optional[CodedError]) -> None:
-        """Records why no spot of an image can be published; None: all inputs are available."""
-        with self._lock:
-            self._watch.see_image(rospy.get_time(), reason)
-        if reason is not None:
-            self._counts.count_rejection(reason.code)
+    def see_image(
+        self,
+        stamp: rospy.Time,
+        frame_id: str,
+        picture: AnyPicture,
+        missing: Optional[CodedError],
+        search_s: float,
+        spots: Sequence[Spot] = (),
+        rejected: Sequence[str] = (),
+    ) -> None:
+        """Notes an image that was searched.
 
-    def see_picture(self, picture: AnyPicture) -> None:
-        """Notes whether an image has colours, and how much of it is saturated."""
-        self.color = picture.content != "mono"
-        if abs(rospy.get_time() - self._measured) > 1.0:
-            self._bright, self._measured = saturated_share(picture.searched), rospy.get_time()
+        Args:
+            stamp, frame_id, picture: of it.
+            missing: why no spot of it can be published; None: all inputs are available.
+            search_s: [s] that the search itself took.
+            spots: published after it, also those of earlier images.
+            rejected: codes of what was not.
+        """
+        now, taken = rospy.get_time(), stamp.to_sec()
+        self._frame_id, self.color = frame_id, picture.content != "mono"
+        if abs(now - self._measured) > 1.0:
+            self._bright, self._measured = saturated_share(picture.searched), now
+        with self._lock:
+            self._watch.see_image(now, missing)
+        self._counts.count_rejections(*rejected, *([] if missing is None else [missing.code]))
+        backfilled = sum(spot.stamp != taken for spot in spots)
+        self._counts.count_image(now, taken, search_s, len(spots), backfilled)
 
     def record_detector(self, message: DetectorStatus) -> None:
         """Records another detector's status."""
@@ -134,11 +152,6 @@ class DetectorDiagnostics:
             }
         if not self._mobile:
             require_own_frame(self._camera, frame_id, frames)
-
-    def count_image(self, stamp: rospy.Time, search_s: float, spots: int, backfilled: int, frame_id: str) -> None:
-        """Counts a searched image, see `DetectorCounts`."""
-        self._frame_id = frame_id
-        self._counts.count_image(rospy.get_time(), stamp.to_sec(), search_s, spots, backfilled)
 
     # ------------------------------------------------------------- what goes out
     def _notice(self, error: CodedError, severe: bool) -> Notice:

@@ -25,8 +25,7 @@ from vb_laser_detect.camera_feed import CameraFeed, LensFile, ReceivedImage, sub
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
-from vb_laser_detect.detection.projection import ImageGeometry
-from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
+from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, ProjectionParams
 from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, is_rectified, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
@@ -155,33 +154,27 @@ class SpotDetectorNode:
             self._report.fault(CodedError("internal_error"), severe=True)
 
     def _search_image(self, received: ReceivedImage) -> None:
-        stamp, frame_id = received.stamp, received.frame_id
+        stamp, detector = received.stamp, self._detector
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         picture = received.read()
         self._stamps.append(stamp)
-        geometry, unplaced = self._place(frame_id, stamp, picture.size)
-        late, lamps = self._detector.late, self._detector.lamps
+        geometry, unplaced = self._place(received.frame_id, stamp, picture.size)
+        late, lamps = detector.late, detector.lamps
         began = time.perf_counter()
-        spots = self._detector.detect(picture, stamp.to_sec(), geometry)
+        spots = detector.detect(picture, stamp.to_sec(), geometry)
         took = time.perf_counter() - began
-        self._report.see_picture(picture)
-        if self._detector.late > late:
-            self._report.count("late_image")
-        if self._detector.lamps > lamps:
-            self._report.fault(CodedError("lamp"))
-        for candidate in self._detector.candidates:
-            # these are everyday events: counted, but not worth a warning
-            if candidate.rejection:
-                self._report.count(candidate.rejection)
-        if geometry is not None:
-            unplaced = geometry.unplaced  # the pose was asked for and is missing
-        self._report.set_missing_input(unplaced)
         located = [spot for spot in spots if spot.place is not None]
         for spot in located:
             self._spots.publish(self._message(spot))
-        earlier = sum(spot.stamp != stamp.to_sec() for spot in located)
-        self._report.count_image(stamp, took, len(located), earlier, frame_id)
+        if detector.lamps > lamps:
+            self._report.fault(CodedError("lamp"))
+        if geometry is not None:
+            unplaced = geometry.unplaced  # the pose was asked for and is missing
+        # what is rejected is an everyday event: counted, but not worth a warning
+        rejected = [one.rejection for one in detector.candidates if one.rejection]
+        rejected += ["late_image"] * (detector.late - late)
+        self._report.see_image(stamp, received.frame_id, picture, unplaced, took, located, rejected)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, received)
         if self._feed is not None:
@@ -192,14 +185,13 @@ class SpotDetectorNode:
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
-            self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, size), None
         except CodedError as error:
             return None, error.without_traceback()
 
     def _message(self, spot: Spot) -> LaserSpot:
         result, point = LaserSpot(), spot.place
-        result.header.stamp = next(stamp for stamp in self._stamps if stamp.to_sec() == spot.stamp)
+        result.header.stamp = next(stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile

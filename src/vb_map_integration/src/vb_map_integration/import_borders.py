@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import List, Optional
 from uuid import uuid4
 
 import rospy
@@ -14,7 +13,6 @@ from vb_msgs.srv import AddBorder, AddBorderRequest
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
-from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import message_from_border
 from vb_map_integration.borders.geojson import borders_from_geojson
 
@@ -22,31 +20,20 @@ from vb_map_integration.borders.geojson import borders_from_geojson
 _TIMEOUT = 20.0
 
 
-def read_borders(path: Path) -> List[VirtualBorder]:
-    """Reads the borders of a GeoJSON file.
-
-    Raises:
-        CodedError: "cannot_read", "bad_border_file", or what a border raises.
-    """
-    try:
-        return borders_from_geojson(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise CodedError("cannot_read", file=str(path), reason=error) from None
-
-
-def import_borders(arguments: Optional[List[str]] = None) -> int:
+def import_borders() -> int:
     """Adds each border of a file, and prints what was said of it.
 
     Status 0: all were added, 1: not all, 2: bad file.
     """
     parser = argparse.ArgumentParser(prog="import_borders", description=import_borders.__doc__)
     parser.add_argument("file", type=Path, help="GeoJSON in metres, as save_map writes it")
-    options = parser.parse_args(rospy.myargv(sys.argv)[1:] if arguments is None else arguments)
+    options = parser.parse_args(rospy.myargv()[1:])
     try:
-        borders = read_borders(options.file)
+        borders = borders_from_geojson(options.file.read_text(encoding="utf-8"))
     except CodedError as error:
-        print(error, file=sys.stderr)
-        return 2
+        parser.exit(2, f"{error}\n")
+    except (OSError, UnicodeDecodeError) as error:
+        parser.exit(2, f"{CodedError('cannot_read', file=options.file, reason=error)}\n")
     rospy.init_node("import_borders", anonymous=True, disable_signals=True)
     added = 0
     for border in borders:

@@ -9,16 +9,16 @@ off now unless that is much more, and at its second possible place. If nothing o
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Callable, Dict, Iterable, Mapping, Optional, Tuple
+from functools import cached_property
+from typing import Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
 import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
-from vb_map_integration.grid.layered_map import LayeredMap
-from vb_map_integration.grid.region import Region, join_regions
-from vb_map_integration.integration import restricted_area
+from vb_map_integration.grid.region import Region, join_regions, put_on_map
+from vb_map_integration.integration import integrate
 from vb_map_integration.places.border_place import BorderPlace
 
 # why a border waits for a person, or is not in force
@@ -71,12 +71,21 @@ class InForce:
     """What is in force on a map.
 
     Attributes:
-        layered_map: the map, and the regions of the borders that act on it.
+        physical: the map without borders.
         verdicts: by border, the oldest first.
     """
 
-    layered_map: LayeredMap
+    physical: GridMap
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+
+    @cached_property
+    def map_with_borders(self) -> GridMap:
+        """The map with all borders that act on it."""
+        return put_on_map(self.physical, self.regions())
+
+    def regions(self, without: Iterable[str] = ()) -> List[Region]:
+        """Returns the regions of the borders that act, without some; those of slow zones have the value 0."""
+        return [one.region for key, one in self.verdicts.items() if one.region is not None and key not in without]
 
     @property
     def slow_zones(self) -> Tuple[Verdict, ...]:
@@ -97,28 +106,25 @@ class InForce:
         verdict = self.verdicts[border.id]
         if not border.enabled:
             return False, "disabled"
-        if verdict.code == DOES_NOT_FIT:
-            return False, verdict.code
-        return True, verdict.code
+        return verdict.code != DOES_NOT_FIT, verdict.code
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
         """Returns the outlines (N, 2) [m] of what a border closed off before, and after confirmation; empty if it is sure."""
         verdict = self.verdicts[border_id]
         regions = (verdict.before, verdict.after) if verdict.code == TO_BE_CONFIRMED else (None, None)
         return tuple(  # type: ignore[return-value]
-            region.outline(self.layered_map.physical) if region else np.zeros((0, 2)) for region in regions
+            region.outline(self.physical) if region else np.zeros((0, 2)) for region in regions
         )
 
     @property
     def speed_limits(self) -> GridMap:
         """The highest speed in each cell [cm/s], 0: no limit; the geometry of the map."""
-        physical = self.layered_map.physical
-        cells = np.zeros(physical.shape, np.int8)
+        cells = np.zeros(self.physical.shape, np.int8)
         for verdict in self.slow_zones:
             part, inside = cells[verdict.region.window], verdict.region.mask != 0  # type: ignore[union-attr]
             limit = np.int8(max(1, min(127, round(100.0 * verdict.border.max_speed))))
             part[inside] = np.where(part[inside] == 0, limit, np.minimum(part[inside], limit))
-        return physical.with_data(cells)
+        return self.physical.with_data(cells)
 
 
 def put_in_force(
@@ -126,7 +132,6 @@ def put_in_force(
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderPlace],
     before: Optional[InForce] = None,
-    checked: Optional[Tuple[str, LayeredMap]] = None,
 ) -> InForce:
     """Computes what is in force on a map.
 
@@ -136,32 +141,20 @@ def put_in_force(
         locate: finds where a border is on the map.
         before: what was in force on the same map, with the same `locate`: verdicts of borders that are still the same
             are taken from it.
-        checked: one of the borders, drawn on this map, and the map with it, which need not be computed again then.
     """
     known = before.verdicts if before else {}
     verdicts: Dict[str, Verdict] = {}
-    regions: Dict[str, Optional[Region]] = {key: None for key in known}
     for border in borders:
         verdict = known.get(border.id)
-        if verdict is not None and verdict.stored is border:
-            del regions[border.id]
-        else:
-            done = checked[1].region(border.id) if checked and checked[0] == border.id and border.enabled else None
-            verdict = _judge(border, locate(border), grid, done)
-            regions[border.id] = verdict.region if border.zone.restricts else None
-        verdicts[border.id] = verdict
-    layered = before.layered_map if before else LayeredMap(grid)
-    if checked and list(regions) == [checked[0]] and regions[checked[0]] is not None:
-        layered = checked[1]
-    elif any(region is not None or layered.region(key) is not None for key, region in regions.items()):
-        layered = layered.with_regions(regions)
-    return InForce(layered, verdicts)
+        is_known = verdict is not None and verdict.stored is border
+        verdicts[border.id] = verdict if is_known else _judge(border, locate(border), grid)
+    return InForce(grid, verdicts)
 
 
-def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap, done: Optional[Region] = None) -> Verdict:
+def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
     border = place.border
-    if not border.enabled or done is not None:
-        return Verdict(stored, border, region=done, after=done)
+    if not border.enabled:
+        return Verdict(stored, border)
     now, why = _region(grid, border)
     if place.accepted_here:
         code = "" if now else DOES_NOT_FIT
@@ -183,7 +176,7 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap, done: Optio
 def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
     """Returns what a border restricts, or None and why it restricts nothing."""
     try:
-        return restricted_area(grid, border), ""
+        return integrate(grid, border), ""
     except IntegrationError as error:
         return None, error.code
 

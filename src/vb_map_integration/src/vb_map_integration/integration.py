@@ -3,8 +3,7 @@
 M_posterior is M_prior with the area on the seed's side of the border raised to delta. Physical obstacles keep
 their value; the prior itself is never changed.
 
-Use it to write one border into a map, or with `restricted_area` to see first what it would restrict. Several borders,
-undo, and maps that change are `integrator.MapIntegrator`.
+Several borders, undo, and maps that change are `integrator.MapIntegrator`.
 
 >>> import numpy as np
 >>> room = GridMap(np.zeros((60, 60), np.int8), resolution=0.05)      # 3 m x 3 m of free floor
@@ -16,7 +15,8 @@ undo, and maps that change are `integrator.MapIntegrator`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import List, Optional, Sequence, Tuple
 
 import cv2
@@ -26,11 +26,9 @@ import shapely
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice
 from vb_map_integration.grid import curve, raster
-from vb_map_integration.grid.region import Region
+from vb_map_integration.grid.region import Region, put_on_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError, warning
-
-__all__ = ["Area", "Integration", "IntegrationError", "integrate", "restricted_area"]
 
 # [m] length of a curve's end that gives the direction of its extension: longer than a hand's tremor, shorter than a doorway
 EXTENSION_FIT_LENGTH = 0.3
@@ -49,50 +47,32 @@ _FILLED = 128
 
 
 @dataclass(frozen=True)
-class Area(Region):
-    """What a border restricts on a map.
+class Integration(Region):
+    """A border integrated into a map.
 
     Attributes:
+        prior: the map, which stays as it is.
         line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
         issues: warnings.
     """
 
+    prior: GridMap = field(repr=False)
     line: np.ndarray
     issues: Tuple[Notice, ...]
 
+    @cached_property
+    def posterior(self) -> GridMap:
+        """The map with the border."""
+        return put_on_map(self.prior, [self])
 
-@dataclass(frozen=True)
-class Integration:
-    """The result of an integration.
-
-    Attributes:
-        posterior: the map with the border.
-        region: (H, W) bool, the cells that the border restricts; obstacles are not among them.
-        issues: warnings.
-        area_m2: [m^2] of the region.
-        line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
-    """
-
-    posterior: GridMap
-    region: np.ndarray
-    issues: Tuple[Notice, ...]
-    area_m2: float
-    line: np.ndarray
+    @property
+    def region(self) -> np.ndarray:
+        """(H, W) bool, the cells that the border restricts; obstacles are not among them."""
+        return self.spread(self.prior.shape)
 
 
-def integrate(prior: GridMap, border: VirtualBorder) -> Integration:
-    """Integrates a border into a map, which stays as it is.
-
-    See `restricted_area` for what is restricted, and for the errors.
-    """
-    area = restricted_area(prior, border)
-    posterior = np.array(prior.data, order="C")
-    area.apply(posterior)
-    return Integration(prior.with_data(posterior), area.spread(prior.shape), area.issues, area.area_m2, area.line)
-
-
-def restricted_area(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Area:
-    """Computes what a border restricts.
+def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Integration:
+    """Integrates a border into a map.
 
     A polygon restricts its inside, unknown cells included, or all the free space outside that is connected
     with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
@@ -109,7 +89,7 @@ def restricted_area(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequ
     """
     task = _Task(prior, border)
     try:
-        return task.area(robots)
+        return task.integrate(robots)
     except IntegrationError as error:
         error.warnings = tuple(task.issues)
         raise
@@ -134,7 +114,7 @@ class _Task:
         """Adds a warning."""
         self.issues.append(warning(code, **values))
 
-    def area(self, robots: Sequence[Sequence[float]]) -> Area:
+    def integrate(self, robots: Sequence[Sequence[float]]) -> Integration:
         """Computes what the border restricts."""
         prior, border = self.prior, self.border
         self.check_shape()
@@ -154,12 +134,13 @@ class _Task:
         cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
         if mask[tuple(cells.T)].any():
             self.warn("robot_inside")
-        return Area(
+        return Integration(
             window=window,
             mask=mask,
             value=border.value,
             over_unknown=border.closed is True and border.value >= OCCUPIED_THRESHOLD,
             area_m2=restricted * prior.resolution**2,
+            prior=prior,
             line=line,
             issues=tuple(self.issues),
         )
@@ -193,7 +174,7 @@ class _Task:
             for block in raster.row_blocks(mask.shape):  # less the obstacles; unknown, 255, stays
                 cv2.subtract(mask[block], cv2.inRange(part[block], threshold, 127), dst=mask[block])
             if threshold <= cells[row, column] <= 127:
-                barred = raster.filled(cells.shape, 255)
+                barred = np.full(cells.shape, 255, np.uint8)
                 np.invert(mask, out=barred[window])
                 self.free_cell(barred)
             return window, mask
@@ -222,7 +203,7 @@ class _Task:
         reach = int(WALL_WIDTH / 2.0 / self.prior.resolution + 1e-6)
         top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
         window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
-        mask = raster.filled(cells[window].shape, 0)
+        mask = np.full(cells[window].shape, 0, np.uint8)
         mask[rows - top, columns - left] = 255
         if reach:
             mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
@@ -235,12 +216,6 @@ class _Task:
         fit, tolerance = EXTENSION_FIT_LENGTH / prior.resolution, WALL_SNAP_DISTANCE / prior.resolution
         framed = _framed(self.cells)
         cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.free_cell)
-        if cut is None:
-            raise IntegrationError("outside_map")
-        if cut.left >= curve.TOUCHES and cut.right >= curve.TOUCHES:
-            raise IntegrationError("seed_on_both_sides")
-        if not cut.separates:
-            raise IntegrationError("no_separation")
         line = prior.grid_to_world(cut.line)
         for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
             length = float(np.linalg.norm(line[index] - self.border.points[index]))
@@ -283,6 +258,6 @@ def _count_free(cells: np.ndarray) -> int:
 
 def _framed(cells: np.ndarray) -> np.ndarray:
     """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
-    framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
+    framed = np.full((cells.shape[0] + 2, cells.shape[1] + 2), 255, np.uint8)
     cv2.inRange(cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
     return framed

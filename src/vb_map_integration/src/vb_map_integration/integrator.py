@@ -6,7 +6,7 @@ current map is one value, `InForce`, which `put_in_force` computes; where they a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, List, Optional, Sequence, Tuple
 
@@ -17,14 +17,30 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
-from vb_map_integration.grid.layered_map import LayeredMap
-from vb_map_integration.border_check import BorderCheck, CheckResult
+from vb_map_integration.grid.free_parts import count_free_parts
+from vb_map_integration.grid.region import put_on_map
 from vb_map_integration.in_force import InForce, Verdict, put_in_force
 from vb_map_integration.verdict_notices import find_notices
+from vb_map_integration.integration import Integration, integrate
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Transform
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """Effect that adding or changing a border would have.
+
+    Attributes:
+        integration: what it would restrict.
+        issues: warnings, the integration's first.
+        free_parts: number of parts of the free space, see `count_free_parts`.
+    """
+
+    integration: Integration
+    issues: Tuple[Notice, ...]
+    free_parts: int
 
 
 @dataclass(frozen=True)
@@ -39,10 +55,6 @@ class ChangeResult:
     ids: Tuple[str, ...] = ()
     issues: Tuple[Notice, ...] = ()
 
-    def with_issues(self, more: Tuple[Notice, ...]) -> "ChangeResult":
-        """Returns the result with more warnings."""
-        return replace(self, issues=(*self.issues, *more))
-
 
 class MapIntegrator:
     """Physical map plus borders. Every change is checked, written to disk and only then made.
@@ -55,6 +67,9 @@ class MapIntegrator:
         robots: names that borders may name; empty: any.
         robot_radius: [m] for what a robot can reach.
 
+    Attributes:
+        map_id: the current map's fingerprint.
+
     Raises:
         CodedError: "database_in_use".
     """
@@ -62,14 +77,14 @@ class MapIntegrator:
     def __init__(
         self, root: Optional[Path], map_name: str = "", robots: Sequence[str] = (), robot_radius: float = 0.18
     ) -> None:
-        self._expected_name, self._robots = map_name, robots
+        self._expected_name, self._robots, self._robot_radius = map_name, robots, robot_radius
         self._database = Database(root)
         self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
         self._in_force: Optional[InForce] = None
-        self._map_id = ""
+        self.map_id = ""
+        self._free_parts: Optional[int] = None  # of the map with borders, once they were counted
         self._not_kept: List[Notice] = []  # why the map's place could not be noted
-        self._check = BorderCheck(robot_radius)
 
     def close(self) -> None:
         """Releases the database."""
@@ -91,17 +106,17 @@ class MapIntegrator:
     @property
     def physical(self) -> GridMap:
         """The physical map; CodedError "no_map" before there is one."""
-        return self.in_force.layered_map.physical
+        return self.in_force.physical
 
     @property
     def map_with_borders(self) -> GridMap:
         """The physical map with all borders that act; CodedError "no_map" before there is a map."""
-        return self.in_force.layered_map.map_with_borders
+        return self.in_force.map_with_borders
 
     def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the physical map with the borders for one robot: those that name it, or none."""
-        others = {border.id: None for border in self.borders if border.robots and robot not in border.robots}
-        return self.in_force.layered_map.with_regions(others).map_with_borders if others else self.map_with_borders
+        others = [border.id for border in self.borders if border.robots and robot not in border.robots]
+        return put_on_map(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
@@ -112,11 +127,6 @@ class MapIntegrator:
     def revision(self) -> int:
         """Grows with every change."""
         return self._database.revision
-
-    @property
-    def map_id(self) -> str:
-        """The current map's fingerprint."""
-        return self._map_id
 
     @property
     def map_name(self) -> str:
@@ -147,11 +157,11 @@ class MapIntegrator:
     def set_map(self, grid: GridMap) -> bool:
         """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed."""
         map_id = fingerprint(grid)
-        if map_id == self._map_id:
+        if map_id == self.map_id:
             return False
         before = self.physical if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
-        self._map_id = map_id
+        self.map_id = map_id
         self._use(grid, recognition)
         if recognition.place:
             name = self._expected_name
@@ -166,15 +176,15 @@ class MapIntegrator:
 
     def _use(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts the borders of a place in force on a map, or on the same one if there is a new answer about it."""
-        self._recognizer.start_map(grid, self._map_id, recognition)
+        self._recognizer.start_map(grid, self.map_id, recognition)
         self._recognition, self._in_force = recognition, None
         self._refresh(grid)
 
-    def _refresh(self, grid: GridMap, checked: Optional[Tuple[str, LayeredMap]] = None) -> None:
+    def _refresh(self, grid: GridMap) -> None:
         """Puts in force what the database has now."""
-        self._in_force = put_in_force(
-            grid, self._database.borders(self._recognition.place), self._recognizer.locate, self._in_force, checked
-        )
+        borders = self._database.borders(self._recognition.place)
+        self._in_force = put_in_force(grid, borders, self._recognizer.locate, self._in_force)
+        self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
     def confirm(self, same: bool, name: str, map_id: str = "") -> None:
@@ -189,9 +199,9 @@ class MapIntegrator:
             CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "cannot_write".
         """
         grid, recognition = self.physical, self._recognition
-        if map_id and map_id != self._map_id:
+        if map_id and map_id != self.map_id:
             raise CodedError("map_changed")
-        known = self._database.find_map(self._map_id)
+        known = self._database.find_map(self.map_id)
         transform = recognition.transform if same else Transform()
         place = recognition.place if same else 0
         self._database.check_name(name, place)
@@ -202,7 +212,7 @@ class MapIntegrator:
         else:
             if not same and known is not None and known.id == known.place and self._database.borders(known.place):
                 raise CodedError("drawn_on_this_map")
-            place = self._database.add_map(grid, self._map_id, place, transform, name)
+            place = self._database.add_map(grid, self.map_id, place, transform, name)
         waiting = self._waiting() if same else []
         self._use(grid, PlaceRecognition(place, transform))
         if waiting:  # from now on these borders are what they close off here
@@ -210,7 +220,7 @@ class MapIntegrator:
             self._make_change(
                 tuple(
                     BorderChange(
-                        one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self._map_id))
+                        one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self.map_id))
                     )
                     for one in waiting
                 )
@@ -223,10 +233,20 @@ class MapIntegrator:
             places: (N, 2) [m] where the robots are that it is for.
 
         Raises:
-            CodedError: "no_map", "unknown_robot", or as `restricted_area`.
+            CodedError: "no_map", "unknown_robot", or as `integrate`.
         """
         self._check_robots(border)
-        return self._check(self.in_force.layered_map, border, places)
+        found = integrate(self.physical, border, places)
+        regions = [*self.in_force.regions([border.id]), found]
+        if self._free_parts is None:
+            self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
+        before, after = self._free_parts, count_free_parts(put_on_map(self.physical, regions), self._robot_radius)
+        issues = list(found.issues)
+        if after > before:
+            issues.append(warning("splits_free_space"))
+        if after == 0 < before:
+            issues.append(warning("no_free_space_left"))
+        return CheckResult(found, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         """Refuses a border for robots that are not known, if any are."""
@@ -253,7 +273,7 @@ class MapIntegrator:
         if known:
             return ChangeResult((known,))
         self._expect(expected)
-        new = self._database.new_border(border.replace(map_id=self._map_id), now, self._recognition.place)
+        new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
         check = self.check(new, places)
         self._check_confirmed()
         self._keep_map()
@@ -283,7 +303,7 @@ class MapIntegrator:
             check = self.check(border, places)
             self._check_confirmed()
             self._keep_map()
-            after = self._to_place_frame(after.replace(map_id=self._map_id))
+            after = self._to_place_frame(after.replace(map_id=self.map_id))
         return self._make_change((BorderChange(border.id, before, after),), check=check)
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected: int = 0) -> ChangeResult:
@@ -343,10 +363,10 @@ class MapIntegrator:
 
     def _keep_map(self) -> None:
         """Keeps the map on which a person draws: later ones are compared with it."""
-        if self._database.find_map(self._map_id) is None:
+        if self._database.find_map(self.map_id) is None:
             place, transform = self._recognition.place, self._recognition.transform
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
-            place = self._database.add_map(self.physical, self._map_id, place, transform, name)
+            place = self._database.add_map(self.physical, self.map_id, place, transform, name)
             self._recognition = PlaceRecognition(place, transform)
 
     def _make_change(
@@ -366,7 +386,7 @@ class MapIntegrator:
         self._database.commit(place, change, kind, request_id)
         ids, issues = tuple(entry.id for entry in change), ()
         if place == self._recognition.place:
-            self._refresh(physical, (change[0].id, check.layered_map) if check else None)
+            self._refresh(physical)
             verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(one.code, **one.values) for one in verdicts if one.code)
         return ChangeResult(ids, check.issues if check else issues)

@@ -44,6 +44,9 @@ from vb_map_integration.grid.costmap_settings import is_trinary
 from vb_map_integration.borders.issues import IntegrationError, issues_of, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
+# makes a change that a request asks for, at a time [s]
+Change = Callable[[Any, float], Optional[ChangeResult]]
+
 
 @dataclass(frozen=True)
 class MapIntegratorParams(Parameters):
@@ -102,18 +105,14 @@ class MapIntegratorNode:
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
 
-        self._map_out = rospy.Publisher(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, queue_size=1, latch=True)
-        self._robot_maps = {
-            name: rospy.Publisher(
-                f"/{name}{names.MAP_WITH_BORDERS}", messages.OccupancyGridArray, queue_size=1, latch=True
-            )
-            for name in robots
-        }
-        self._speeds_out = rospy.Publisher(names.SPEED_LIMITS, messages.OccupancyGridArray, queue_size=1, latch=True)
+        latched = partial(rospy.Publisher, data_class=messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._map_out = latched(names.MAP_WITH_BORDERS)
+        self._robot_maps = {name: latched(f"/{name}{names.MAP_WITH_BORDERS}") for name in robots}
+        self._speeds_out = latched(names.SPEED_LIMITS)
         self._had_speeds = False
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
         keeper = self._integrator
-        changes: Tuple[Tuple[str, Any, Callable[[Any, float], Optional[ChangeResult]]], ...] = (
+        changes: Tuple[Tuple[str, Any, Change], ...] = (
             (names.ADD_BORDER, AddBorder, self._add),
             (names.UPDATE_BORDER, UpdateBorder, self._update),
             (names.REMOVE_BORDER, RemoveBorder, lambda asked, _: keeper.remove(asked.id, asked.expected_revision)),
@@ -164,14 +163,14 @@ class MapIntegratorNode:
         self._last_stamp = stamp
         self._notices.set(self._integrator.notices)
         self._borders_out.publish(self._array(stamp))
-        self._map_out.publish(messages.message_from_grid(self._integrator.map_with_borders, stamp, names.MAP_FRAME))
-        for name, publisher in self._robot_maps.items():
-            grid = self._integrator.map_with_borders_for(name)
-            publisher.publish(messages.message_from_grid(grid, stamp, names.MAP_FRAME))
-        if self._integrator.in_force.slow_zones or self._had_speeds:
-            self._had_speeds = True
-            limits = messages.message_from_grid(self._integrator.in_force.speed_limits, stamp, names.MAP_FRAME)
-            self._speeds_out.publish(limits)
+        acting = self._integrator.in_force
+        grids = [(self._map_out, acting.map_with_borders)]
+        grids += [(out, self._integrator.map_with_borders_for(name)) for name, out in self._robot_maps.items()]
+        self._had_speeds |= bool(acting.slow_zones)
+        if self._had_speeds:
+            grids.append((self._speeds_out, acting.speed_limits))
+        for out, grid in grids:
+            out.publish(messages.message_from_grid(grid, stamp, names.MAP_FRAME))
 
     def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
         array = VirtualBorderArray()
@@ -224,16 +223,17 @@ class MapIntegratorNode:
 
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
-        response.success, response.code, response.message = False, error.code, error.message
-        if hasattr(response, "values"):
-            response.values = messages.values_from_mapping(error.values)
-        if hasattr(response, "revision"):
-            response.revision = self._integrator.revision
-        if hasattr(response, "issues"):
-            response.issues = messages_from_issues(issues_of(error))
-        return response
+        return _fill(
+            response,
+            success=False,
+            code=error.code,
+            message=error.message,
+            values=messages.values_from_mapping(error.values),
+            revision=self._integrator.revision,
+            issues=messages_from_issues(issues_of(error)),
+        )
 
-    def _change(self, response_class: Any, change: Callable[[Any, float], Optional[ChangeResult]], request: Any) -> Any:
+    def _change(self, response_class: Any, change: Change, request: Any) -> Any:
         """Makes a change at a time [s], publishes the result, and answers the request."""
         response = response_class()
         try:
@@ -246,14 +246,8 @@ class MapIntegratorNode:
         for found in outcome.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), found.message, found.code)
         rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(outcome.ids) or "the map's place")
-        response.success, response.code = True, "ok"
-        if hasattr(response, "id"):
-            response.id = outcome.ids[0]
-        if hasattr(response, "issues"):
-            response.issues = messages_from_issues(outcome.issues)
-        if hasattr(response, "revision"):
-            response.revision = revision
-        return response
+        issues = messages_from_issues(outcome.issues)
+        return _fill(response, success=True, code="ok", id="".join(outcome.ids[:1]), issues=issues, revision=revision)
 
     def _undo_or_redo(self, request: Any, _now: float) -> ChangeResult:
         step = self._integrator.redo if request.redo else self._integrator.undo
@@ -267,12 +261,12 @@ class MapIntegratorNode:
         border = self._requested(request).replace(enabled=not request.disabled)
         places = self._places(border)
         outcome = self._integrator.add(border, now, places, request.expected_revision, request.request_id)
-        return outcome.with_issues(self._soft_issues(border))
+        return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
 
     def _update(self, request: Any, now: float) -> ChangeResult:
         border = self._requested(request)
         outcome = self._integrator.update(border, now, self._places(border), request.expected_revision)
-        return outcome.with_issues(self._soft_issues(border))
+        return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
 
     def _enable(self, request: Any, now: float) -> ChangeResult:
         return self._integrator.set_enabled(request.id, request.enabled, now, request.expected_revision)
@@ -292,10 +286,10 @@ class MapIntegratorNode:
                 check = self._integrator.check(border, self._places(border))
         except CodedError as error:
             return self._refused(response, error)
-        after = check.layered_map.map_with_borders
-        region = after.with_data(np.where(check.area.spread(after.shape), np.int8(100), np.int8(0)))
+        found = check.integration
+        region = found.prior.with_data(np.where(found.region, np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
-        response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
+        response.area_m2, response.line = found.area_m2, messages.points_from_array(found.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
         response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
@@ -317,6 +311,14 @@ class MapIntegratorNode:
             return self._refused(response, error)
         response.success, response.code = True, "ok"
         return response
+
+
+def _fill(response: Any, **values: Any) -> Any:
+    """Sets those of some fields that a response has; returns it."""
+    for key, value in values.items():
+        if hasattr(response, key):
+            setattr(response, key, value)
+    return response
 
 
 def build() -> MapIntegratorNode:

@@ -48,11 +48,8 @@ class Lab:
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
         ranges = self.field.cast((x, y), angles + yaw, model.range_max)
-        discs = [
-            (body.pose[:2], item.radius)
-            for other, (body, item) in enumerate(zip(self.robots, self.world.robots))
-            if other != index
-        ]
+        discs = [(body.pose[:2], robot.radius) for body, robot in zip(self.robots, self.world.robots)]
+        del discs[index]  # it does not see itself
         if self.person is not None:
             discs.append((self.person[:2], model.person_radius))
         for center, radius in discs:

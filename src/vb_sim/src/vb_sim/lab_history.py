@@ -81,9 +81,8 @@ class History:
 def _between(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: float) -> Snapshot:
     nearest = a if share < 0.5 else b
     robots = {name: _pose_between(a.robots.get(name, pose), pose, share) for name, pose in b.robots.items()}
-    person = nearest.person
-    if a.person is not None and b.person is not None:
-        person = _pose_between(a.person, b.person, share)
+    both = a.person is not None and b.person is not None
+    person = _pose_between(a.person, b.person, share) if both else nearest.person
     laser, velocity = nearest.laser, (0.0, 0.0)
     if a.laser is not None and b.laser is not None:
         dx, dy = b.laser[0] - a.laser[0], b.laser[1] - a.laser[1]

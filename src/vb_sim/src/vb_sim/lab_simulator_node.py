@@ -16,7 +16,7 @@ from geometry_msgs.msg import Pose2D, PoseWithCovarianceStamped, TransformStampe
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
@@ -97,7 +97,6 @@ class LabSimulatorNode:
         # whole steps, so that cameras at a divisor of the rate fall on them
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns
         self._count = 0
-        self._closing = False
         lab.step(0.0, self._now_ns * 1e-9)
         self._participant, self._heard = ParticipantState(), -math.inf
 
@@ -121,13 +120,7 @@ class LabSimulatorNode:
         rospy.Service("~reset", Trigger, self._on_reset)
         self._pace = 1.0  # simulated seconds per real second, at most
         rospy.Subscriber(names.PACE, Float64, self._on_pace, queue_size=1)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stops the clock."""
-        self._closing = True
-        self._thread.join(timeout=1.0)
+        threading.Thread(target=self._run, daemon=True).start()
 
     # ------------------------------------------------------------ callbacks
     def _on_cmd_vel(self, message: Twist, index: int) -> None:
@@ -149,11 +142,10 @@ class LabSimulatorNode:
 
     def _on_pace(self, message: Float64) -> None:
         if not MIN_PACE <= message.data <= MAX_PACE:
-            rospy.logwarn(
-                "%s: a pace of %s ignored, expected %s to %s", rospy.get_name(), message.data, MIN_PACE, MAX_PACE
-            )
-            return
-        self._pace = message.data
+            expected = f"expected {MIN_PACE:g} to {MAX_PACE:g}"
+            rospy.logwarn("%s: a pace of %s ignored, %s", rospy.get_name(), message.data, expected)
+        else:
+            self._pace = message.data
 
     def _on_reset(self, _request: Trigger) -> TriggerResponse:
         with self._lock:
@@ -164,7 +156,7 @@ class LabSimulatorNode:
     def _run(self) -> None:
         due = time.monotonic()
         try:
-            while not rospy.is_shutdown() and not self._closing:
+            while not rospy.is_shutdown():
                 self._step()
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
@@ -198,8 +190,7 @@ class LabSimulatorNode:
         participant = self._participant
         if self._lab.now - self._heard > PARTICIPANT_SILENCE:
             participant = ParticipantState(person_present=participant.person_present, person=participant.person)
-        state = LabState()
-        state.header.stamp, state.header.frame_id = now, names.MAP_FRAME
+        state = LabState(header=Header(0, now, names.MAP_FRAME))
         state.robots = [robot.namespace.strip("/") for robot in self._lab.world.robots]
         state.robot_poses = [Pose2D(*body.pose) for body in self._lab.robots]
         state.laser_on, state.laser = participant.laser_on, participant.laser
@@ -216,15 +207,12 @@ class LabSimulatorNode:
             with self._lock:
                 odometry, velocity, correction = body.odometry, body.velocity, body.map_to_odom()
             base = geometry.transform_from_pose2d(*odometry)
+            odom, base_frame = connection.odom_frame, connection.base_frame
             if self._params.localizes:
-                transforms.append(
-                    messages.message_from_transform(correction, names.MAP_FRAME, connection.odom_frame, ahead)
-                )
-            transforms.append(messages.message_from_transform(base, connection.odom_frame, connection.base_frame, now))
+                transforms.append(messages.message_from_transform(correction, names.MAP_FRAME, odom, ahead))
+            transforms.append(messages.message_from_transform(base, odom, base_frame, now))
             if connection.odom.get_num_connections():
-                message = Odometry()
-                message.header.stamp, message.header.frame_id = now, connection.odom_frame
-                message.child_frame_id = connection.base_frame
+                message = Odometry(header=Header(0, now, odom), child_frame_id=base_frame)
                 message.pose.pose = messages.message_from_pose2d(*odometry)
                 message.twist.twist.linear.x, message.twist.twist.angular.z = velocity
                 connection.odom.publish(message)
@@ -235,13 +223,10 @@ class LabSimulatorNode:
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
                 estimate = body.estimate()
-            message = PoseWithCovarianceStamped()
-            message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
+            message = PoseWithCovarianceStamped(header=Header(0, now, names.MAP_FRAME))
             message.pose.pose = messages.message_from_pose2d(*estimate)
-            covariance = [0.0] * 36
-            covariance[0] = covariance[7] = model.position_sigma**2
-            covariance[35] = model.yaw_sigma**2
-            message.pose.covariance = covariance
+            sigmas = [model.position_sigma, model.position_sigma, 0.0, 0.0, 0.0, model.yaw_sigma]
+            message.pose.covariance = np.diag(np.square(sigmas)).ravel().tolist()
             connection.amcl.publish(message)
 
     def _publish_scans(self, now: rospy.Time) -> None:
@@ -251,8 +236,7 @@ class LabSimulatorNode:
                 continue
             with self._lock:
                 angles, ranges = self._lab.scan(index)
-            message = LaserScan()
-            message.header.stamp, message.header.frame_id = now, connection.laser_frame
+            message = LaserScan(header=Header(0, now, connection.laser_frame))
             message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
             message.angle_increment = float(angles[1] - angles[0])
             message.scan_time = SCAN_STEPS / RATE

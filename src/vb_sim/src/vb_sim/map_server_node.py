@@ -13,6 +13,8 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import map_path, read_map
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
+from vb_sim.room.floor_plan import physical_map
+from vb_sim.room.world import load_world
 
 
 @dataclass(frozen=True)
@@ -55,12 +57,5 @@ def build() -> MapServerNode:
     params = parameters.read(MapServerParams)
     if bool(params.world) == bool(params.map_yaml):
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
-    return MapServerNode(read_map(map_path(params.map_yaml)) if params.map_yaml else _map_of_world(params.world))
-
-
-def _map_of_world(path: str) -> GridMap:
-    # a real lab does without the simulator
-    from vb_sim.room.floor_plan import physical_map
-    from vb_sim.room.world import load_world
-
-    return physical_map(load_world(path))
+    file = params.map_yaml
+    return MapServerNode(read_map(map_path(file)) if file else physical_map(load_world(params.world)))

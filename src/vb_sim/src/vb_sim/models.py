@@ -8,7 +8,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Tuple, Union
+from typing import Any, Tuple
 
 import numpy as np
 import rospkg
@@ -174,14 +174,14 @@ class Models:
         return self.optics.pointer_height * self.body.height / BodyProportions().height
 
 
-def load_models(path: Union[str, Path] = MODELS) -> Models:
-    """Reads a models file, by default this package's own; what it omits keeps its default.
+def load_models() -> Models:
+    """Reads this package's models file; what it omits keeps its default.
 
     Raises:
         CodedError: "no_models", "bad_models", as `read_document`.
         ParameterError: names the section and the key that is wrong.
     """
-    return read_models(read_document(Path(path), "models") or {})
+    return read_models(read_document(MODELS, "models") or {})
 
 
 def read_models(document: Any) -> Models:
@@ -203,7 +203,7 @@ def read_document(path: Path, what: str) -> Any:
         CodedError: "no_<what>" if there is no such file, "bad_<what>" if it is not YAML.
     """
     try:
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise CodedError(f"no_{what}", f"cannot read the {what} file '{path}': {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import Dict, Optional, Tuple
+from typing import Dict, Optional
 
 import actionlib
 import numpy as np
@@ -14,20 +14,19 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedb
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
 from std_srvs.srv import Empty, EmptyResponse
 
 from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
+from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup
 from vb_sim.robot.navigator import Navigator
 
-Pose = Tuple[float, float, float]
 MAPS = (names.MAP_WITH_BORDERS, names.MAP_WITH_MARGIN)
-
-
 _PERIOD = 0.1  # [s] of commands; more often costs processor time and drives no better at 0.5 m/s
 
 
@@ -197,7 +196,6 @@ class NavigationNode:
             CodedError: why it cannot be reached.
         """
         self._navigator.begin(goal)
-        count = 0
         while not rospy.is_shutdown():
             if self._server.is_preempt_requested():
                 self._server.set_preempted(MoveBaseResult(), "the goal was cancelled or replaced")
@@ -214,30 +212,19 @@ class NavigationNode:
             command = Twist()
             command.linear.x, command.angular.z = drive.speed, drive.turn_rate
             self._cmd_vel.publish(command)
-            count += 1
-            if count % 2 == 0:
-                self._feedback(pose)
+            header = Header(0, rospy.Time.now(), names.MAP_FRAME)
+            here = PoseStamped(header, messages.message_from_pose2d(*pose))
+            self._server.publish_feedback(MoveBaseFeedback(base_position=here))
             rospy.sleep(_PERIOD)
-
-    def _feedback(self, pose: Pose) -> None:
-        feedback = MoveBaseFeedback()
-        feedback.base_position.header.stamp = rospy.Time.now()
-        feedback.base_position.header.frame_id = names.MAP_FRAME
-        feedback.base_position.pose = messages.message_from_pose2d(*pose)
-        self._server.publish_feedback(feedback)
 
 
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:
     """Writes a path (N, 2) [m] as a message; poses face along it, the last one as the goal."""
-    message = Path()
-    message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
+    header = Header(0, rospy.Time.now(), names.MAP_FRAME)
     steps = np.diff(path, axis=0)
     yaws = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw]])
-    for (x, y), yaw in zip(path, yaws):
-        pose = PoseStamped(header=message.header)
-        pose.pose = messages.message_from_pose2d(x, y, yaw)
-        message.poses.append(pose)
-    return message
+    poses = [messages.message_from_pose2d(x, y, yaw) for (x, y), yaw in zip(path, yaws)]
+    return Path(header, [PoseStamped(header, pose) for pose in poses])
 
 
 def build() -> NavigationNode:

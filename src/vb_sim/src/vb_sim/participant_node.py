@@ -71,19 +71,14 @@ class ParticipantNode:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        self._notices: Dict[str, Set[str]] = {}  # codes by the node that says them
+        self._say_hold_still: Set[str] = set()  # nodes
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
-        node.watch_input(
-            f"the lab's state on {names.LAB_STATE}: is lab_simulator running?",
-            lambda: self._lab_states.received > 0,
-            node.INPUT_TIMEOUT,
-        )
-        node.watch_input(
-            f"the interaction's state on {names.STATE}: is interaction_manager running?",
-            lambda: self._sees_state,
-            node.INPUT_TIMEOUT,
-        )
+        for what, arrived in (
+            (f"the lab's state on {names.LAB_STATE}: is lab_simulator running?", lambda: self._lab_states.received > 0),
+            (f"the interaction's state on {names.STATE}: is interaction_manager running?", lambda: self._sees_state),
+        ):
+            node.watch_input(what, arrived, node.INPUT_TIMEOUT)
 
     def close(self) -> None:
         """Ends the worker."""
@@ -101,12 +96,11 @@ class ParticipantNode:
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            before, self._notices[message.source] = (
-                self._notices.get(message.source, set()),
-                {n.code for n in message.notices},
-            )
-            # a notice is repeated each second; a person takes note of it when it appears
-            if HOLD_STILL in self._notices[message.source] - before:
+            if HOLD_STILL not in [notice.code for notice in message.notices]:
+                self._say_hold_still.discard(message.source)
+            elif message.source not in self._say_hold_still:
+                # a notice is repeated each second; a person takes note of it when it appears
+                self._say_hold_still.add(message.source)
                 self._percept.hold_requested = self._percept.now
 
     def _on_state(self, message: InteractionState) -> None:
@@ -139,15 +133,10 @@ class ParticipantNode:
             self._report(script, seen.now)
 
     def _publish(self, action: Action, now: rospy.Time) -> None:
-        message = ParticipantState()
+        message = ParticipantState(laser_color=self._params.color, person_present=True, doing=action.doing)
         message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
-        message.laser_on = action.laser is not None
-        if action.laser is not None:
-            message.laser = Point(action.laser[0], action.laser[1], 0.0)
-        message.laser_color = self._params.color
-        message.person_present = True
+        message.laser_on, message.laser = action.laser is not None, Point(*(action.laser or (0.0, 0.0)), 0.0)
         message.person = Pose2D(*action.pose)
-        message.doing = action.doing
         self._state.publish(message)
 
     def _command(self, action: Action) -> None:

@@ -165,12 +165,9 @@ class CommandSender:
         except CodedError as fault:
             error = fault
         finally:
-            self._release(request.source, answered)
+            answered.set()
+            with self._lock:
+                self._unanswered[request.source].remove(answered)
+                if not self._unanswered[request.source]:
+                    del self._unanswered[request.source]
         self._on_answer(request, context, answer, error)
-
-    def _release(self, source: str, answered: threading.Event) -> None:
-        answered.set()
-        with self._lock:
-            self._unanswered[source].remove(answered)
-            if not self._unanswered[source]:
-                del self._unanswered[source]

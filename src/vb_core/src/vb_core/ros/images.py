@@ -5,7 +5,6 @@ cv_bridge would do the same, but it loads a second OpenCV, with video and geogra
 
 from __future__ import annotations
 
-import sys
 from typing import Tuple, Union
 
 import cv2
@@ -40,8 +39,7 @@ def array_from_image(message: Image) -> np.ndarray:
         )
     strides = (step, channels * dtype.itemsize, dtype.itemsize)
     pixels = np.ndarray((height, message.width, channels), dtype, bytes(message.data), strides=strides)
-    if not dtype.isnative:
-        pixels = pixels.astype(dtype.newbyteorder("="))
+    pixels = pixels.astype(dtype.newbyteorder("="), copy=False)
     return pixels[:, :, 0] if channels == 1 else pixels
 
 
@@ -84,9 +82,7 @@ def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, fram
     message.header.frame_id = frame_id
     message.height, message.width = image.shape[:2]
     message.encoding = encoding
-    message.is_bigendian = int(
-        image.dtype.byteorder == ">" or (image.dtype.byteorder == "=" and sys.byteorder == "big")
-    )
+    message.is_bigendian = int(image.dtype.str.startswith(">"))
     message.step = image.strides[0]
     message.data = image.tobytes()
     return message

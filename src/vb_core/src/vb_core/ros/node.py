@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import contextlib
 import ctypes
 import gc
 import inspect
@@ -12,7 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Deque, Generic, Iterable, Iterator, List, Optional, TypeVar
+from typing import Any, Callable, Deque, Generic, Iterable, List, Optional, TypeVar
 
 import rosgraph
 import rosgraph.network
@@ -189,8 +188,7 @@ class Queue(Generic[T]):
     def get(self) -> Optional[T]:
         """Waits for the oldest item and takes it; None once the queue is closed and empty."""
         with self._condition:
-            while not self._items and not self._closed:
-                self._condition.wait()
+            self._condition.wait_for(lambda: self._items or self._closed)
             item = self._items.popleft() if self._items else None
             self._condition.notify_all()
             return item
@@ -285,58 +283,29 @@ class WakeTimer:
         self._wake.set()
 
 
-@contextlib.contextmanager
-def _ending_with_a_fault() -> Iterator[None]:
-    """Ends the node, with a traceback, if what is done within raises; roslaunch then restarts it.
+def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
+    """Runs work in a separate thread. A fault ends the node, with a traceback; roslaunch then restarts it.
 
     A thread that had died alone would leave a node that runs on and does not do its work.
     """
-    sound = False
-    try:
-        yield
-        sound = True
-    finally:
-        if not sound:
-            shut_down_with_error(CodedError("internal_error"))
-
-
-def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
-    """Runs work in a separate thread; a fault ends the node."""
 
     def run() -> None:
-        with _ending_with_a_fault():
+        try:
             work(*arguments)
+        except BaseException:
+            shut_down_with_error(CodedError("internal_error"))
+            raise
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     return thread
 
 
-def _handle(work: Callable[..., None], *arguments: Any) -> None:
-    """Does one piece of work; a `CodedError` is logged, and what topics raise as they close during shutdown is left out."""
-    try:
-        work(*arguments)
-    except CodedError as error:
-        rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-    except rospy.ROSException:
-        if not rospy.is_shutdown():
-            raise
-
-
-def start_timer(period: float, work: Callable[[], None]) -> rospy.Timer:
-    """Does work every `period` [s] of ROS time, also after time was set back; faults are treated as a `Worker`'s."""
-
-    def run(_event: Any) -> None:
-        with _ending_with_a_fault():
-            _handle(work)
-
-    return rospy.Timer(rospy.Duration(period), run, reset=True)
-
-
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
-    A `CodedError` is a faulty item. Anything else is a fault of the node, which ends.
+    A `CodedError` is a faulty item, and is logged; what topics raise as they close during shutdown is left out. Anything else
+    is a fault of the node, which ends.
     """
 
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
@@ -349,11 +318,14 @@ class Worker:
         self._thread.join(timeout)
 
     def _work(self) -> None:
-        while True:
-            item = self._mailbox.get()
-            if item is None:
-                return
-            _handle(self._do, item)
+        for item in iter(self._mailbox.get, None):
+            try:
+                self._do(item)
+            except CodedError as error:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+            except rospy.ROSException:
+                if not rospy.is_shutdown():
+                    raise
 
 
 LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and the next

@@ -92,7 +92,8 @@ class NoticePublisher:
         self._notices: List[Notice] = []
         self._logged: Dict[Tuple[Any, ...], float] = {}  # [s] of wall time when each held last
         self._publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=10, latch=True)
-        self._timer = node.start_timer(REPEAT_PERIOD, self._publish)
+        self._timer = node.WakeTimer(REPEAT_PERIOD)
+        node.Worker(self._timer, lambda _: self._publish())
         self._publish()
 
     def set(self, notices: Iterable[Notice]) -> None:
@@ -106,7 +107,7 @@ class NoticePublisher:
 
     def close(self) -> None:
         """Withdraws all notices."""
-        self._timer.shutdown()
+        self._timer.close()
         self.set([])
 
     def _publish(self) -> None:

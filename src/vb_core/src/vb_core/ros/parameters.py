@@ -23,8 +23,7 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     Raises:
         ParameterError: names the full key of what is unknown, of a wrong type or out of range.
     """
-    where = rospy.resolve_name(namespace if namespace != "~" else "~x")
-    where = where[: -len("/x")] if namespace == "~" else where
+    where = rospy.resolve_name(namespace).rstrip("/")
     found = rospy.get_param(where, {})
     if not isinstance(found, dict):
         raise ParameterError(where, f"expected keys and values, got {found!r}")

@@ -53,18 +53,9 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
         )
     group = {"name": "Default", "type": "", "id": 0, "parent": 0, "state": True, "cstate": "true", "groups": []}
     group["parameters"] = entries
-    columns = {
-        key: {entry["name"]: entry[key] for entry in entries} for key in ("default", "min", "max", "level", "type")
-    }
-    return types.SimpleNamespace(
-        config_description=group,
-        defaults=columns["default"],
-        min=columns["min"],
-        max=columns["max"],
-        level=columns["level"],
-        type=columns["type"],
-        all_level=1,
-    )
+    columns = {"defaults": "default", **{name: name for name in ("min", "max", "level", "type")}}
+    by_name = {column: {entry["name"]: entry[key] for entry in entries} for column, key in columns.items()}
+    return types.SimpleNamespace(config_description=group, all_level=1, **by_name)
 
 
 class ReconfigureServer(Generic[P]):

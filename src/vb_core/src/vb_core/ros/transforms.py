@@ -13,8 +13,8 @@ from vb_core.ros.messages import transform_from_message
 class TransformLookup:
     """tf2's buffer and listener; returns 4x4 matrices or raises an error."""
 
-    def __init__(self, cache_s: float = 10.0) -> None:
-        self._buffer = tf2_ros.Buffer(cache_time=rospy.Duration(cache_s))
+    def __init__(self) -> None:
+        self._buffer = tf2_ros.Buffer()  # of the last 10 s
         self._listener = tf2_ros.TransformListener(self._buffer)
 
     def lookup(self, target: str, source: str, stamp: rospy.Time, timeout: float = 0.1) -> np.ndarray:

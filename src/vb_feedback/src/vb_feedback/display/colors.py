@@ -40,11 +40,6 @@ def state_color(name: str) -> Color:
     return rgb(*bytes.fromhex(STATES[name].color[1:])) if name in STATES else GRAY
 
 
-def light_color(name: str) -> Color:
-    """Returns the LED's colour for a state, or for "stopped"."""
-    return STOPPED if name == "stopped" else state_color(name)
-
-
 def camera_color(name: str) -> Color:
     """Returns a camera's colour, always the same for the same name."""
     if name in _NAMED:

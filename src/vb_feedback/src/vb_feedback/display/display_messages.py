@@ -83,7 +83,7 @@ def panel_from_state(
     return PanelContent(
         state.name,
         # whole seconds, as they are shown: less is not a change
-        float(int(state.guide_s + state.border_s + state.seed_s)),
+        int(state.guide_s + state.border_s + state.seed_s),
         tuple(state.available_commands),
         state.last_success,
         message,

@@ -201,9 +201,7 @@ def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height
         wrapped = [wrap(text, size, width) for text in texts]
         if text_height(sum(map(len, wrapped)), size) <= height:
             return ["\n".join(lines) for lines in wrapped], size
-    size = sizes[-1]
     room = max(len(texts), int((height / size - 1.0) / LINE) + 1)
-    wrapped = [wrap(text, size, width) for text in texts]
     keep = [len(lines) for lines in wrapped]
     while sum(keep) > room:
         keep[keep.index(max(keep))] -= 1

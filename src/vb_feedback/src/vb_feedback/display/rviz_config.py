@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple
+from typing import Optional, Tuple
 
 import yaml
 
@@ -14,30 +13,32 @@ from vb_core.files import write_atomically
 from vb_feedback.display.layout import Box, fit_view
 
 
-def fit_config(
-    config: Dict[str, Any], extent: Box, width: int, height: int, aspect: Optional[float] = None
-) -> Dict[str, Any]:
-    """Returns an RViz config whose top view shows the whole display on a screen.
+def write_fitted(
+    source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None
+) -> None:
+    """Reads an RViz config, and writes it so that its view from above shows the whole display on a screen.
 
     The view is the one for which display_markers lays its words out, see `layout.fit_view`.
 
     Args:
-        config: an RViz config, as parsed YAML, with a TopDownOrtho view; it is not changed.
+        source: an RViz config with a TopDownOrtho view.
         extent: of the map [m].
         width, height: of the screen [px].
         aspect: width by height for which display_markers lays out; the screen's own if None. On a screen of another
             one there is a margin, and nothing is cut.
 
     Raises:
-        CodedError: "bad_config" if it has no such view; "bad_layout" if screen or map have no sensible size.
+        CodedError: "bad_config" if the source cannot be read or has no such view; "bad_layout" if screen or map have no
+            sensible size.
     """
     if width < 320 or height < 240:
         raise CodedError("bad_layout", f"the screen must be at least 320 x 240 pixels, got {width} x {height}")
-    result = copy.deepcopy(config)
     try:
-        view = result["Visualization Manager"]["Views"]["Current"]
-        window = result["Window Geometry"]
+        config = yaml.safe_load(Path(source).read_text(encoding="utf-8"))
+        view, window = config["Visualization Manager"]["Views"]["Current"], config["Window Geometry"]
         kind = view["Class"]
+    except (OSError, yaml.YAMLError) as error:
+        raise CodedError("bad_config", f"cannot read the RViz config '{source}': {error}") from None
     except (KeyError, TypeError):
         raise CodedError("bad_config", "this is no RViz config with a view and a window") from None
     if kind != "rviz/TopDownOrtho":
@@ -46,23 +47,7 @@ def fit_config(
     x, y = layout.view.center
     view.update({"Angle": 0, "Scale": min(width / layout.view.width, height / layout.view.height), "X": x, "Y": y})
     window.update({"X": 0, "Y": 0, "Width": int(width), "Height": int(height)})
-    return result
-
-
-def write_fitted(
-    source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None
-) -> None:
-    """Reads an RViz config, fits it as `fit_config` does, and writes the result.
-
-    Raises:
-        CodedError: as `fit_config`; also "bad_config" if the source cannot be read.
-    """
-    try:
-        config = yaml.safe_load(Path(source).read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise CodedError("bad_config", f"cannot read the RViz config '{source}': {error}") from None
-    fitted = fit_config(config, extent, width, height, aspect)
-    write_atomically(target, yaml.safe_dump(fitted, default_flow_style=False, sort_keys=False).encode("utf-8"))
+    write_atomically(target, yaml.safe_dump(config, default_flow_style=False, sort_keys=False).encode("utf-8"))
 
 
 def screen_size(description: str) -> Optional[Tuple[int, int]]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import List, Tuple
+from typing import Tuple
 
 # Latin with all accents, Greek and Cyrillic, dashes, quotation marks and the ellipsis, the euro sign
 RANGES: Tuple[Tuple[int, int], ...] = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
@@ -30,22 +30,14 @@ def overlay_fonts(rviz: Path, folder: Path) -> Path:
         folder: is replaced.
     """
     shutil.rmtree(str(folder), ignore_errors=True)
-    fonts = rviz / "ogre_media" / "fonts"
-    _link_all(rviz, folder / "rviz", ["ogre_media"])
-    _link_all(rviz / "ogre_media", folder / "rviz" / "ogre_media", ["fonts"])
-    _link_all(fonts, folder / "rviz" / "ogre_media" / "fonts", [path.name for path in fonts.glob("*.fontdef")])
+    definitions = shutil.ignore_patterns("*.fontdef")
+    shutil.copytree(str(rviz.resolve()), str(folder / "rviz"), copy_function=os.symlink, ignore=definitions)
+    fonts = Path("ogre_media") / "fonts"
     wanted = " ".join(f"{first}-{last}" for first, last in RANGES)
-    for path in fonts.glob("*.fontdef"):
+    for path in (rviz / fonts).glob("*.fontdef"):
         lines = path.read_text(encoding="utf-8").splitlines()
         kept = [line for line in lines if "code_points" not in line]
         end = max(number for number, line in enumerate(kept) if line.strip() == "}")
         kept.insert(end, f"  code_points {wanted}")
-        (folder / "rviz" / "ogre_media" / "fonts" / path.name).write_text("\n".join(kept) + "\n", encoding="utf-8")
+        (folder / "rviz" / fonts / path.name).write_text("\n".join(kept) + "\n", encoding="utf-8")
     return folder
-
-
-def _link_all(source: Path, target: Path, but: List[str]) -> None:
-    target.mkdir(parents=True)
-    for path in source.iterdir():
-        if path.name not in but:
-            os.symlink(str(path.resolve()), str(target / path.name))

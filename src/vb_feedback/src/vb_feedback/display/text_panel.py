@@ -35,7 +35,7 @@ class PanelContent:
     """What the text on the display depends on."""
 
     state: str = ""  # "": no state is known yet
-    elapsed_s: float = 0.0
+    elapsed_s: int = 0
     commands: Tuple[str, ...] = ()
     success: bool = True
     message: str = ""
@@ -52,12 +52,6 @@ class PanelContent:
 def words(layout: Layout, content: PanelContent) -> List[Shape]:
     """Writes the panel: state, time, available commands, who sees the spot; the last answer and other notices."""
     return _panel(layout, content) + _strip(layout, content)
-
-
-def clock(seconds: float) -> str:
-    """Minutes and seconds, "1:05"."""
-    whole = max(0, int(seconds))
-    return f"{whole // 60}:{whole % 60:02d}"
 
 
 def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
@@ -83,7 +77,7 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
         title = content.words("state_" + content.state if content.state in STATES else "display_not_ready")
         line("state", title, 0.08, TITLE, colors.state_color(content.state))
     if content.state not in ("", DEFAULT.name):
-        line("elapsed", clock(content.elapsed_s), 0.185, CLOCK, colors.PALE)
+        line("elapsed", f"{content.elapsed_s // 60}:{content.elapsed_s % 60:02d}", 0.185, CLOCK, colors.PALE)
     if content.commands:
         line("say", content.words("display_say"), 0.253, LABEL, colors.PALE)
         rows = [spoken_form(command) for command in content.commands]

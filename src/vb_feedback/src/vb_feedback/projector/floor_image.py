@@ -61,6 +61,7 @@ class FloorImage:
         columns, rows = np.maximum(2, np.ceil((footprint.max(axis=0) - self._low) / _RESOLUTION)).astype(int)
         # an image that spans a hall is drawn no finer than the projector can show it
         self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))
+        self._thickness = max(1, int(round(_LINE * self._scale)))
         self._shape = (int(rows * self._scale * _RESOLUTION) + 1, int(columns * self._scale * _RESOLUTION) + 1)
         to_floor = np.array([[1 / self._scale, 0, self._low[0]], [0, 1 / self._scale, self._low[1]], [0, 0, 1.0]])
         self._to_image = calibration.matrix @ to_floor
@@ -87,10 +88,10 @@ class FloorImage:
         if len(drawn.chain) > 1:
             self._line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)
         if drawn.seed is not None:
-            self._ring(canvas, drawn.seed, _SEED_RADIUS, colors.blend(colors.SKY_BLUE, colors.WHITE, 0.5))
+            tint = self._shade(colors.blend(colors.SKY_BLUE, colors.WHITE, 0.5), 0.8)
+            self._circle(canvas, drawn.seed, _SEED_RADIUS, tint, self._thickness, cv2.LINE_AA)
         if content.spot is not None:
-            center = tuple(map(int, self._fixed([content.spot])[0]))
-            cv2.circle(canvas, center, int(_GAP * self._scale * (1 << _SHIFT)), (0, 0, 0), -1, cv2.LINE_8, _SHIFT)
+            self._circle(canvas, content.spot, _GAP, (0, 0, 0), -1, cv2.LINE_8)
         return canvas
 
     def _shade(self, color: Color, level: float) -> Tuple[int, int, int]:
@@ -102,14 +103,12 @@ class FloorImage:
         return np.clip(np.rint(pixels * (1 << _SHIFT)), -(2**26), 2**26).astype(np.int32)
 
     def _line(self, canvas: np.ndarray, points, closed: bool, color: Color, level: float) -> None:
-        thickness = max(1, int(round(_LINE * self._scale)))
-        cv2.polylines(canvas, [self._fixed(points)], closed, self._shade(color, level), thickness, cv2.LINE_AA, _SHIFT)
+        tint = self._shade(color, level)
+        cv2.polylines(canvas, [self._fixed(points)], closed, tint, self._thickness, cv2.LINE_AA, _SHIFT)
 
-    def _ring(self, canvas: np.ndarray, center, radius: float, color: Color) -> None:
-        thickness = max(1, int(round(_LINE * self._scale)))
+    def _circle(self, canvas: np.ndarray, center, radius: float, tint, thickness: int, kind: int) -> None:
         at = tuple(map(int, self._fixed([center])[0]))
-        reach = int(radius * self._scale * (1 << _SHIFT))
-        cv2.circle(canvas, at, reach, self._shade(color, 0.8), thickness, cv2.LINE_AA, _SHIFT)
+        cv2.circle(canvas, at, int(radius * self._scale * (1 << _SHIFT)), tint, thickness, kind, _SHIFT)
 
     def _stripes(self, canvas: np.ndarray, region: GridMap, color: Color, level: float) -> None:
         rows, columns = np.indices(canvas.shape[:2], sparse=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Dict, Mapping, Sequence, Tuple
+from typing import Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -65,26 +65,6 @@ class ProjectorCalibration:
         """Returns where the image's corners fall, (4, 2) [m]: upper left, upper right, lower right, lower left."""
         return self.to_floor(_corners(self.width, self.height))
 
-    def to_mapping(self) -> Dict[str, Any]:
-        """Returns plain values for a YAML file; inverse of `from_mapping`."""
-        return {"width": int(self.width), "height": int(self.height), "map_to_pixels": self.matrix.tolist()}
-
-    @classmethod
-    def from_mapping(cls, mapping: Any) -> "ProjectorCalibration":
-        """Reads plain values of a YAML file; inverse of `to_mapping`.
-
-        Raises:
-            CodedError: "bad_calibration".
-        """
-        known = {"width", "height", "map_to_pixels"}
-        if not isinstance(mapping, Mapping) or set(mapping) != known:
-            raise CodedError("bad_calibration", f"a projector's calibration has the keys {', '.join(sorted(known))}")
-        try:
-            matrix = np.array(mapping["map_to_pixels"], dtype=float)
-            return cls(int(mapping["width"]), int(mapping["height"]), matrix)
-        except (TypeError, ValueError) as error:
-            raise CodedError("bad_calibration", f"the projector's calibration has a wrong value: {error}") from None
-
 
 def markers(width: int, height: int) -> np.ndarray:
     """Returns where a calibration shows its markers, (4, 2) [px]: upper left, upper right, lower right, lower left."""
@@ -96,14 +76,12 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     """Calibrates a projector whose four `markers` were clicked on the floor.
 
     Args:
-        floor: (4, 2) [m] where each marker was seen, in the markers' order.
+        floor: (4, 2) [m], finite, where each marker was seen, in the markers' order.
 
     Raises:
         CodedError: "bad_click" if they cannot be the markers' places.
     """
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
-    if len(points) != 4 or not np.isfinite(points).all():
-        raise CodedError("bad_click", reason="$clicks_incomplete")
     turns = [_turn(*points[[number, (number + 1) % 4, (number + 2) % 4]]) for number in range(4)]
     # seen along its longest side, each corner stands out: no two clicks are one, no three on a line
     longest = max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
@@ -124,8 +102,9 @@ def save(calibration: ProjectorCalibration, path: Path) -> None:
     Raises:
         CodedError: "cannot_write".
     """
+    values = {"width": calibration.width, "height": calibration.height, "map_to_pixels": calibration.matrix.tolist()}
     head = "# Written by floor_projector, which makes another one if this is deleted: map coordinates [m] to pixels.\n"
-    write_atomically(path, (head + yaml.safe_dump(calibration.to_mapping(), sort_keys=False)).encode("utf-8"))
+    write_atomically(path, (head + yaml.safe_dump(values, sort_keys=False)).encode("utf-8"))
 
 
 def load(path: Path) -> ProjectorCalibration:
@@ -135,12 +114,17 @@ def load(path: Path) -> ProjectorCalibration:
         CodedError: "no_calibration" if it cannot be read, "bad_calibration" if it is none.
     """
     try:
-        with open(path, encoding="utf-8") as file:
-            return ProjectorCalibration.from_mapping(yaml.safe_load(file))
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        if set(values) != {"width", "height", "map_to_pixels"}:
+            raise ValueError("it has the keys width, height, map_to_pixels")
+        matrix = np.array(values["map_to_pixels"], dtype=float)
+        return ProjectorCalibration(int(values["width"]), int(values["height"]), matrix)
     except OSError as error:
         raise CodedError("no_calibration", f"cannot read '{path}': {error.strerror}") from None
     except yaml.YAMLError:
         raise CodedError("bad_calibration", f"'{path}' is not valid YAML") from None
+    except (TypeError, ValueError) as error:
+        raise CodedError("bad_calibration", f"'{path}' is no projector's calibration: {error}") from None
 
 
 def _corners(width: int, height: int) -> np.ndarray:

@@ -13,36 +13,28 @@ from vb_feedback.sound.tone_synthesis import RATE
 _TIMEOUT = 3.0
 
 
-class AudioSink:
-    """A sound device.
+def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
+    """Plays (N,) int16 at `tone_synthesis.RATE` to its end.
 
     Args:
         device: ALSA's name of it, as `aplay -L` lists them.
         program: aplay, or one with the same arguments.
+
+    Raises:
+        CodedError: "no_audio" with the program's own reason.
     """
-
-    def __init__(self, device: str, program: str = "aplay") -> None:
-        self._command = [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"]
-
-    def play(self, pcm: np.ndarray) -> None:
-        """Plays (N,) int16 at `tone_synthesis.RATE` to its end.
-
-        Raises:
-            CodedError: "no_audio" with the program's own reason.
-        """
-        try:
-            done = subprocess.run(
-                self._command,
-                input=pcm.astype("<i2").tobytes(),
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                timeout=len(pcm) / RATE + _TIMEOUT,
-                check=False,
-            )
-        except OSError as error:
-            raise CodedError("no_audio", f"'{self._command[0]}' cannot be run: {error.strerror}") from None
-        except subprocess.TimeoutExpired:
-            raise CodedError("no_audio", "the sound device takes no samples") from None
-        if done.returncode != 0:
-            lines = done.stderr.decode(errors="replace").strip().splitlines()
-            raise CodedError("no_audio", lines[-1] if lines else f"'{self._command[0]}' failed")
+    try:
+        done = subprocess.run(
+            [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"],
+            input=pcm.astype("<i2").tobytes(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            timeout=len(pcm) / RATE + _TIMEOUT,
+        )
+    except OSError as error:
+        raise CodedError("no_audio", f"'{program}' cannot be run: {error.strerror}") from None
+    except subprocess.TimeoutExpired:
+        raise CodedError("no_audio", "the sound device takes no samples") from None
+    if done.returncode != 0:
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        raise CodedError("no_audio", lines[-1] if lines else f"'{program}' failed")

@@ -19,15 +19,13 @@ _OVERTONES = (1.0, 0.3, 0.12)
 
 
 def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
-    """Synthesises a sound as (N,) int16 at `RATE`, mono; empty for a name that is not known.
+    """Synthesises one of vb_core.sounds as (N,) int16 at `RATE`, mono.
 
     Args:
         volume: 0 .. 1.
     """
-    if name not in SOUNDS:
-        return np.zeros(0, np.int16)
     wave = np.concatenate([_tone(note) for note in SOUNDS[name].notes])
-    return np.rint(wave * (_PEAK * min(1.0, max(0.0, volume)) * 32767.0)).astype(np.int16)
+    return np.rint(wave * (_PEAK * volume * 32767.0)).astype(np.int16)
 
 
 def _tone(note: Note) -> np.ndarray:

@@ -23,7 +23,6 @@ class BorderChain:
         left_out: (L, 2) [m] drawn spots that belong to no part of the chain.
         left_out_spots: how many these are.
         unseen: [m] the longest piece of the chain between two spots that nobody saw.
-        stages: the point sets between the stages, for figures.
     """
 
     points: np.ndarray
@@ -35,7 +34,6 @@ class BorderChain:
     left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
     left_out_spots: int = 0
     unseen: float = 0.0
-    stages: Dict[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def reason(self) -> str:

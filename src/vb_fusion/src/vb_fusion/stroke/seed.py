@@ -26,6 +26,7 @@ from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 SHORTEST_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for so long
+LONGEST_STEP = 0.3  # [m] between two sights of a pointer on its way: three images of ten a second at 1 m/s
 LONGEST_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
 NEW_PLACE_GAIN = 1.0  # weight of a place that was not seen before
@@ -37,13 +38,16 @@ class Dwell:
     """A place (2,) [m] where the pointer dwelt, for how long [s].
 
     Attributes:
-        known: light was seen there before; steady: a camera that does not move saw it.
+        known: light was seen there before.
+        followed: the pointer was seen on its way there.
+        witnesses: how many cameras that do not move saw it.
     """
 
     point: np.ndarray
     seconds: float
     known: bool
-    steady: bool
+    followed: bool
+    witnesses: int
 
 
 def extract_seed(points: np.ndarray, **known) -> np.ndarray:
@@ -52,14 +56,14 @@ def extract_seed(points: np.ndarray, **known) -> np.ndarray:
 
 
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
-    """Chooses the last dwell, as the one that is meant.
+    """Chooses the last dwell, as the one that is meant, unless it has fewer witnesses than one before.
 
-    To a camera that moves, whatever is bright is new, and paper that it passes may stay in its image for long. So what
-    only such a camera saw is not meant if a steady one saw the pointer dwell at a new place.
+    The pointer's light is on the floor for every camera, a false one in the images of one; and to a camera that moves,
+    whatever is bright is new. So light that comes up elsewhere is meant only if as many steady cameras see it.
     """
     chosen = dwells[0]
     for dwell in dwells[1:]:
-        if dwell.steady or chosen.known or not chosen.steady:
+        if dwell.followed or chosen.known or dwell.witnesses >= chosen.witnesses:
             chosen = dwell
     return chosen
 
@@ -102,24 +106,30 @@ def find_dwells(
         known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
     path = trace_path(*find_best_steps(at, places.stamps, find_dropout(places.stamps), gains, NEW_PLACE_GAIN))
-    steady = seen.points[~seen.mobile]
+    way, known = at[path], known[path]
     dwells = []
-    for last, count in _find_stays(spot[path], time_bins(places.stamps)[path]):
-        point = _middle(at[path], last)
-        of_steady = np.linalg.norm(steady - point, axis=1) <= HAND_RADIUS
-        dwells.append(Dwell(point, TIME_BIN * count, bool(known[path[last]]), int(of_steady.sum()) >= MIN_SPOTS))
+    for first, last, count in _find_stays(spot[path], time_bins(places.stamps)[path]):
+        point, seconds = _middle(way, last), TIME_BIN * count
+        followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= LONGEST_STEP
+        if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
+            # who comes slowly begins a spot of floor at the edge of the place, where a part of what follows is counted
+            before = dwells.pop()
+            seconds, followed = seconds + before.seconds, before.followed
+        there = ~seen.mobile & (np.linalg.norm(seen.points - point, axis=1) <= HAND_RADIUS)
+        witnesses = int((np.bincount(seen.cameras[there]) >= MIN_SPOTS).sum())
+        dwells.append(Dwell(point, seconds, bool(known[last]), bool(followed), witnesses))
     return dwells
 
 
-def _find_stays(spot: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int]]:
+def _find_stays(spot: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]]:
     """Finds where light stayed: flashes that come again at one spot of floor, each for an instant, are no dwell.
 
     Args:
         spot, bins: (P,) the spot of floor and the time bin of each place of the pointer's track, in the order of time.
 
     Returns:
-        (the last place, how many places) for each spot of floor with a stay of SHORTEST_DWELL, in the order of the last
-        places; if there is none, only the longest stay.
+        (the first place, the last one, how many in the stays) of each spot of floor with a stay of SHORTEST_DWELL, in the
+        order of the last places; if there is none, only the longest stay.
     """
     order = np.argsort(spot, kind="stable")
     breaks = (np.diff(spot[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > LONGEST_BLINK)
@@ -127,7 +137,9 @@ def _find_stays(spot: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int]]:
     held = [stay for stay in stays if len(stay) * TIME_BIN >= SHORTEST_DWELL] or [max(stays, key=len)]
     counts = np.bincount(spot[np.concatenate(held)])
     last = {spot[stay[-1]]: int(stay[-1]) for stay in held}
-    return sorted((place, int(counts[number])) for number, place in last.items())
+    return [
+        (int(np.argmax(spot == number)), last[number], int(counts[number])) for number in sorted(last, key=last.get)
+    ]
 
 
 def _middle(at: np.ndarray, place: int) -> np.ndarray:

@@ -28,17 +28,6 @@ _SQUARES = (5, 4)  # large ones, as it is seen from the ceiling
 _MARKER_SHARE = 0.75  # of a square's side
 
 
-def paper_size(paper: str) -> Tuple[float, float]:
-    """Returns the size (width, height) [mm] of a sheet.
-
-    Raises:
-        CodedError: "unknown_paper".
-    """
-    if paper not in PAPERS_MM:
-        raise CodedError("unknown_paper", paper=paper, papers=", ".join(PAPERS_MM))
-    return PAPERS_MM[paper]
-
-
 @dataclass(frozen=True)
 class BoardParams(Parameters):
     """The board that is printed; its design is fixed."""
@@ -52,7 +41,9 @@ class BoardParams(Parameters):
         Raises:
             CodedError: "unknown_paper".
         """
-        width, height = paper_size(paper)
+        if paper not in PAPERS_MM:
+            raise CodedError("unknown_paper", paper=paper, papers=", ".join(PAPERS_MM))
+        width, height = PAPERS_MM[paper]
         square = min((width - 2 * _EDGE_MM) / _SQUARES[0], (height - 2 * _EDGE_MM) / _SQUARES[1])
         return cls(square=math.floor(square) / 1e3)
 
@@ -132,7 +123,7 @@ def write_board(paper: str, path: str) -> List[str]:
     """
     from PIL import Image
 
-    board, (width, height) = BoardParams.for_paper(paper), paper_size(paper)
+    board, (width, height) = BoardParams.for_paper(paper), PAPERS_MM[paper]
     square, dots = 1e3 * board.square, _DPI / 25.4
     # a marker's module is a whole number of pixels, so that enlarging them keeps its edges where they belong
     wide, high = (round(dots * 1e3 * side) for side in board.size)

@@ -84,9 +84,8 @@ class CalibrationSession:
 
     def describe_progress(self) -> str:
         """Describes the result of the places so far, or what is missing, in one line."""
-        points = len(self)
         count = f"{len(self)} place{'' if len(self) == 1 else 's'}"
-        if points < MIN_POINTS:
+        if len(self) < MIN_POINTS:
             return f"{count}; at least {MIN_POINTS} are needed"
         try:
             estimate = self.solve()
@@ -129,10 +128,10 @@ def describe_points(estimate: PoseEstimate, observed: Correspondences) -> List[s
     ]
 
 
-def parse_numbers(text: str, count: int) -> Optional[List[float]]:
-    """Reads the numbers of a line that has exactly this many, separated by spaces or commas; returns None otherwise."""
+def parse_place(text: str) -> Optional[List[float]]:
+    """Reads a line's two numbers, separated by spaces or commas; returns None for any other line."""
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
         return None
-    return values if len(values) == count and all(math.isfinite(value) for value in values) else None
+    return values if len(values) == 2 and all(math.isfinite(value) for value in values) else None

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Dict, List, Mapping, Sequence, Tuple, Union
+from typing import Deque, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -118,31 +118,13 @@ class CameraWatch:
             kept: cameras of which an earlier pose is still published.
             now: [s]
         """
-        frames = [
-            report.frame
-            for camera, report in self._reports.items()
-            if report.frame and not self._is_missing(camera, now)
-        ]
+        frames = [report.frame for camera, report in self._reports.items() if not self._is_missing(camera, now)]
         found = []
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
-            if isinstance(file, CodedError):
-                fault = _unread(camera, file, camera in kept)
-            elif report.frame not in ("", file.frame):
-                fault = CodedError(
-                    "camera_frame_differs", frame=report.frame, file_frame=file.frame, file=f"{camera}.yaml"
-                )
-            elif report.focal and file.focal and abs(report.focal / file.focal - 1.0) > _MAX_FOCAL_CHANGE:
-                fault = CodedError(
-                    "camera_other_lens",
-                    focal=f"{report.focal:.0f}",
-                    file_focal=f"{file.focal:.0f}",
-                    file=f"{camera}.yaml",
-                )
-            else:
-                continue
+            fault = _misfit(camera, file, report, camera in kept)
             # its detector says that the frame is another one's: it will get its own first, then comes the pose
-            if frames.count(report.frame) < 2:
+            if fault is not None and not (report.frame and frames.count(report.frame) > 1):
                 found.append(Notice.from_error(fault, Severity.ERROR, camera))
         return found
 
@@ -202,10 +184,18 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPos
     return found
 
 
-def _unread(camera: str, error: CodedError, is_kept: bool) -> CodedError:
-    """Returns what people are told of a file that cannot be used."""
-    if error.code == "no_calibration" and not is_kept:
-        return CodedError("camera_not_calibrated", error=error.message)
-    if error.code == "shared_frame":
-        return error
-    return CodedError("camera_file_broken", error=error.message, file=f"{camera}.yaml")
+def _misfit(camera: str, file: Union[CameraPose, CodedError], report: Report, is_kept: bool) -> Optional[CodedError]:
+    """Returns what people are told of a calibration that cannot be used, or is not for the images that come."""
+    name = f"{camera}.yaml"
+    if isinstance(file, CodedError):
+        if file.code == "shared_frame":
+            return file
+        if file.code == "no_calibration" and not is_kept:
+            return CodedError("camera_not_calibrated", error=file.message)
+        return CodedError("camera_file_broken", error=file.message, file=name)
+    if report.frame not in ("", file.frame):
+        return CodedError("camera_frame_differs", frame=report.frame, file_frame=file.frame, file=name)
+    if report.focal and file.focal and abs(report.focal / file.focal - 1.0) > _MAX_FOCAL_CHANGE:
+        focal, of_file = f"{report.focal:.0f}", f"{file.focal:.0f}"
+        return CodedError("camera_other_lens", focal=focal, file_focal=of_file, file=name)
+    return None

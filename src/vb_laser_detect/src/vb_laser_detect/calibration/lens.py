@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -80,19 +80,21 @@ class LensCalibration:
         if len(self.views) < 4:
             raise CodedError("too_few_views", views=len(self.views), least=MIN_VIEWS)
         if self._estimated is None:
-            objects = [np.column_stack([view.corners, np.zeros(len(view.ids))]) for view in self.views]
+            corners = [
+                np.column_stack([view.corners, np.zeros(len(view.ids))]).astype(np.float32) for view in self.views
+            ]
+            pixels = [view.pixels.astype(np.float32) for view in self.views]
             try:
-                self._estimated = self._fit(objects, [view.pixels for view in self.views])
+                rms, matrix, distortion, turns, _, deviations, *_ = cv2.calibrateCameraExtended(
+                    corners, pixels, self.size, None, None, criteria=_CRITERIA
+                )
             except cv2.error:
                 raise CodedError("lens_not_determined") from None
+            camera = CameraModel(*self.size, matrix, distortion.ravel()[:5])
+            focal_sigma = max(deviations.ravel()[:2] / (matrix[0, 0], matrix[1, 1]))
+            slants = [np.arccos(min(1.0, abs(float(cv2.Rodrigues(turn)[0][2, 2])))) for turn in turns]
+            self._estimated = LensEstimate(camera, rms, focal_sigma, sum(slant > _MIN_TILT for slant in slants))
         return self._estimated
-
-    def _fit(self, objects: list, pixels: list) -> LensEstimate:
-        parts = ([part.astype(np.float32) for part in parts] for parts in (objects, pixels))
-        found = cv2.calibrateCameraExtended(*parts, self.size, None, None, criteria=_CRITERIA)
-        rms, matrix, distortion, turns, sigma = found[0], found[1], found[2], found[3], found[5].ravel()
-        camera = CameraModel(*self.size, matrix, distortion.ravel()[:5])
-        return LensEstimate(camera, rms, max(sigma[0] / matrix[0, 0], sigma[1] / matrix[1, 1]), _count_tilted(turns))
 
     def solve(self) -> Tuple[CameraModel, float]:
         """Returns the lens and its error [px], if it is good enough to be used.
@@ -123,8 +125,3 @@ class LensCalibration:
         except CodedError:
             return text
         return f"{text}, {found.tilted} tilted, error {found.rms:.2f} px"
-
-
-def _count_tilted(turns: Sequence[np.ndarray]) -> int:
-    slants = [np.arccos(min(1.0, abs(float(cv2.Rodrigues(turn)[0][2, 2])))) for turn in turns]
-    return sum(slant > _MIN_TILT for slant in slants)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import List, NamedTuple, Tuple
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.detection.projection import floor_points
+from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
@@ -103,8 +103,9 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
             if the pose is known too poorly.
     """
     check_points(camera, observed)
-    start = _consensus(camera, observed)
-    used = errors_on_floor(camera, start, observed) < _OUTLIER
+    rays = camera.rays(observed.pixels)
+    start = _consensus(rays, observed.points)
+    used = errors_on_floor(start, rays, observed.points) < _OUTLIER
     if used.sum() < max(MIN_POINTS, _MIN_AGREEING * len(observed)):
         raise CodedError(
             "no_consistent_pose", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}"
@@ -112,8 +113,8 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
     check_points(camera, observed.select(used))
     # what agrees may change once all that agrees has been used
     for _ in range(5):
-        fit = _Fit(camera, observed.select(used), point_sigma, start)
-        errors = errors_on_floor(camera, fit.T_map_camera, observed)
+        fit = _fit(camera, observed.select(used), point_sigma, start)
+        errors = errors_on_floor(fit.T_map_camera, rays, observed.points)
         agreeing = errors < _OUTLIER
         if (agreeing == used).all() or agreeing.sum() < MIN_POINTS:
             break
@@ -162,12 +163,8 @@ def _different(values: np.ndarray, near: float) -> int:
     return int((~np.triu(apart <= near, 1).any(axis=0)).sum())
 
 
-def errors_on_floor(camera: CameraModel, T_map_camera: np.ndarray, observed: Correspondences) -> np.ndarray:
-    """Returns the distances (N,) [m] from points to the floor points of their pixels; inf where a ray misses the floor."""
-    return _off_floor(T_map_camera, camera.rays(observed.pixels), observed.points)
-
-
-def _off_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray) -> np.ndarray:
+def errors_on_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Returns the distances (N,) [m] from points to where rays (N, 3) meet the floor; inf where a ray misses it."""
     seen = geometry.intersect_floor(T_map_camera[:3, 3], rays @ T_map_camera[:3, :3].T)[:, :2]
     return np.nan_to_num(np.linalg.norm(seen - points, axis=1), nan=np.inf)
 
@@ -203,8 +200,7 @@ def _moved(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
 
 def project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Returns the pixels (N, 2) of points (N, 2) [m] on the floor; NaN where the camera does not see them."""
-    on_floor = np.column_stack([points, np.zeros(len(points))])
-    return camera.project(geometry.apply(geometry.invert(T_map_camera), on_floor))
+    return pixels_of(camera, T_map_camera, np.column_stack([points, np.zeros(len(points))]))
 
 
 def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
@@ -230,22 +226,20 @@ def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
     return poses
 
 
-def _consensus(camera: CameraModel, observed: Correspondences) -> np.ndarray:
-    """Finds the pose T_map_camera that most points agree on.
+def _consensus(rays: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Finds the pose T_map_camera that most points agree on; NaN if no points determine one.
 
     The cost of a point grows with its error up to the limit (MSAC; Torr and Zisserman, 2000): counting alone could not
     tell a good pose from a bad one that the same points just agree with.
     """
-    rays, best, least = camera.rays(observed.pixels), None, math.inf
-    for chosen in _minimal_sets(len(observed)):
+    best, least = np.full((4, 4), np.nan), math.inf
+    for chosen in _minimal_sets(len(points)):
         # what the lens's model does not reach agrees with nothing
-        for pose in planar_poses(rays[chosen], observed.points[chosen]) if np.isfinite(rays[chosen]).all() else ():
-            errors = _off_floor(pose, rays, observed.points) / _OUTLIER
+        for pose in planar_poses(rays[chosen], points[chosen]) if np.isfinite(rays[chosen]).all() else ():
+            errors = errors_on_floor(pose, rays, points) / _OUTLIER
             cost = float((np.minimum(errors, 1.0) ** 2).sum())
             if cost < least:
                 best, least = pose, cost
-    if best is None:
-        raise CodedError("no_consistent_pose", agreeing=0, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
     return best
 
 
@@ -257,40 +251,35 @@ def _minimal_sets(count: int) -> List[np.ndarray]:
     return [random.choice(count, 4, replace=False) for _ in range(_MAX_SETS)]
 
 
-class _Fit:
-    """Least squares for the pose, weighted by the measurements' accuracy.
+class _Fit(NamedTuple):
+    """A pose, its covariance (6, 6) as `_moved` counts, and the robust chi square of the measurements."""
 
-    Attributes:
-        T_map_camera: (4, 4)
-        covariance: (6, 6) of a rotation vector and a shift, both in the camera's frame [rad, m].
-        chi_square: of the measurements, robust.
-    """
+    T_map_camera: np.ndarray
+    covariance: np.ndarray
+    chi_square: float
 
-    def __init__(self, camera: CameraModel, observed: Correspondences, point_sigma: float, start: np.ndarray) -> None:
-        from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
-        self._camera, self._observed, self._point_sigma, self._start = camera, observed, point_sigma, start
-        self._whitening = self._whiten()
-        # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
-        solution = least_squares(self._residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
-        self.T_map_camera = _moved(start, solution.x)
-        self.chi_square = float(2.0 * solution.cost)
-        # measurements worse than stated make the pose less certain; better ones prove nothing
-        factor = max(1.0, self.chi_square / (2 * len(observed) - 6))
-        self.covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac)
+def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, start: np.ndarray) -> _Fit:
+    """Fits the pose by least squares, weighted by the measurements' accuracy."""
+    from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
-    def _residuals(self, delta: np.ndarray) -> np.ndarray:
-        seen = project(self._camera, _moved(self._start, delta), self._observed.points)
+    # (N, 2, 2): make each point's errors in the image [px] independent, with deviation 1
+    here = project(camera, start, observed.points)
+    moved = [project(camera, start, observed.points + move) - here for move in point_sigma * np.eye(2)]
+    spread = np.nan_to_num(np.stack(moved, axis=2))
+    whitening = np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2) + spread @ spread.transpose(0, 2, 1)))
+
+    def residuals(delta: np.ndarray) -> np.ndarray:
+        off = project(camera, _moved(start, delta), observed.points) - observed.pixels
         # a pose that has a point behind it must be worse than any other
-        off = np.where(np.isfinite(seen), seen - self._observed.pixels, 1e4)
-        return np.einsum("nij,nj->ni", self._whitening, off).ravel()
+        return np.einsum("nij,nj->ni", whitening, np.where(np.isfinite(off), off, 1e4)).ravel()
 
-    def _whiten(self) -> np.ndarray:
-        """Returns the matrices (N, 2, 2) that make each point's errors in the image [px] independent, with deviation 1."""
-        camera, pose, points = self._camera, self._start, self._observed.points
-        here, step = project(camera, pose, points), self._point_sigma * np.eye(2)
-        moved = np.nan_to_num(np.stack([project(camera, pose, points + move) - here for move in step], axis=2))
-        return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2) + moved @ moved.transpose(0, 2, 1)))
+    # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
+    solution = least_squares(residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
+    chi_square = float(2.0 * solution.cost)
+    # measurements worse than stated make the pose less certain; better ones prove nothing
+    factor = max(1.0, chi_square / (2 * len(observed) - 6))
+    return _Fit(_moved(start, solution.x), factor * np.linalg.pinv(solution.jac.T @ solution.jac), chi_square)
 
 
 def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:
@@ -298,7 +287,7 @@ def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_s
     for pose in planar_poses(camera.rays(observed.pixels), observed.points):
         if _turn(pose, fit.T_map_camera) < _SAME_TURN:
             continue
-        other = _Fit(camera, observed, point_sigma, pose)
+        other = _fit(camera, observed, point_sigma, pose)
         if _turn(other.T_map_camera, fit.T_map_camera) > _SAME_TURN and other.chi_square < fit.chi_square + _LIKELY:
             raise CodedError("ambiguous")
 

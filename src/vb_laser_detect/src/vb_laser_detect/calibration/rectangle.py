@@ -26,18 +26,10 @@ _DRAWS = 16
 
 
 class FloorView(NamedTuple):
-    """How a camera sees the floor.
-
-    Attributes:
-        T_map_camera: (4, 4); the map's origin is the first corner, its x axis points to the second one.
-        points: (4, 2) [m] the corners in the map.
-        error_px: [px] rms, by which the corners are not a rectangle's.
-    """
+    """A camera, and its pose (4, 4): the map's origin is the first corner, its x axis points to the second one."""
 
     camera: CameraModel
     T_map_camera: np.ndarray
-    points: np.ndarray
-    error_px: float
 
 
 def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int]) -> FloorView:
@@ -59,27 +51,25 @@ def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[i
     # seen from above and going clockwise, the second side goes to the map's negative y
     width, depth = size[0], -math.copysign(size[1], turns)
     points = np.array([[0.0, 0.0], [width, 0.0], [width, depth], [0.0, depth]])
-    found = [_pose(pixels, points, image, factor * image[0]) for factor in _FOCALS]
+    found = [_view(pixels, points, image, factor * image[0]) for factor in _FOCALS]
     costs = [
         (error / _CLICK_SIGMA) ** 2 * 4 + (math.log(factor / _USUAL_FOCAL) / _FOCAL_SIGMA) ** 2
-        for factor, (_, _, error) in zip(_FOCALS, found)
+        for factor, (_, error) in zip(_FOCALS, found)
     ]
-    camera, pose, error = found[int(np.argmin(costs))]
+    view, error = found[int(np.argmin(costs))]
     if not error < _MAX_ERROR * math.hypot(*image):
         raise CodedError("bad_rectangle")
-    return FloorView(camera, pose, points, error)
+    return view
 
 
-def _pose(
-    pixels: np.ndarray, points: np.ndarray, image: Tuple[int, int], focal: float
-) -> Tuple[CameraModel, np.ndarray, float]:
-    """Returns the camera of a focal length [px], its pose above the floor, and the error [px]."""
+def _view(pixels: np.ndarray, points: np.ndarray, image: Tuple[int, int], focal: float) -> Tuple[FloorView, float]:
+    """Returns the view of a focal length [px] from above the floor, and the corners' error [px], rms."""
     camera = CameraModel.ideal(image[0], image[1], focal)
-    best = (camera, np.eye(4), math.inf)
+    best = (FloorView(camera, np.eye(4)), math.inf)
     for T in planar_poses(camera.rays(pixels), points):
         error = float(np.sqrt(np.mean(np.sum((project(camera, T, points) - pixels) ** 2, axis=1))))
-        if T[2, 3] > 0.0 and error < best[2]:
-            best = (camera, T, error)
+        if T[2, 3] > 0.0 and error < best[1]:
+            best = (FloorView(camera, T), error)
     return best
 
 

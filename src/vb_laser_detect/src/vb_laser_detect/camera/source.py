@@ -16,6 +16,7 @@ import time
 import traceback
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Deque, Dict, Iterator, NamedTuple, Optional, Tuple
 
@@ -76,34 +77,31 @@ class Shot(NamedTuple):
     jpeg: Optional[bytes] = None
     frame: Optional[av.VideoFrame] = None
 
-    @property
-    def size(self) -> Tuple[int, int]:
-        """Width and height [px]. Raises CodedError "bad_image" for what is no JPEG."""
-        if self.jpeg is None:
-            return self.frame.width, self.frame.height
-        with _readable():
-            return simplejpeg.decode_jpeg_header(self.jpeg)[1::-1]
-
     def picture(self) -> AnyPicture:
         """Returns the image; a large one is decoded as far as it is needed.
 
         Raises:
             CodedError: "bad_image" for what is no JPEG; for half a JPEG when it is decoded.
         """
-        size = self.size
-        if size[1] < _HALVED_ROWS or size[0] % 2 or size[1] % 2:
-            return Picture(self._decode(*size), "bgr")
-        return HalvedPicture(size, self._decode)
+        if self.jpeg is None:
+            width, height = self.frame.width, self.frame.height
+        else:
+            with _readable():
+                height, width = simplejpeg.decode_jpeg_header(self.jpeg)[:2]
+        decode = partial(self._decode, width)
+        if height < _HALVED_ROWS or width % 2 or height % 2:
+            return Picture(decode(width, height), "bgr")
+        return HalvedPicture((width, height), decode)
 
-    def _decode(self, width: int, height: int) -> np.ndarray:
-        """Returns the pixels (H, W, 3) bgr at the image's size or half of it.
+    def _decode(self, whole: int, width: int, height: int) -> np.ndarray:
+        """Returns the pixels (H, W, 3) bgr at the image's size or half of it, of an image that is so many pixels wide.
 
         Colours of a JPEG are not smoothed between pixels, which would take a third longer.
         """
         if self.jpeg is None:
             sized = self.frame.reformat(width, height, "bgr24", interpolation="AREA")
             return np.ascontiguousarray(sized.to_ndarray())
-        how = dict(min_height=height, min_width=width, min_factor=self.size[0] / width)
+        how = dict(min_height=height, min_width=width, min_factor=whole / width)
         with _readable():
             return simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=False, **how)
 

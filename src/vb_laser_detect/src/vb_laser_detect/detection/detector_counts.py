@@ -62,10 +62,10 @@ class DetectorCounts:
         self._rejections: Counter = Counter()
         self._sums: Counter = Counter(processed=0, detected=0, spots=0)
 
-    def count_rejection(self, code: str) -> None:
-        """Counts a rejected image or spot."""
+    def count_rejections(self, *codes: str) -> None:
+        """Counts rejected images or spots."""
         with self._lock:
-            self._rejections[code] += 1
+            self._rejections.update(codes)
 
     def count_image(self, now: float, stamp: float, search_s: float, spots: int, backfilled: int = 0) -> None:
         """Counts a searched image.

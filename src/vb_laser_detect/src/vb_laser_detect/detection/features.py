@@ -12,13 +12,14 @@ import json
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import cycle
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import Region, max_channel
+from vb_laser_detect.detection.blocks import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
@@ -66,13 +67,6 @@ class ImageTraits(NamedTuple):
     diagonal: float
     mosaic: bool
     bright: float = 190.0
-
-
-def brightest(image: np.ndarray, region: Region) -> float:
-    """Returns the brightest sample [grey levels] of a region."""
-    left, top, right, bottom = region
-    # columns and channels side by side
-    return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
 
 
 def measure(
@@ -174,22 +168,23 @@ def relight(background: np.ndarray, image: np.ndarray, widest: float) -> np.ndar
 
 
 # ------------------------------------------------------------------ colour
-def channels_of(image: np.ndarray, mosaic: bool) -> np.ndarray:
-    """Returns the pixels (C, N) float32 of each channel; the four places in a Bayer image's pattern count as channels."""
-    if mosaic:
-        rows, columns = image.shape[0] // 2, image.shape[1] // 2
-        image = image[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).transpose(1, 3, 0, 2).reshape(4, -1)
-    else:
-        image = image.reshape(-1, 1 if image.ndim == 2 else 3).T
-    return image.astype(np.float32)
+def planes_of(image: np.ndarray, mosaic: bool) -> Sequence[np.ndarray]:
+    """Returns the plane of each channel; the four places in a Bayer image's pattern count as channels."""
+    if not mosaic:
+        return cv2.split(image)
+    even = image[: image.shape[0] & ~1, : image.shape[1] & ~1]
+    return [np.ascontiguousarray(even[row::2, column::2]) for row in (0, 1) for column in (0, 1)]
 
 
 def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.ndarray]:
     """Returns the mean (C,) of each channel of images over a mask (H, W), which must not be empty."""
-    weights = channels_of(mask, mosaic)
-    if not weights.any(axis=1).all():
-        weights = channels_of(cv2.dilate(mask, _SQUARE), mosaic)  # nine pixels hold all four places
-    return [(channels_of(image, mosaic) * weights).sum(axis=1) / weights.sum(axis=1) for image in images]
+    masks = planes_of(mask, mosaic)
+    if not all(map(cv2.countNonZero, masks)):
+        masks = planes_of(cv2.dilate(mask, _SQUARE), mosaic)  # nine pixels hold all four places
+    return [
+        np.array([cv2.mean(plane, over)[0] for plane, over in zip(planes_of(image, mosaic), cycle(masks))], np.float32)
+        for image in images
+    ]
 
 
 def tint_of(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Callable, Dict, Optional, Sequence, Tuple
+from typing import Callable, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -35,6 +35,7 @@ _MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
+_CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel, the one beside it and the one below
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,11 @@ def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray)
     return camera.project(geometry.apply(geometry.invert(T_map_camera), np.asarray(points, dtype=float).reshape(-1, 3)))
 
 
-def meters_per_pixel(to_floor: ToFloor, u: float, v: float) -> float:
-    """Returns the floor length of a pixel [m/px], the mean over directions; NaN where the floor is not seen."""
-    here, right, below = np.asarray(to_floor(np.array([(u, v), (u + 1.0, v), (u, v + 1.0)])), dtype=float)[:, :2]
-    along, down = right - here, below - here
-    area = abs(float(along[0] * down[1] - along[1] * down[0]))
-    return math.sqrt(area) if math.isfinite(area) and area > 0.0 else math.nan
+def _scales(corners: np.ndarray) -> np.ndarray:
+    """Returns the floor length of pixels (N,) [m/px], the mean over directions, from the places (N, 3, 3) of their corners."""
+    along, down = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = np.abs(along[:, 0] * down[:, 1] - along[:, 1] * down[:, 0])
+    return np.sqrt(np.where(areas > 0.0, areas, np.nan))
 
 
 class FloorProjection:
@@ -116,8 +116,8 @@ class FloorProjection:
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
             raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
-        point = floor_points(camera, T_map_camera, np.array([[u, v]]), p.floor_height)[0]
-        origin = T_map_camera[:3, 3]
+        corner = floor_points(camera, T_map_camera, (u, v) + _CORNER, p.floor_height)
+        point, origin = corner[0], T_map_camera[:3, 3]
         if origin[2] <= p.floor_height or not np.isfinite(point).all():
             raise CodedError("no_floor_intersection", "the ray does not meet the floor in front of the camera")
         ray = point - origin
@@ -128,8 +128,7 @@ class FloorProjection:
         if distance > p.max_range:
             raise CodedError("too_far", f"the point is {distance:.1f} m away")
         self._check_map(point)
-        scale = meters_per_pixel(lambda pixels: floor_points(camera, T_map_camera, pixels, p.floor_height), u, v)
-        return FloorPoint(point, scale, GROUND_PLANE, distance)
+        return FloorPoint(point, float(_scales(corner[None])[0]), GROUND_PLANE, distance)
 
     def with_depth(
         self,
@@ -246,7 +245,6 @@ class ImageGeometry:
         self.unplaced: Optional[CodedError] = None
         self._camera, self._projector = camera, projector
         self._ask_pose, self._depth, self._ask_cylinders = pose, depth, cylinders
-        self._points: Dict[Tuple[float, float], FloorPoint] = {}
 
     @cached_property
     def pose(self) -> np.ndarray:
@@ -258,27 +256,27 @@ class ImageGeometry:
         """Cylinders that may hide the floor."""
         return self._ask_cylinders()
 
-    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
-        """Projects pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
+    def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
+        """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or without a pose, see `unplaced`."""
         if self.unplaced is None:
             try:
-                return floor_points(self._camera, self.pose, pixels, self._projector.params.floor_height)
+                corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
+                floor = floor_points(self._camera, self.pose, corners, self._projector.params.floor_height)
+                return _scales(floor.reshape(-1, 3, 3))
             except CodedError as error:
                 if error.code not in ("no_transform", "bad_transform"):
                     raise
                 self.unplaced = error.without_traceback()
-        return np.full((len(pixels), 3), np.nan)
+        return np.full(len(pixels), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
-        """Projects a pixel to the floor, once.
+        """Projects a pixel to the floor.
 
         Raises:
             CodedError: where there is no floor point; "on_robot" if a body hides it.
         """
-        if (u, v) not in self._points:
-            where, at = (self._camera, self.pose, u, v), self._projector
-            point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
-            if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
-                raise CodedError("on_robot")
-            self._points[u, v] = point
-        return self._points[u, v]
+        where, at = (self._camera, self.pose, u, v), self._projector
+        point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
+        if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
+            raise CodedError("on_robot")
+        return point

@@ -22,10 +22,11 @@ from typing import Callable, List, Optional, Tuple
 import cv2
 import numpy as np
 
+from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid import raster
 
 # share of the samples beside the curve from which the restricted area counts as touching a side
-TOUCHES = 0.1
+_TOUCHES = 0.1
 # where on the end of a chain, as shares of the fitted length, its direction is sampled
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
@@ -42,23 +43,14 @@ class Cut:
     Attributes:
         window: the part of the map that the region is in.
         region: (h, w) uint8 mask of that window, the free cells on the seed's side.
-        left, right: share of the free cells beside the drawn curve that the region holds; NaN if there are none.
         line: (M, 2) (column, row) the curve with its extensions.
         stops: for each end, the (row, column) of the blocked cell where it ends; may be one beyond the map's rim.
     """
 
     window: raster.Window
     region: np.ndarray
-    left: float
-    right: float
     line: np.ndarray
     stops: Tuple[Tuple[int, int], Tuple[int, int]]
-
-    @property
-    def separates(self) -> bool:
-        """Returns whether the region is on one side of the curve only, and there is something on the other."""
-        sides = sorted((self.left, self.right))
-        return not any(math.isnan(side) for side in sides) and sides[1] > 0.0 and sides[0] < TOUCHES
 
 
 def end_direction(points: np.ndarray, length: float) -> np.ndarray:
@@ -96,7 +88,7 @@ class _Stop:
 
 def separate(
     cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float, seed: np.ndarray, find_seed: FindSeed
-) -> Optional[Cut]:
+) -> Cut:
     """Cuts a separating curve into the map and fills the seed's side.
 
     Args:
@@ -109,8 +101,8 @@ def separate(
         find_seed: gets the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
             among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
 
-    Returns:
-        The cut, which separates or does not; None if the curve never touches the map.
+    Raises:
+        IntegrationError: "outside_map", "seed_on_both_sides", "no_separation", "too_complex", or as `find_seed`.
     """
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
@@ -124,7 +116,7 @@ def separate(
     after = -before - drawn_length
     on_map = (trace.rows >= 0) & (trace.rows < shape[0]) & (trace.columns >= 0) & (trace.columns < shape[1])
     if not (on_map & (before <= 1.0) & (after <= 1.0)).any():
-        return None
+        raise IntegrationError("outside_map")
     tolerance = min(tolerance, 0.25 * drawn_length)
     starts = _stops(cells, trace, before, points[0], tolerance, outwards=-1)
     ends = _stops(cells, trace, after, points[-1], tolerance, outwards=1)
@@ -227,31 +219,35 @@ def _cut(
         side = float((seed - chain[crossed]) @ normal[crossed])
         away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None
     row, column = find_seed(cells[1:-1, 1:-1], away)
-    _, _, _, (left, top, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
+    _, _, _, (x, y, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
 
     middle = drawn[part] & ~shut
     points, aside = trace.points[part][middle], 1.6 * normal[segment[middle]]
-    left_share, right_share = _shares(cells, np.array([points + aside, points - aside]))
+    left, right = _shares(cells, np.array([points + aside, points - aside]))
+    if left >= _TOUCHES and right >= _TOUCHES:
+        raise IntegrationError("seed_on_both_sides")
+    if math.isnan(left + right) or left == right == 0.0:
+        raise IntegrationError("no_separation")
 
     # the cells that the curve runs through go to the side that their centre is on
     offset = (normal * chain[:-1]).sum(axis=1)
     height = columns * normal[segment, 0] + rows * normal[segment, 1] - offset[segment]
-    towards = 1.0 if not left_share <= right_share else -1.0
+    towards = 1.0 if left > right else -1.0
     own = line_cells[(height * towards > 0.0) & ~shut]
     round_it = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
     flat[own[(flat[own[:, None] + round_it] == _FILLED).any(axis=1)]] = _FILLED
 
     # one cell more all round for those of the curve, and from the frame's coordinates to the map's
     window = (
-        slice(max(top - 2, 0), min(top + depth, cells.shape[0] - 2)),
-        slice(max(left - 2, 0), min(left + width, cells.shape[1] - 2)),
+        slice(max(y - 2, 0), min(y + depth, cells.shape[0] - 2)),
+        slice(max(x - 2, 0), min(x + width, cells.shape[1] - 2)),
     )
     region = cv2.inRange(cells[1:-1, 1:-1][window], _FILLED, _FILLED)
     vertex_arc = np.cumsum(steps[:-1])
     between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
     line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])
     stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
-    return Cut(window, region, left_share, right_share, line, stops)  # type: ignore[arg-type]
+    return Cut(window, region, line, stops)  # type: ignore[arg-type]
 
 
 def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:

@@ -32,8 +32,8 @@ class Region:
 
     def spread(self, shape: Tuple[int, int]) -> np.ndarray:
         """Returns (H, W) bool of the map, True in the region."""
-        region = raster.filled(shape, 0).view(bool)
-        np.not_equal(self.mask, 0, out=region[self.window])
+        region = np.full(shape, False)
+        region[self.window] = self.mask != 0
         return region
 
     def outline(self, grid: GridMap) -> np.ndarray:
@@ -43,11 +43,9 @@ class Region:
         rows, columns = self.window
         return grid.grid_to_world(largest.reshape(-1, 2) + np.array([columns.start, rows.start], float))
 
-    def apply(self, cells: np.ndarray, window: Optional[raster.Window] = None) -> None:
-        """Raises the cells (H, W) int8 of the map in place, all of the region's or those in a window."""
-        common, mask = (self.window, self.mask) if window is None else self.within(window)
-        if mask.size:  # few of a thousand regions: this is what removing a border costs
-            raster.paint(cells[common], mask, self.value, self.over_unknown)
+    def apply(self, cells: np.ndarray) -> None:
+        """Raises the cells (H, W) int8 of the map in place."""
+        raster.paint(cells[self.window], self.mask, self.value, self.over_unknown)
 
     def within(self, window: raster.Window) -> Tuple[raster.Window, np.ndarray]:
         """Returns the part of the map that the region's window and another one share, and the mask there."""
@@ -68,6 +66,16 @@ class Region:
         return both / max(1, cv2.countNonZero(self.mask) + cv2.countNonZero(other.mask) - both)
 
 
+def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:
+    """Returns the map with regions; their order does not matter, as none lowers a cell."""
+    if not regions:
+        return grid
+    cells = np.array(grid.data, order="C")
+    for region in regions:
+        region.apply(cells)
+    return grid.with_data(cells)
+
+
 def join_regions(regions: Sequence[Region]) -> Optional[Region]:
     """Returns the region of all cells of some regions, with the value of the first one; None if there is none."""
     if len(regions) < 2:
@@ -76,7 +84,7 @@ def join_regions(regions: Sequence[Region]) -> Optional[Region]:
         slice(min(one.window[axis].start for one in regions), max(one.window[axis].stop for one in regions))
         for axis in (0, 1)
     )
-    mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
+    mask = np.full((window[0].stop - window[0].start, window[1].stop - window[1].start), 0, np.uint8)
     for one in regions:
         part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(one.window, window))
         np.maximum(mask[part], one.mask, out=mask[part])

@@ -12,7 +12,7 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.region import Region
-from vb_map_integration.integration import restricted_area
+from vb_map_integration.integration import integrate
 from vb_map_integration.places.local_fit import LocalFit
 from vb_map_integration.places.registration import Transform
 
@@ -53,28 +53,19 @@ class BorderPlace:
         """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
         assert self.accepted is not None and self.accepted_on is not None
         try:
-            area = restricted_area(self.accepted_on, self.accepted)
+            found = integrate(self.accepted_on, self.accepted)
         except IntegrationError:  # accepted by an earlier version, with other limits
             return None
-        rows, columns = area.window
-        corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + (columns.start, rows.start)
-        here = grid.world_to_grid(self.transform.apply(self.accepted_on.grid_to_world(corners)))
-        size = np.array([columns.stop - columns.start, rows.stop - rows.start])
-        matrix = np.column_stack([here[1] - here[0], here[2] - here[0], here[0]])
-        outline = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size @ matrix[:, :2].T + matrix[:, 2]
-        low = np.maximum(np.floor(outline.min(axis=0)) - 1, 0).astype(int)
-        high = np.minimum(np.ceil(outline.max(axis=0)) + 2, grid.shape[::-1]).astype(int)
-        if (high <= low).any():
-            return None
-        matrix[:, 2] -= low
-        width, height = (int(value) for value in high - low)
-        mask = cv2.warpAffine(area.mask, matrix, (width, height), flags=cv2.INTER_NEAREST)
-        window = slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+        corners = self.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        start, *ends = grid.world_to_grid(self.transform.apply(corners))
+        matrix = np.column_stack([*(end - start for end in ends), start])
+        there = found.region.view(np.uint8)
+        here = cv2.warpAffine(there, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
+        left, top, width, height = cv2.boundingRect(here)
+        window = slice(top, top + height), slice(left, left + width)
         free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
-        count = int(np.count_nonzero((mask != 0) & free))
-        if not count:
-            return None
-        return Region(window, mask, area.value, False, count * grid.resolution**2)
+        count = int(np.count_nonzero(here[window] & free))
+        return Region(window, here[window] * 255, found.value, False, count * grid.resolution**2) if count else None
 
 
 def choose_place(

@@ -17,7 +17,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from vb_map_integration.places.registration import Transform, WallMap, find_share, refine
+from vb_map_integration.places.registration import Transform, WallMap, find_share, refine, thin
 
 REACH = 3.0  # [m] walls this near a border say where it is; those beyond may belong to another part of a bent map
 WIDER = 4.5  # [m] the same, where those leave it open
@@ -91,7 +91,7 @@ def _fit_within(reach: float, old: WallMap, new: WallMap, start: Transform, outl
     walls = old.walls_near(outline, reach)
     if len(walls) < _LEAST:
         return None
-    sample = walls[:: max(1, len(walls) // _POINTS)]
+    sample = thin(walls, _POINTS)
     center = outline.mean(axis=0)
     expected = start.apply(center)[0]
 

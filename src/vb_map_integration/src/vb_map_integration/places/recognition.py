@@ -19,16 +19,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places.border_place import BorderPlace, choose_place
 from vb_map_integration.places.local_fit import fit_locally
 from vb_map_integration.storage.database import Database, KnownMap
-from vb_map_integration.places.registration import (
-    IDENTITY,
-    MIN_AGREEMENT,
-    MIN_OVERLAP,
-    Registration,
-    WallMap,
-    Transform,
-    measure_at,
-    register_wall_maps,
-)
+from vb_map_integration.places.registration import IDENTITY, Registration, Transform, WallMap, measure, register
 
 # this many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
@@ -54,7 +45,6 @@ class PlaceRecognition:
         place: its number in the database; 0: a new place, which has no borders.
         transform: from the place's frame to the map's.
         certain: False: the borders need confirmation.
-        registration: what it rests on; None if none was needed or possible.
         floor_cells: free cells when it was made.
         other: a second transform that is possible until somebody confirms one; None if there is none.
         likely: whether the walls round the borders may make it certain.
@@ -63,7 +53,6 @@ class PlaceRecognition:
     place: int = 0
     transform: Transform = IDENTITY
     certain: bool = True
-    registration: Optional[Registration] = None
     floor_cells: int = 0
     other: Optional[Transform] = None
     likely: bool = False
@@ -100,15 +89,12 @@ class PlaceRecognizer:
             return PlaceRecognition()
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
-        continued = before is not None and recognition.place in candidates and is_extension(before, grid)
-        if (
-            continued
-            and recognition.certain
-            and self._agrees(candidates[recognition.place], wall_map, recognition.transform)
-        ):
-            return replace(recognition, floor_cells=floor)
-        if continued and not recognition.certain and floor < _GROWN * recognition.floor_cells:
-            return recognition
+        if before is not None and recognition.place in candidates and is_extension(before, grid):
+            maps, transform = candidates[recognition.place], recognition.transform
+            if recognition.certain and self._agrees(maps, wall_map, transform):
+                return replace(recognition, floor_cells=floor)
+            if not recognition.certain and floor < _GROWN * recognition.floor_cells:
+                return recognition
         found = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if found.likely:
             self.start_map(grid, map_id, found)
@@ -141,22 +127,18 @@ class PlaceRecognizer:
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
         """Returns whether a map fits one at which borders were drawn, where it is expected to be."""
-        for one in maps:
-            reference = self._wall_map_of(one)
-            found = measure_at(reference, wall_map, transform.after(one.transform.inverse))
-            if found.agreement >= MIN_AGREEMENT and found.overlap >= MIN_OVERLAP:
-                return True
-        return False
+        starts = ((self._wall_map_of(one), transform.after(one.transform.inverse)) for one in maps)
+        return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
     def _register(
         self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
     ) -> PlaceRecognition:
-        best: Dict[int, PlaceRecognition] = {}
+        best: Dict[int, Tuple[PlaceRecognition, Registration]] = {}
         for place, maps in candidates.items():
             for one in maps[:1] + maps[1:][1 - _COMPARED :]:
                 reference = self._wall_map_of(one)
                 guesses = [IDENTITY, recognition.transform.after(one.transform.inverse)]
-                found = register_wall_maps(reference, wall_map, guesses)
+                found = register(reference, wall_map, guesses)
                 if found is None:
                     continue
                 other = None
@@ -164,23 +146,22 @@ class PlaceRecognizer:
                     found, other = self._unmoved(reference, wall_map, found, guesses)
                     other = other.after(one.transform) if other else None
                 transform = _snap(found.transform.after(one.transform), recognition.transform, wall_map.grid)
-                new = PlaceRecognition(place, transform, found.is_unambiguous, found, other=other)
+                new = PlaceRecognition(place, transform, found.is_unambiguous, other=other), found
                 if place not in best or _rank(new) > _rank(best[place]):
                     best[place] = new
-        certain = [one for one in best.values() if one.certain]
+        certain = [one for one, _ in best.values() if one.certain]
         if len(certain) == 1:
             return certain[0]
         # several floors may have the same walls: then nothing is sure either
-        plausible = [one for one in best.values() if one.registration and _is_plausible(one.registration)]
+        plausible = [one for one in best.values() if one[1].is_unique or one[1].agreement >= _PLAUSIBLE_AGREEMENT]
         if plausible:
-            likeliest = max(plausible, key=_rank)
-            others = [one.registration.agreement for one in plausible if one is not likeliest]  # type: ignore[union-attr]
-            found = likeliest.registration
-            likely = found.is_unique and found.agreement >= max(others, default=0.0) + _DOUBT  # type: ignore[union-attr]
+            likeliest, found = max(plausible, key=_rank)
+            others = [other.agreement for one, other in plausible if one is not likeliest]
+            likely = found.is_unique and found.agreement >= max(others, default=0.0) + _DOUBT
             return replace(likeliest, certain=False, likely=likely)
         last = self._database.last_place
         place = last if last in candidates else max(candidates)
-        return replace(best[place], certain=False) if place in best else PlaceRecognition(place, IDENTITY, False)
+        return replace(best[place][0], certain=False) if place in best else PlaceRecognition(place, IDENTITY, False)
 
     @staticmethod
     def _unmoved(
@@ -191,7 +172,7 @@ class PlaceRecognizer:
         Returns:
             What is proposed, and the other one if that is possible too.
         """
-        still = max((measure_at(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
+        still = max((measure(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
         moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
         proposed, other = (found, still) if moves else (still, found)
         possible = other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform
@@ -247,11 +228,6 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
     return transform
 
 
-def _is_plausible(found: Registration) -> bool:
-    return found.is_unique or found.agreement >= _PLAUSIBLE_AGREEMENT
-
-
-def _rank(recognition: PlaceRecognition) -> Tuple[bool, bool, float]:
-    """Ranks what a map may show."""
-    found = recognition.registration
-    return (recognition.certain, found.is_unique, found.score) if found else (recognition.certain, False, 0.0)
+def _rank(one: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
+    """Ranks what a map may show, and what that rests on."""
+    return one[0].certain, one[1].is_unique, one[1].score

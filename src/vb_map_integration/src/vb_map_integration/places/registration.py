@@ -15,14 +15,14 @@ Scale is fixed: both maps are in metres. Resolutions may differ.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_THRESHOLD, UNKNOWN, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 
 # [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
 TOLERANCE = 0.12
@@ -102,22 +102,23 @@ IDENTITY = Transform()
 
 @dataclass(frozen=True)
 class Registration:
-    """What a registration found.
+    """How well two maps agree at a transform.
 
     Attributes:
         transform: from the old map's frame to the new one's.
-        score: 0 .. 1, `agreement` as far as the other measures allow.
         agreement: share of the long walls that both maps should show and that are found again; the lower direction.
         overlap: share of the smaller map's free floor that the other map knows.
         walls_m: [m] length of long walls found again.
-        margin: 0 .. 1, how much less the next hypothesis explains.
+        balance_m: [m] that less the length of those that are missing.
+        margin: 0 .. 1, how much less the next hypothesis explains; 0 if no other one was tried.
     """
 
     transform: Transform
     agreement: float
     overlap: float
     walls_m: float
-    margin: float
+    balance_m: float
+    margin: float = 0.0
 
     @property
     def is_unique(self) -> bool:
@@ -127,16 +128,16 @@ class Registration:
     @property
     def is_unambiguous(self) -> bool:
         """Returns whether it may be acted on without a person."""
-        return self.local and self.margin >= MIN_MARGIN
+        return self.agrees and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property
-    def local(self) -> bool:
+    def agrees(self) -> bool:
         """Returns whether the maps agree at this transform, whatever another one would give."""
-        return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
+        return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP
 
     @property
     def score(self) -> float:
-        """0 .. 1: 1 only if every measure is far above what is needed."""
+        """0 .. 1, `agreement` as far as the other measures allow: 1 only if every one is far above what is needed."""
         parts = (self.overlap / MIN_OVERLAP, self.walls_m / MIN_WALL_LENGTH, self.margin / MIN_MARGIN)
         return float(max(0.0, self.agreement) * min(1.0, *parts))
 
@@ -185,18 +186,12 @@ class WallMap:
         return here, np.column_stack(slopes) @ np.array([[c, s], [-s, c]])
 
     def _interpolate(self, where: np.ndarray) -> np.ndarray:
-        parts = [
-            cv2.remap(
-                self._distance,
-                part[:, :1],
-                part[:, 1:],
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=_FARTHEST,
-            )[:, 0]
+        options = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": _FARTHEST}
+        found = [
+            cv2.remap(self._distance, part[:, :1], part[:, 1:], cv2.INTER_LINEAR, **options)[:, 0]
             for part in np.array_split(where, 1 + len(where) // _REMAPPED)
         ]
-        return np.concatenate(parts).astype(float) * _UNIT
+        return np.concatenate(found).astype(float) * _UNIT
 
     def distances(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Distances (N,) [m] from the cells of points (N, 2) to the nearest wall, and whether the map knows them."""
@@ -207,15 +202,14 @@ class WallMap:
 
     def is_known(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: at which points (N, 2) [m] the map knows the floor, or the wall beside it."""
-        return self.grid.with_data(self._known.view(np.int8)).values_at(points, outside=0) != 0
+        return self.distances(points)[1]
 
     def walls_near(self, outline: np.ndarray, reach: float) -> np.ndarray:
         """Returns the wall cells (K, 2) [m] within a distance [m] of points (N, 2) [m]."""
         low, high = outline.min(axis=0) - reach, outline.max(axis=0) + reach
         walls = self.walls[((self.walls >= low) & (self.walls <= high)).all(axis=1)]
-        corners = outline[:: max(1, len(outline) // 50)]
         near = np.zeros(len(walls), bool)
-        for corner in corners:
+        for corner in thin(outline, 50):
             near |= np.square(walls - corner).sum(axis=1) <= reach * reach
         return walls[near]
 
@@ -231,13 +225,13 @@ class WallMap:
         where = np.column_stack([columns, rows]) * step + step // 2
         return self.grid.grid_to_world(where), step * step
 
-    def draw_evidence(self, center: np.ndarray, cell: float) -> np.ndarray:
-        """Draws (n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
-        side = 2 * int(math.ceil(self.radius(center) / cell)) + 5
+    def draw_evidence(self, cell: float) -> np.ndarray:
+        """Draws (n, n) float32 round the centre: positive at walls, slightly negative on free floor, 0 where unknown."""
+        side = 2 * int(math.ceil(self.radius / cell)) + 5
         middle = side // 2
 
         def binned(points: np.ndarray) -> np.ndarray:
-            where = np.floor((points - center) / cell + 0.5).astype(int) + middle
+            where = np.floor((points - self.center) / cell + 0.5).astype(int) + middle
             return np.bincount(where[:, 1] * side + where[:, 0], minlength=side * side).reshape(side, side)
 
         per_cell = max(1.0, cell / self.grid.resolution)
@@ -250,14 +244,15 @@ class WallMap:
 
     @cached_property
     def center(self) -> np.ndarray:
-        """Returns the middle (2,) [m] of what is known."""
+        """Returns the middle (2,) [m] of what is known, on a map with walls."""
         points = np.concatenate([self.walls, self.floor])
-        return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
+        return (points.min(axis=0) + points.max(axis=0)) / 2.0
 
-    def radius(self, center: np.ndarray) -> float:
-        """Returns the radius [m] around a centre (2,) [m] within which all that is known lies."""
+    @cached_property
+    def radius(self) -> float:
+        """Returns the radius [m] around the centre within which all that is known lies."""
         points = np.concatenate([self.walls, self._some_floor(_DRAWN_FLOOR)[0]])
-        return float(np.linalg.norm(points - center, axis=1).max()) if len(points) else 1.0
+        return float(np.linalg.norm(points - self.center, axis=1).max())
 
 
 def _known_part(grid: GridMap) -> GridMap:
@@ -265,36 +260,42 @@ def _known_part(grid: GridMap) -> GridMap:
     known = np.ascontiguousarray(grid.data).view(np.uint8) < 128
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
-        return grid.with_data(np.full(grid.shape, UNKNOWN, np.int8))
+        return grid
     top, left = max(0, int(rows[0]) - _RIM), max(0, int(columns[0]) - _RIM)
     cells = grid.data[top : rows[-1] + 1 + _RIM, left : columns[-1] + 1 + _RIM]
     x, y = grid.grid_to_world([[left - 0.5, top - 0.5]])[0]
     return GridMap(np.ascontiguousarray(cells), grid.resolution, (float(x), float(y), grid.origin[2]))
 
 
-def register(old: GridMap, new: GridMap) -> Optional[Registration]:
-    """Finds the old map in the new one: the best hypothesis; None if one of the maps has no walls."""
-    return register_wall_maps(WallMap(old), WallMap(new), (IDENTITY,))
+def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
+    """Finds the old map in the new one: the best hypothesis; None if one of the maps has no walls.
 
-
-def register_wall_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform]) -> Optional[Registration]:
-    """Registers prepared maps as `register` does; guesses are transforms that are checked in any case."""
+    Args:
+        guesses: transforms that are checked in any case.
+    """
     if not len(old.walls) or not len(new.walls):
         return None
-    refined = [_refine(old, new, start) for start in [*guesses, *_search(old, new)]]
-    scored = sorted(((_explained(old, new, one), one) for one in refined), key=lambda pair: -pair[0].balance)
-    best, transform = scored[0]
-    rest = [measure.balance for measure, other in scored[1:] if not _is_same(transform, other, old.center)]
-    margin = 0.0
-    if best.balance > 0.0:
-        margin = 1.0 - max([0.0, *rest]) / best.balance
-    return Registration(transform, best.agreement, best.overlap, best.walls_m, margin)
+    samples = _sample(old), _sample(new)
+    refined = [refine(old, new, start, *samples, old.center, _REACH) for start in [*guesses, *_search(old, new)]]
+    best, *others = sorted((measure(old, new, one) for one in refined), key=lambda one: -one.balance_m)
+    if best.balance_m <= 0.0:
+        return best
+    rest = [one.balance_m for one in others if not _is_same(best.transform, one.transform, old.center)]
+    return replace(best, margin=1.0 - max([0.0, *rest]) / best.balance_m)
 
 
-def measure_at(old: WallMap, new: WallMap, transform: Transform) -> Registration:
-    """Measures how well the maps agree at one transform; the margin is 0, as nothing else was checked."""
-    found = _explained(old, new, transform)
-    return Registration(transform, found.agreement, found.overlap, found.walls_m, 0.0)
+def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
+    """Measures how well the maps agree at one transform."""
+    shares, lengths, balances, overlaps = [], [], [], []
+    for one, other, motion in ((old, new, transform), (new, old, transform.inverse)):
+        points = motion.apply(one.walls[one.is_structure])
+        expected = points[other.is_known(points)]
+        hits = int((other.look_up(expected)[0] < TOLERANCE + other.grid.resolution / 2.0).sum())
+        shares.append(hits / max(1, len(expected)))
+        lengths.append(hits * one.grid.resolution)
+        balances.append((2 * hits - len(expected)) * one.grid.resolution)
+        overlaps.append(float(other.is_known(motion.apply(one.floor)).mean()) if len(one.floor) else 0.0)
+    return Registration(transform, min(shares), max(overlaps), min(lengths), float(np.mean(balances)))
 
 
 def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
@@ -304,9 +305,9 @@ def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
     """Searches the most promising transforms, the best first."""
-    extent = max(old.radius(old.center), new.radius(new.center))
+    extent = max(old.radius, new.radius)
     cell = max(_COARSE_CELL, 2.0 * extent / _COARSE_CELLS)
-    a, b = old.draw_evidence(old.center, cell), new.draw_evidence(new.center, cell)
+    a, b = old.draw_evidence(cell), new.draw_evidence(cell)
     size = cv2.getOptimalDFTSize(len(a) + len(b))
 
     def spectrum(image: np.ndarray) -> np.ndarray:
@@ -341,16 +342,15 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     return chosen
 
 
+def thin(points: np.ndarray, most: int) -> np.ndarray:
+    """Leaves out points evenly: of (N, 2) at least `most` stay, and less than twice as many."""
+    return points[:: max(1, len(points) // most)]
+
+
 def _sample(shape: WallMap) -> np.ndarray:
     """Chooses wall cells (N, 2) [m] for the refinement: of long walls if there are enough."""
     points = shape.walls[shape.is_structure]
-    if len(points) < 100:
-        points = shape.walls
-    return points[:: max(1, len(points) // _REFINED_POINTS)]
-
-
-def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
-    return refine(old, new, start, _sample(old), _sample(new), old.center, _REACH)
+    return thin(points if len(points) >= 100 else shape.walls, _REFINED_POINTS)
 
 
 def refine(
@@ -396,27 +396,3 @@ def find_share(points: np.ndarray, other: WallMap) -> Tuple[float, float]:
     if not known.any():
         return 0.0, 0.0
     return float((distance[known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(known.mean())
-
-
-class _Explained(NamedTuple):
-    """How far two maps agree at a transform; `balance` is long walls found again less those that are missing [m]."""
-
-    agreement: float
-    overlap: float
-    walls_m: float
-    balance: float
-
-
-def _explained(old: WallMap, new: WallMap, transform: Transform) -> _Explained:
-    shares, lengths, balances, overlaps = [], [], [], []
-    for one, other, motion in ((old, new, transform), (new, old, transform.inverse)):
-        points = motion.apply(one.walls[one.is_structure])
-        expected = points[other.is_known(points)]
-        found = other.look_up(expected)[0] < TOLERANCE + other.grid.resolution / 2.0
-        hits = int(found.sum())
-        shares.append(hits / max(1, len(expected)))
-        lengths.append(hits * one.grid.resolution)
-        balances.append((2 * hits - len(expected)) * one.grid.resolution)
-        floor = one.floor
-        overlaps.append(float(other.is_known(motion.apply(floor)).mean()) if len(floor) else 0.0)
-    return _Explained(min(shares), max(overlaps), min(lengths), float(np.mean(balances)))

@@ -76,41 +76,22 @@ def fingerprint(grid: GridMap) -> str:
     return digest.hexdigest()
 
 
-class Database:
-    """Borders by place, with their history; every method that changes something changes all of it or nothing.
-
-    Raises:
-        CodedError: as `DurableValues`.
-    """
+class Database(DurableValues):
+    """Borders by place, with their history; every method that changes something changes all of it or nothing."""
 
     def __init__(self, folder: Optional[Path]) -> None:
-        self._kept = DurableValues(folder)
-        pairs = (name.split("/") for name in self._kept.names("borders"))
+        super().__init__(folder)
+        pairs = (name.split("/") for name in self.names("borders"))
         self._places: Dict[str, int] = {border_id: int(place) for place, border_id in pairs}
         self._read: Dict[str, VirtualBorder] = {}  # so that one that did not change is the same object
-
-    def close(self) -> None:
-        """Lets other processes have the files."""
-        self._kept.close()
-
-    @property
-    def revision(self) -> int:
-        """Grows with every change, across restarts."""
-        return self._kept.revision
-
-    @property
-    def notices(self) -> List[Any]:
-        """What is wrong with the files, for people."""
-        return self._kept.notices
 
     # ------------------------------------------------------------- maps
     def maps(self) -> List[KnownMap]:
         """Lists all maps, the oldest first."""
-        found = [
+        return [
             KnownMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
-            for key, values in self._kept.of_kind("maps").items()
+            for key, values in self.of_kind("maps").items()
         ]
-        return sorted(found, key=lambda one: one.id)
 
     def find_map(self, map_id: str) -> Optional[KnownMap]:
         """Finds the map of a fingerprint; None if it is not known."""
@@ -142,22 +123,22 @@ class Database:
         changes[_PLACE] = place
         if name:
             changes[f"names/{place}"] = name
-        self._kept.change(changes)
+        self.change(changes)
         return place
 
     def get_name(self, place: int) -> str:
         """Returns a place's name; "" if it has none."""
-        return str(self._kept.get(f"names/{place}", ""))
+        return str(self.get(f"names/{place}", ""))
 
     def find_place(self, name: str) -> int:
         """Returns the place of a name; 0 if there is none."""
-        return next((int(place) for place, other in self._kept.of_kind("names").items() if name == other), 0)
+        return next((int(place) for place, other in self.of_kind("names").items() if name == other), 0)
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken" or "bad_name"."""
         if self.get_name(place) != name:
             self.check_name(name, place)
-            self._kept.change({f"names/{place}": name or None})
+            self.change({f"names/{place}": name or None})
 
     def check_name(self, name: str, place: int = 0) -> None:
         """Refuses a name that a place cannot have; raises CodedError "bad_name", "name_taken"."""
@@ -169,12 +150,12 @@ class Database:
     @property
     def last_place(self) -> int:
         """The last place that was in force; 0 before the first."""
-        return int(self._kept.get(_PLACE, 0))
+        return int(self.get(_PLACE, 0))
 
     def remember_place(self, place: int) -> None:
         """Records the last place in force."""
         if self.last_place != place:
-            self._kept.change({_PLACE: place})
+            self.change({_PLACE: place})
 
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
@@ -192,7 +173,7 @@ class Database:
             raise CodedError("unknown_border", id=border_id)
         place = self._places[border_id]
         if border_id not in self._read:
-            self._read[border_id] = border_from_feature(self._kept.get(f"borders/{place}/{border_id}"))
+            self._read[border_id] = border_from_feature(self.get(f"borders/{place}/{border_id}"))
         return place, self._read[border_id]
 
     def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
@@ -206,7 +187,7 @@ class Database:
         taken = {other.name for other in self.borders(place)}
         unnamed = (f"{'wall' if border.wall else 'border'} {i}" for i in itertools.count(1))
         name = border.name or next(one for one in unnamed if one not in taken)
-        return border.replace(id=f"b{self._kept.get(_NEXT, 1)}", name=name, created=now, modified=now)
+        return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now)
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:
         """Makes a change of borders of one place.
@@ -223,16 +204,16 @@ class Database:
             changes[f"borders/{place}/{entry.id}"] = _to_dict(entry.after)
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
-            changes.update({f"requests/{old}": None for old in self._kept.names("requests")[:-MAX_REQUESTS]})
+            changes.update({f"requests/{old}": None for old in self.names("requests")[:-MAX_REQUESTS]})
         following = max(int(entry.id[1:]) + 1 for entry in change)
-        self._kept.change({**changes, _NEXT: max(following, self._kept.get(_NEXT, 1))})
+        self.change({**changes, _NEXT: max(following, self.get(_NEXT, 1))})
         for entry in change:
             self._places.pop(entry.id, None)
             if entry.after is not None:
                 self._places[entry.id], self._read[entry.id] = place, entry.after
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
-        known = self._kept.of_kind("changes")
+        known = self.of_kind("changes")
         if kind in ("undo", "redo"):
             number = self._newest(place, kind)
             return {f"changes/{number}": {**known[number], "undone": kind == "undo"}}
@@ -247,12 +228,12 @@ class Database:
 
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
-        undone = {change["undone"] for change in self._kept.of_kind("changes").values() if change["place"] == place}
+        undone = {change["undone"] for change in self.of_kind("changes").values() if change["place"] == place}
         return [("undo", "redo")[one] for one in sorted(undone)]
 
     def _newest(self, place: int, kind: str) -> str:
         """Returns the number of the change that undo reverts, or redo repeats."""
-        changes = self._kept.of_kind("changes")
+        changes = self.of_kind("changes")
         found = [key for key, one in changes.items() if one["place"] == place and one["undone"] == (kind == "redo")]
         if not found:
             raise CodedError(f"nothing_to_{kind}")
@@ -264,7 +245,7 @@ class Database:
         Raises:
             CodedError: "nothing_to_undo", "nothing_to_redo".
         """
-        entries = self._kept.get(f"changes/{self._newest(place, kind)}")["entries"]
+        entries = self.get(f"changes/{self._newest(place, kind)}")["entries"]
         change = tuple(BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries)
         if kind == "redo":
             return change
@@ -272,7 +253,7 @@ class Database:
 
     def find_border_of_request(self, request_id: str) -> str:
         """Returns the id of the border that a request made; "" if it is new."""
-        return str(self._kept.get(f"requests/{request_id}", "")) if request_id else ""
+        return str(self.get(f"requests/{request_id}", "")) if request_id else ""
 
 
 def _to_dict(border: Optional[VirtualBorder]) -> Any:

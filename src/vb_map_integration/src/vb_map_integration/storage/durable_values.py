@@ -120,13 +120,11 @@ class DurableValues:
         self.revision, self._values = content
 
     def _load(self, folder: Path) -> None:
-        path, content = folder / FILE, None
+        path, content, refused = folder / FILE, None, None
         try:
             content = _read(path)
         except OSError as error:  # it may be sound, and readable at another time
-            refused: Optional[OSError] = error
-        else:
-            refused = None
+            refused = error
         damaged = content is None and refused is None and path.exists()
         copies = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
         newest = max((copy.revision for copy in copies.values() if copy is not None), default=0)

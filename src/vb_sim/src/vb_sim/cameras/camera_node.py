@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from typing import Any, Callable, List, Sequence
+from typing import Any, Callable, List, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -50,16 +50,14 @@ class ImageStream:
         self._info = rospy.Publisher(f"{topic}/camera_info", CameraInfo, queue_size=2)
         self._message = info_from_camera(camera, rospy.Time(), frame)
 
-    def publish_info(self, number: int, stamp: rospy.Time) -> None:
-        """Publishes the lens of a camera's image, counted from 0."""
-        if number % self._every == 0 and self._info.get_num_connections() > 0:
-            self._message.header.stamp = stamp
-            self._info.publish(self._message)
-
-    def publish_image(self, number: int, stamp: rospy.Time, snapshot: Snapshot) -> None:
-        """Publishes a camera's image, counted from 0."""
-        if number % self._every == 0 and self._image.get_num_connections() > 0:
-            self._image.publish(message_from_image(self._render(snapshot), self._encoding, stamp, self._frame))
+    def publish(self, number: int, stamp: rospy.Time, snapshot: Optional[Snapshot]) -> None:
+        """Publishes the lens of a camera's image, counted from 0, and the image of a scene if it is wanted."""
+        if number % self._every == 0:
+            if self._info.get_num_connections() > 0:
+                self._message.header.stamp = stamp
+                self._info.publish(self._message)
+            if snapshot is not None and self._image.get_num_connections() > 0:
+                self._image.publish(message_from_image(self._render(snapshot), self._encoding, stamp, self._frame))
 
 
 @dataclass
@@ -89,18 +87,12 @@ class CameraNode:
     def __init__(self, cameras: Sequence[SimulatedCamera], latency_ms: float) -> None:
         self._cameras = cameras
         self._history = History()
-        self._running = True
         self._schedule = FrameSchedule([camera.rate for camera in cameras], latency_ms * 1e-3)
         self._clock = SmoothClock(rospy.get_time, time.monotonic)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform([camera.mount for camera in cameras])
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Ends the thread."""
-        self._running = False
+        threading.Thread(target=self._run, daemon=True).start()
 
     def _on_state(self, message: LabState) -> None:
         self._history.add(snapshot_from_message(message))
@@ -108,11 +100,9 @@ class CameraNode:
     def _publish(self, camera: SimulatedCamera, stamp_s: float) -> None:
         stamp, snapshot, number = rospy.Time.from_sec(stamp_s), self._history.at(stamp_s), camera.taken
         camera.taken += 1
+        wanted = snapshot if self._is_wanted(camera, snapshot) else None
         for stream in camera.streams:
-            stream.publish_info(number, stamp)
-        if self._is_wanted(camera, snapshot):
-            for stream in camera.streams:
-                stream.publish_image(number, stamp, snapshot)
+            stream.publish(number, stamp, wanted)
 
     def _is_wanted(self, _camera: SimulatedCamera, _snapshot: Snapshot) -> bool:
         """Returns whether an image of this moment is sent."""
@@ -121,7 +111,7 @@ class CameraNode:
     def _run(self) -> None:
         node.wait_for_clock()
         skipped = 0
-        while self._running and not rospy.is_shutdown():
+        while not rospy.is_shutdown():
             try:
                 for index, stamp in self._schedule.due(self._clock.now()):
                     self._publish(self._cameras[index], stamp)

@@ -94,20 +94,15 @@ class CeilingView(View):
         return self.pose
 
     # ------------------------------------------------------------- static parts
-    def _floor_coordinates(self, grid: RayGrid) -> Tuple[np.ndarray, np.ndarray]:
-        """Computes x and y (H, W) float32 [m] where each pixel's ray meets the floor; far away from the horizon on."""
-        rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
-        down = np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
-        steps = np.float32(-origin[2]) / (down * np.ones((grid.camera.height, grid.camera.width), np.float32))
-        x, y = (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis]) for axis in (0, 1))
-        return x, y
-
     def _draw_background(self, floor: FloorTexture, mesh: Mesh) -> np.ndarray:
-        grid = RayGrid(self.model)
-        to_texture = floor.matrix()
+        grid, to_texture = RayGrid(self.model), floor.matrix()
+        rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
+        # where each pixel's ray meets the floor; far away from the horizon on
+        steps = np.float32(-origin[2]) / np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
         columns, rows = (
-            at * np.float32(to_texture[axis, axis]) + np.float32(to_texture[axis, 2])
-            for axis, at in enumerate(self._floor_coordinates(grid))
+            (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis])) * np.float32(to_texture[axis, axis])
+            + np.float32(to_texture[axis, 2])
+            for axis in (0, 1)
         )
         image = cv2.remap(floor.rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         buffer = DepthBuffer(grid)

@@ -12,25 +12,23 @@ def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
         return np.ascontiguousarray(rgb[..., ::-1])
     if encoding == "mono8":
         return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    mosaic = np.empty(rgb.shape[:2], rgb.dtype)
-    mosaic[0::2, 0::2] = rgb[0::2, 0::2, 0]
-    mosaic[0::2, 1::2] = rgb[0::2, 1::2, 1]
-    mosaic[1::2, 0::2] = rgb[1::2, 0::2, 1]
-    mosaic[1::2, 1::2] = rgb[1::2, 1::2, 2]
-    return mosaic
+    return _mosaic(rgb[0::2, 0::2, 0], rgb[0::2, 1::2, 1], rgb[1::2, 0::2, 1], rgb[1::2, 1::2, 2])
 
 
 def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
     """Encodes an image (h, w, 3) of half the size: (2h, 2w) or (2h, 2w, 3)."""
     if encoding == "bayer_rggb8":
-        mosaic = np.empty((2 * rgb.shape[0], 2 * rgb.shape[1]), rgb.dtype)
         red, green, blue = cv2.split(rgb)
-        mosaic[0::2, 0::2] = red
-        mosaic[0::2, 1::2] = green
-        mosaic[1::2, 0::2] = green
-        mosaic[1::2, 1::2] = blue
-        return mosaic
+        return _mosaic(red, green, green, blue)
     return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
+
+
+def _mosaic(red: np.ndarray, right: np.ndarray, below: np.ndarray, blue: np.ndarray) -> np.ndarray:
+    """Builds a Bayer pattern (2h, 2w) of its four pixels (h, w): red, the green ones to the right and below, and blue."""
+    mosaic = np.empty((2 * red.shape[0], 2 * red.shape[1]), red.dtype)
+    mosaic[0::2, 0::2], mosaic[0::2, 1::2] = red, right
+    mosaic[1::2, 0::2], mosaic[1::2, 1::2] = below, blue
+    return mosaic
 
 
 def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:

@@ -54,13 +54,8 @@ class RobotView(View):
         x, y = self._depth_grid.x, self._depth_grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
         # the colour pixel nearest to the middle of each depth pixel
-        self._sampled = tuple(
-            np.floor((np.arange(coarse) + 0.5) * fine / coarse).astype(int)
-            for coarse, fine in (
-                (self.depth_model.height, self.model.height),
-                (self.depth_model.width, self.model.width),
-            )
-        )
+        sizes = (self.depth_model.height, self.model.height), (self.depth_model.width, self.model.width)
+        self._sampled = [np.floor((np.arange(coarse) + 0.5) * fine / coarse).astype(int) for coarse, fine in sizes]
         self._drawn: Optional[Tuple] = None  # what the buffers show
         self._make_noise()
 
@@ -141,32 +136,17 @@ class RobotView(View):
         column, row = spot.pixel
         return self._clean[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
 
-    def _to_floor(self, pose: np.ndarray) -> np.ndarray:
-        """Computes the matrix (3, 3) from homogeneous (column, row) [px] to map coordinates [m] on the floor."""
-        rotation, origin = pose[:3, :3], pose[:3, 3]
-        return np.array(
-            [
-                origin[0] * rotation[2] - origin[2] * rotation[0],
-                origin[1] * rotation[2] - origin[2] * rotation[1],
-                rotation[2],
-            ]
-        ) @ np.linalg.inv(self.model.matrix)
-
-    def _down(self, pose: np.ndarray) -> np.ndarray:
-        """Computes (H,) how steeply each row looks down, per unit of depth; 0 and less at and above the horizon."""
-        camera, rotation = self.model, pose[:3, :3]
-        return -(
-            rotation[2, 1] * (np.arange(camera.height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2]
-        )
-
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
         """Draws the floor through its homography, farther away from a coarser texture."""
-        camera = self.model
+        camera, rotation, origin = self.model, pose[:3, :3], pose[:3, 3]
         height, width = camera.height, camera.width
+        # from homogeneous (column, row) [px] to map coordinates [m] on the floor
+        level = [origin[axis] * rotation[2] - origin[2] * rotation[axis] for axis in (0, 1)]
+        to_floor = np.array([*level, rotation[2]]) @ np.linalg.inv(camera.matrix)
         image = np.empty((height, width, 3), np.uint8)
-        origin, to_floor = pose[:3, 3], self._to_floor(pose)
-        # the row's own direction downwards decides how far away its floor is
-        down = self._down(pose)
+        # how steeply each row looks down, per unit of depth, decides how far away its floor is; 0 is the horizon
+        ahead = (np.arange(height) - camera.matrix[1, 2]) / camera.matrix[1, 1]
+        down = -(rotation[2, 1] * ahead + rotation[2, 2])
         with np.errstate(divide="ignore"):
             depth = np.where(down > 1e-3, origin[2] / down, np.inf)
         # a pixel covers depth/f across and 1/down times that along the view: their mean, geometrically
@@ -198,17 +178,15 @@ class RobotView(View):
     def depth(self, snapshot: Snapshot) -> np.ndarray:
         """Renders the depth image, (120, 160) uint16 [mm] along the optical axis, 0 where there is none."""
         self._draw(snapshot)
-        depth, holes = self._exact, self._blind
-        figures = self._figures
+        depth, figures = self._exact, self._figures
         tile = int(self._rng.integers(_TILES))
-        holes = holes | self._depth_holes[tile]
         growth = np.float32(figures.depth_sigma_quadratic) * (depth - np.float32(0.4)) ** 2
         sigma = np.float32(figures.depth_sigma) + growth
         # the same tile turned round is another one
         noise = self._depth_noise[tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))]
         depth = depth + sigma * noise
         millimeters = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
-        millimeters[holes] = 0
+        millimeters[self._blind | self._depth_holes[tile]] = 0
         return millimeters
 
     def _exact_depth(self, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

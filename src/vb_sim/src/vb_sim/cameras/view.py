@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
@@ -82,18 +83,16 @@ class View:
         """Lists what moves in a scene; what shows the same has the same name and key."""
         found = []
         for name, pose in snapshot.robots.items():
-            found.append(self._robot(name, pose, self._radii.get(name, 0.18)))
+            radius = self._radii.get(name, 0.18)
+            build = partial(bodies.robot_pieces, pose, radius)
+            found.append(Body(name, bodies.robot_key(pose), build, pose, radius))
         person, laser = snapshot.person, snapshot.laser
         if person is not None:
             key = bodies.person_key(person, laser)
             radius = _PERSON_RADIUS * self._body.breadth
-            build = lambda: bodies.person_pieces(person, laser, self._hand_height, self._body)  # noqa: E731
+            build = partial(bodies.person_pieces, person, laser, self._hand_height, self._body)
             found.append(Body("person", key, build, person, radius))
         return found
-
-    @staticmethod
-    def _robot(name: str, pose: Pose2, radius: float) -> Body:
-        return Body(name, bodies.robot_key(pose), lambda: bodies.robot_pieces(pose, radius), pose, radius)
 
     # ------------------------------------------------------------- the laser
     def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:

@@ -136,21 +136,15 @@ class Stroke:
         times: List[np.ndarray] = [np.zeros(1)]
         begin = chain[0]
         for index, corner in enumerate(chain[1:]):
-            side = style.sides[index % len(style.sides)]
-            straight = corner - begin
-            length = float(np.linalg.norm(straight))
-            if length < 1e-9:
+            side, straight = style.sides[index % len(style.sides)], corner - begin
+            if np.linalg.norm(straight) < 1e-9:
                 continue
             if index < len(chain) - 2 and style.overshoot:
                 # beyond the corner or short of it, and from there on to the next one
-                share = float(
-                    np.clip(
-                        scale * style.overshoot[index % len(style.overshoot)], -MAX_SIDE_DEVIATION, MAX_SIDE_DEVIATION
-                    )
-                )
-                corner = corner + straight * share
+                share = scale * style.overshoot[index % len(style.overshoot)]
+                corner = corner + straight * np.clip(share, -MAX_SIDE_DEVIATION, MAX_SIDE_DEVIATION)
                 straight = corner - begin
-                length = float(np.linalg.norm(straight))
+            length = float(np.linalg.norm(straight))
             across = np.array([-straight[1], straight[0]])
             # between the samples as densely as 1 cm
             fine = np.linspace(0.0, 1.0, max(int(length / 0.01), len(side.along)) + 1)
@@ -197,12 +191,10 @@ def perceive_border(
 
 def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
     """Returns a closed chain whose end is beyond its start [m], along its first side, or short of it on the last."""
-    first, last = chain[1] - chain[0], chain[-1] - chain[-2]
-    if reach >= 0.0:
-        length = float(np.linalg.norm(first))
-        return np.vstack([chain, chain[-1] + first / length * min(reach, MAX_SIDE_DEVIATION * length)])
-    length = float(np.linalg.norm(last))
-    return np.vstack([chain[:-1], chain[-1] - last / length * min(-reach, MAX_SIDE_DEVIATION * length)])
+    side, kept = (chain[1] - chain[0], chain) if reach >= 0.0 else (chain[-1] - chain[-2], chain[:-1])
+    length = float(np.linalg.norm(side))
+    most = MAX_SIDE_DEVIATION * length
+    return np.vstack([kept, chain[-1] + side / length * np.clip(reach, -most, most)])
 
 
 def _ends_on_floor(border: np.ndarray, is_floor: IsFloor) -> np.ndarray:

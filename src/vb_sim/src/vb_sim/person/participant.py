@@ -63,7 +63,7 @@ class Perception:
     has_seed: bool = False
     state: str = DEFAULT
     hold_requested: float = -math.inf
-    answer: Optional[CommandReply] = None
+    answer: CommandReply = CommandReply(True, "ok", "")
     answered: int = 0
 
     def record_spot(
@@ -78,9 +78,7 @@ class Perception:
             mobile: whether it is a robot's camera.
         """
         # a spot seen seconds ago is not feedback, nor is one from the future
-        if spot is None or not -0.2 < self.now - stamp < 1.0:
-            return
-        if math.hypot(seen[0] - spot[0], seen[1] - spot[1]) > OWN_SPOT:
+        if spot is None or not -0.2 < self.now - stamp < 1.0 or math.dist(seen, spot) > OWN_SPOT:
             return
         # people hear the sound when it comes, however old the image is
         self.last_seen = self.now
@@ -153,7 +151,7 @@ class Person:
         self.doing = "comes in"
         self.dt = 0.0
         self.tries = 0
-        self.last_answer = CommandReply(True, "ok", "")
+        self.last_answer = self.percept.answer
         self._command, self._number, self._source = "", 0, "participant"
         self._draw_mistakes()
 
@@ -189,24 +187,21 @@ class Person:
 
     def action(self, outcome: str) -> Action:
         """Returns what can be seen of the person now."""
-        pose = (float(self.walker.here[0]), float(self.walker.here[1]), self.walker.yaw)
-        return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
+        pose, beam = (*map(float, self.walker.here), self.walker.yaw), None
+        if self.spot is not None:
+            trembling = self.spot + self._tremor.at(self.percept.now)
+            # on a wall's foot people hold the spot on the floor
+            x, y = trembling if self.is_floor(trembling)[0] else self.spot
+            beam = float(x), float(y)
+        return Action(beam, pose, self.doing, self._command, self._number, self._source, outcome)
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
         return self.grid.values_at(points) == FREE
 
-    def _beam(self) -> Optional[Tuple[float, float]]:
-        if self.spot is None:
-            return None
-        trembling = self.spot + self._tremor.at(self.percept.now)
-        # on a wall's foot people hold the spot on the floor
-        x, y = trembling if self.is_floor(trembling)[0] else self.spot
-        return float(x), float(y)
-
     # ------------------------------------------------------------ perception
     def unseen_for(self, by_robot: bool = False) -> float:
-        """Returns how long [s] it is since the spot was reported last."""
+        """Returns how long [s] it is since any camera, or the robot's, reported the spot last."""
         return self.percept.now - (self.percept.last_seen_by_robot if by_robot else self.percept.last_seen)
 
     # ------------------------------------------------------------ skills
@@ -220,9 +215,8 @@ class Person:
         """Waits for a reaction time, which varies."""
         yield from self.wait(self.model.reaction_time * float(self.rng.uniform(0.7, 1.6)))
 
-    def walk(self, place: np.ndarray) -> Step:
-        """Walks somewhere and arrives."""
-        self.walker.go(place)
+    def arrive(self) -> Step:
+        """Walks on to where the person is going."""
         while self.walker.walking:
             yield
 
@@ -243,13 +237,11 @@ class Person:
         self._command, self._source = command, source
         asked = self.percept.now
         yield
-        while self.percept.answered != self._number:
-            if self.percept.now - asked > 20.0:
-                self.last_answer = CommandReply(False, "no_response", "nobody answered")
-                break
+        while self.percept.answered != self._number and self.percept.now - asked <= 20.0:
             yield
-        else:
-            self.last_answer = self.percept.answer or CommandReply(False, "no_response", "nobody answered")
+        self.last_answer = CommandReply(False, "no_response", "nobody answered")
+        if self.percept.answered == self._number:
+            self.last_answer = self.percept.answer
         self.doing = before
 
     def repeat_command(self, command: str, source: str = "participant") -> Step:
@@ -274,14 +266,12 @@ class Person:
             DrawingSlip: if the state is another one now, so that the person starts over.
         """
         others = [word for word in COMMANDS if word != command]
-        wrong, other = (
-            self._slips_of_the_tongue.random() < self.model.wrong_word,
-            self._slips_of_the_tongue.integers(len(others)),
-        )
+        wrong = self._slips_of_the_tongue.random() < self.model.wrong_word
+        other = others[self._slips_of_the_tongue.integers(len(others))]
         if not wrong or command == "cancel":
             return
         before = self.percept.state
-        yield from self.give_command(others[int(other)], source)
+        yield from self.give_command(other, source)
         yield from self.look()
         yield from self.react()
         if self.percept.state != before:
@@ -297,10 +287,14 @@ class Person:
         if self.spot is None:
             self.spot = target.copy()
         while np.linalg.norm(target - self.spot) > 1e-6:
-            way = target - self.spot
-            distance = float(np.linalg.norm(way))
-            self.spot = self.spot + way / distance * min(speed * self.dt, distance)
+            self.bring_spot(target, speed * self.dt)
             yield
+
+    def bring_spot(self, target: np.ndarray, stride: float) -> None:
+        """Brings the spot nearer to another place (2,) [m], by at most a stride [m]."""
+        way = target - self.spot
+        distance = float(np.linalg.norm(way))
+        self.spot = self.spot + way / distance * min(stride, distance)
 
     def new_stroke(self, border: Optional[np.ndarray] = None) -> Stroke:
         """Decides how this person is going to draw the border, or the same in another order (N, 2) [m], this time."""
@@ -332,6 +326,12 @@ class Person:
                 seen += self.dt
             yield
 
+    def wait_for_seed(self, seconds: float) -> Step:
+        """Waits until the display shows the seed, which it does a moment after the camera saw it."""
+        began = self.percept.now
+        while not self.percept.has_seed and self.percept.now - began < seconds:
+            yield
+
 
 class ParticipantScript:
     """Runs a border from entering to walking away; the methods add how to get ready, draw and show the seed."""
@@ -340,9 +340,7 @@ class ParticipantScript:
 
     def __init__(self, person: Person) -> None:
         self.person = person
-        self.outcome = ""
-        self.reason = ""
-        self._began: Optional[float] = None
+        self.outcome = self.reason = ""
         self._script = self._run()
 
     def step(self, percept: Perception) -> Action:
@@ -368,11 +366,10 @@ class ParticipantScript:
         person = self.person
         while not person.percept.now:
             yield
-        self._began = person.percept.now
-        course = self._course()
+        began, course = person.percept.now, self._course()
         try:
             for _ in course:
-                if person.percept.now - self._began > person.model.time_limit:
+                if person.percept.now - began > person.model.time_limit:
                     raise ParticipantGaveUp(f"it took longer than {person.model.time_limit:g} s")
                 yield
             outcome = "saved"
@@ -386,9 +383,8 @@ class ParticipantScript:
         away = person.walker.find_place_near(person.walker.here, 0.8, 1.5, person.rng)
         person.walker.go(away)
         for _ in range(500):
-            if not person.walker.walking:
-                break
-            yield
+            if person.walker.walking:
+                yield
         person.walker.stop()
         person.doing = "is done"
         self.outcome = outcome
@@ -441,7 +437,7 @@ class ParticipantScript:
             if self.person.last_answer.code == CONFIRM_SAVE:
                 # the display shows what would be restricted: looks at it, and means it
                 yield from self.person.react()
-                continue
-            if self.person.last_answer.code != "busy":
+            elif self.person.last_answer.code == "busy":
+                yield from self.person.wait(1.5)
+            else:
                 return
-            yield from self.person.wait(1.5)

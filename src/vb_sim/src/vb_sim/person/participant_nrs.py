@@ -26,7 +26,8 @@ class NetworkRobotSystemScript(ParticipantScript):
         person = self.person
         self._without_cameras = None
         person.doing = "walks"
-        yield from person.walk(person.scenario.stand)
+        person.walker.go(person.scenario.stand)
+        yield from person.arrive()
         yield from person.react()
         yield from person.repeat_command("define_border", self.source)
         yield from person.react()
@@ -80,12 +81,8 @@ class NetworkRobotSystemScript(ParticipantScript):
     def _seen_start(self) -> Generator[None, None, Stroke]:
         """Returns a stroke that begins where a camera sees the spot, if there is such an end."""
         person = self.person
-        ways = (
-            [person.scenario.border]
-            if person.scenario.closed
-            else [person.scenario.border, person.scenario.border[::-1]]
-        )
-        for order in [*ways, ways[0]]:
+        border = person.scenario.border
+        for order in (border, border) if person.scenario.closed else (border, border[::-1], border):
             stroke = person.new_stroke(order)
             person.spot = stroke.at(stroke.start)
             person.walk_within_reach(person.spot, stroke.points)
@@ -119,8 +116,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.walk_within_reach(person.seed, person.scenario.border)
         yield from person.react()
         yield from person.repeat_command("define_seed", self.source)
-        while person.walker.walking:
-            yield
+        yield from person.arrive()
         yield from person.react()
         person.doing = "shows the seed"
         person.spot = person.seed.copy()
@@ -129,7 +125,4 @@ class NetworkRobotSystemScript(ParticipantScript):
             if person.percept.has_seed:
                 break
             person.step_aside(person.spot, person.scenario.border)
-        # the display shows it a moment after the camera saw it
-        began = person.percept.now
-        while not person.percept.has_seed and person.percept.now - began < 2.0:
-            yield
+        yield from person.wait_for_seed(2.0)

@@ -36,8 +36,7 @@ class RobotOnlyScript(ParticipantScript):
             yield
         # the buttons are on the robot
         person.walker.go_to_point_at(self._before_robot(), np.zeros((0, 2)))
-        while person.walker.walking:
-            yield
+        yield from person.arrive()
         yield from person.react()
         yield from person.repeat_command("guide_robot", self.source)
         person.spot = self._before_robot()
@@ -61,10 +60,8 @@ class RobotOnlyScript(ParticipantScript):
             yield from person.maybe_make_slip(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 seen_at = arc
-                arc = min(
-                    arc + self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0) * person.dt,
-                    stroke.length,
-                )
+                speed = self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0)
+                arc = min(arc + speed * person.dt, stroke.length)
                 person.spot = stroke.at(arc)
             elif unseen > person.model.patience / 2.0 and missed < person.model.retries + 2:
                 missed += 1
@@ -100,9 +97,7 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = "shows the seed"
         # longer than anywhere on the path, as the place where the spot dwells is the seed
         yield from person.see_and_wait(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
-        began = person.percept.now
-        while not person.percept.has_seed and person.percept.now - began < 3.0:
-            yield
+        yield from person.wait_for_seed(3.0)
 
     # ------------------------------------------------------------ leading
     def _is_as_good(self, place: np.ndarray) -> bool:
@@ -127,16 +122,12 @@ class RobotOnlyScript(ParticipantScript):
         """
         person = self.person
         person.doing = doing
-        for index, waypoint in enumerate(waypoints):
+        for waypoint in waypoints:
             lost = 0
-            last = index == len(waypoints) - 1
             while np.linalg.norm(waypoint - person.spot) > 1e-6:
                 unseen = person.unseen_for(by_robot=True)
                 if unseen < FEEDBACK_GAP + person.model.notice_time:
-                    way = waypoint - person.spot
-                    distance = float(np.linalg.norm(way))
-                    stride = self._pace() * person.model.leading_speed * person.dt
-                    person.spot = person.spot + way / distance * min(stride, distance)
+                    person.bring_spot(waypoint, self._pace() * person.model.leading_speed * person.dt)
                 elif unseen > LOST:
                     lost += 1
                     yield from self._pick_up(waypoint, lost)
@@ -144,8 +135,7 @@ class RobotOnlyScript(ParticipantScript):
                         return
                 self._follow(np.zeros((0, 2)))
                 yield
-            if last:
-                yield from person.see_and_wait(0.5, person.model.patience, by_robot=True)
+        yield from person.see_and_wait(0.5, person.model.patience, by_robot=True)
 
     def _pick_up(self, waypoint: np.ndarray, lost: int) -> Step:
         """Brings the spot back to where the robot looks and waits until it sees it.

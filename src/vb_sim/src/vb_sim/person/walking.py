@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Optional, Tuple
 
@@ -60,14 +61,13 @@ class Walker:
             angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, farthest)
             candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
             way = self._plan(candidate, place)
-            if way is not None and geometry.chain_length(way) < farthest + 1.0:
+            if len(way) and geometry.chain_length(way) < farthest + 1.0:
                 return candidate
         return np.asarray(place, dtype=float)
 
     def go(self, place: np.ndarray) -> None:
         """Begins to walk, if there is a path. A place that is too narrow is approached within 0.4 m."""
-        way = self._plan(self.here, np.asarray(place, dtype=float), self.robot, 0.4)
-        self._way = way if way is not None else np.zeros((0, 2))
+        self._way = self._plan(self.here, np.asarray(place, dtype=float), self.robot, 0.4)
         self._waited = 0.0
 
     def go_to_point_at(self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None) -> None:
@@ -115,26 +115,22 @@ class Walker:
             away_from: (2,) [m] a place to leave, since the body hides the spot from there.
         """
         angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
-        places = [
-            spot + radius * np.array([math.cos(a), math.sin(a)]) for radius in (1.0, 1.4, 1.8, 2.2) for a in angles
-        ]
+        around = [np.array([math.cos(angle), math.sin(angle)]) for angle in angles]
+        places = [spot + radius * direction for radius in (1.0, 1.4, 1.8, 2.2) for direction in around]
         places = [place for place in places if self.is_good_place(place, spot, line)]
         if away_from is not None:
             places = [place for place in places if np.linalg.norm(place - away_from) > 0.7]
-        places.sort(key=lambda place: float(np.linalg.norm(place - self.here)))
-        for place in places[:6]:
+        for place in sorted(places, key=lambda place: float(np.linalg.norm(place - self.here)))[:6]:
             way = self._plan(self.here, place, self.robot)
             # the other side of a wall is near as the crow flies only
-            if way is not None and geometry.chain_length(way) < 2.0 * np.linalg.norm(place - self.here) + 1.0:
+            if len(way) and geometry.chain_length(way) < 2.0 * np.linalg.norm(place - self.here) + 1.0:
                 return place
         return None
 
     def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray) -> bool:
         """Returns whether a place (2,) [m] is good for pointing at the spot: neither at the robot nor in its view of it."""
         distance = float(np.linalg.norm(place - spot))
-        if not NEAREST_STAND <= distance <= self._model.reach:
-            return False
-        if not self._planner.is_traversable(place):
+        if not (NEAREST_STAND <= distance <= self._model.reach and self._planner.is_traversable(place)):
             return False
         if len(line) and distance_to_chain(place, line) < 0.4:
             return False
@@ -153,29 +149,22 @@ class Walker:
 
     def _plan(
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
-    ) -> Optional[np.ndarray]:
-        if robot is not None:
-            try:
-                return self._planner_avoiding(robot).plan(start, goal, tolerance)
-            except CodedError:
-                pass  # the robot is in a doorway, or at the person's feet: plan as if it will move on
-        try:
-            return self._planner.plan(start, goal, tolerance)
-        except CodedError:
-            return None
+    ) -> np.ndarray:
+        """Plans a path (N, 2) [m]; (0, 2) if there is none."""
+        # the robot is in a doorway, or at the person's feet: plan as if it will move on
+        planners = [self._planner] if robot is None else [self._planner_avoiding(robot), self._planner]
+        for planner in planners:
+            with contextlib.suppress(CodedError):
+                return planner.plan(start, goal, tolerance)
+        return np.zeros((0, 2))
 
     def _planner_avoiding(self, robot: np.ndarray) -> Planner:
         """Returns a planner for which the robot is an obstacle; kept while the robot stays about where it is."""
         if self._planner_with_robot is None or np.linalg.norm(self._planner_with_robot[0] - robot) > 0.1:
             rows, columns = np.indices(self._grid.shape)
             column, row = self._grid.world_to_grid(robot)[0]
+            radius, away = self._model.body_radius, np.hypot(rows - row, columns - column) * self._grid.resolution
             # a disc that makes, with the person's own radius, the distance that is kept
-            disc = (
-                np.hypot(rows - row, columns - column) * self._grid.resolution
-                < ROBOT_DISTANCE - self._model.body_radius
-            )
-            self._planner_with_robot = (
-                np.array(robot),
-                Planner(Costmap(self._grid, self._model.body_radius, disc, BERTH)),
-            )
+            costmap = Costmap(self._grid, radius, away < ROBOT_DISTANCE - radius, BERTH)
+            self._planner_with_robot = (np.array(robot), Planner(costmap))
         return self._planner_with_robot[1]

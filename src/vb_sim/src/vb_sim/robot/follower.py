@@ -18,6 +18,7 @@ _LOOKAHEAD = 0.35  # [m] of pure pursuit
 _TURN_ON_SPOT_ABOVE, _DRIVE_AGAIN_BELOW = 0.8, 0.3
 _TURN_GAIN = 2.5  # [1/s] turn rate per heading error
 GOAL_DISTANCE, GOAL_ANGLE = 0.06, 0.08  # [m], [rad] within which the goal is reached
+_SEES = 1.5  # [m] along its arc up to which it looks for obstacles
 _OBSTACLE_MARGIN = 0.03  # [m] kept to what the scanner sees ahead
 
 
@@ -88,7 +89,9 @@ class Follower:
         # once there it stays there: turning on the spot shifts the estimate by a centimetre or so
         self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * GOAL_DISTANCE
         if self._at_goal:
-            return self._turn_at_goal(pose)
+            self._speed = 0.0
+            error = geometry.wrap_angle(self._goal[2] - pose[2])
+            return Motion(arrived=True) if abs(error) < GOAL_ANGLE else Motion(0.0, self._turn(error))
         target, off_path, remaining = look_ahead(self._path, pose[:2], _LOOKAHEAD)
         error = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
         self._turning = abs(error) > (_DRIVE_AGAIN_BELOW if self._turning else _TURN_ON_SPOT_ABOVE)
@@ -111,14 +114,6 @@ class Follower:
         self._speed = max(min(speed, safe), 0.03)
         return Motion(self._speed, self._speed * curvature, off_path=off_path)
 
-    def _turn_at_goal(self, pose: Pose) -> Motion:
-        self._speed = 0.0
-        assert self._goal is not None
-        error = geometry.wrap_angle(self._goal[2] - pose[2])
-        if abs(error) < GOAL_ANGLE:
-            return Motion(arrived=True)
-        return Motion(0.0, self._turn(error))
-
     def _turn(self, error: float) -> float:
         rate = max(min(_TURN_GAIN * error, self._max_turn_rate), -self._max_turn_rate)
         # below this a real base does not turn at all
@@ -126,13 +121,9 @@ class Follower:
 
     def _gap(self, obstacles: np.ndarray, curvature: float) -> float:
         """Returns the free distance [m] along the arc before the robot's body reaches the margin; inf if free."""
-        if not len(obstacles):
-            return math.inf
         width = self._radius + _OBSTACLE_MARGIN
         along, across = geometry.along_arc(obstacles, curvature)
-        reach = 1.5
-        ahead = (along > 0.0) & (along < reach) & (np.abs(across) < width)
-        if not ahead.any():
-            return math.inf
-        # where a disc of that radius first touches the point
-        return float((along[ahead] - np.sqrt(np.maximum(width**2 - across[ahead] ** 2, 0.0))).min())
+        ahead = (along > 0.0) & (along < _SEES) & (np.abs(across) < width)
+        # where a disc of that radius first touches a point
+        touched = along[ahead] - np.sqrt(np.maximum(width**2 - across[ahead] ** 2, 0.0))
+        return float(touched.min(initial=math.inf))

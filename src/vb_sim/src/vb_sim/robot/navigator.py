@@ -57,27 +57,17 @@ class Navigator:
 
     def _with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
         """Makes the planner on map and scan; returns that on the map alone where the scan shows nothing new."""
-        fresh = self._unmapped(static, pose, seen)
-        if not len(fresh):
-            return static
-        grid = static.costmap.grid
-        cells = grid.world_to_cell(fresh)
-        mask = np.zeros(grid.shape, bool)
-        mask[cells[:, 0], cells[:, 1]] = True
-        return Planner(Costmap(grid, self._radius, mask))
-
-    def _unmapped(self, static: Planner, pose: Pose, seen: np.ndarray) -> np.ndarray:
-        """Returns (N, 2) [m] what the scanner sees and the map lacks, map frame."""
-        if not len(seen):
-            return seen
+        grid, distance = static.costmap.grid, static.costmap.distance
         seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < _OBSTACLE_RANGE]
-        points = to_map(seen, pose)
-        grid = static.costmap.grid
-        cells = grid.world_to_cell(points)
-        inside = grid.contains_cells(cells)
-        points, cells = points[inside], cells[inside]
+        cells = grid.world_to_cell(to_map(seen, pose))
+        cells = cells[grid.contains_cells(cells)]
         # a wall seen slightly off its place is not a new obstacle
-        return points[static.costmap.distance[cells[:, 0], cells[:, 1]] > _MAP_TOLERANCE]
+        cells = cells[distance[tuple(cells.T)] > _MAP_TOLERANCE]
+        if not len(cells):
+            return static
+        mask = np.zeros(grid.shape, bool)
+        mask[tuple(cells.T)] = True
+        return Planner(Costmap(grid, self._radius, mask))
 
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:

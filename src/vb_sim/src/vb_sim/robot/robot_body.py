@@ -8,9 +8,8 @@ from typing import Callable, Tuple
 import numpy as np
 
 from vb_core import geometry
+from vb_core.poses import Pose
 from vb_sim.models import Models
-
-Pose = Tuple[float, float, float]
 
 
 def advance(pose: Pose, distance: float, turn: float) -> Pose:
@@ -48,7 +47,9 @@ class RobotBody:
     ) -> None:
         self._start = start
         self._radius = radius
-        self._model, self._localization = models.robot, models.localization
+        self._model, figures = models.robot, models.localization
+        self._sigmas = np.array([figures.position_sigma, figures.position_sigma, figures.yaw_sigma])
+        self._correlation_time = figures.correlation_time
         self._clearance = clearance
         self._rng = rng
         self.pose: Pose = start
@@ -94,8 +95,8 @@ class RobotBody:
             self._touching = False
         self.pose = after
         self.velocity = (speed, turn_rate)
-        self._count_wheels(distance, turn)
         if distance != 0.0 or turn != 0.0:
+            self._count_wheels(distance, turn)
             self._vary_error(dt)
 
     def _velocity_after(self, dt: float, now: float) -> Tuple[float, float]:
@@ -109,8 +110,6 @@ class RobotBody:
         return speed, turn_rate
 
     def _count_wheels(self, distance: float, turn: float) -> None:
-        if distance == 0.0 and turn == 0.0:
-            return
         m = self._model
         noise = self._rng.standard_normal(3)
         measured = distance * self._scale[0] + m.odometry_distance_noise * math.sqrt(abs(distance)) * noise[0]
@@ -119,19 +118,14 @@ class RobotBody:
         self.odometry = advance(self.odometry, measured, turned)
 
     # ------------------------------------------------------------ localisation
-    def _sigmas(self) -> np.ndarray:
-        p = self._localization
-        return np.array([p.position_sigma, p.position_sigma, p.yaw_sigma])
-
     def _fresh_error(self) -> np.ndarray:
-        return self._sigmas() * self._rng.standard_normal(3)
+        return self._sigmas * self._rng.standard_normal(3)
 
     def _vary_error(self, dt: float) -> None:
         # Ornstein-Uhlenbeck process; it rests while the robot does, since AMCL updates only on motion
-        share = dt / self._localization.correlation_time
-        self._error = self._error * (1.0 - share) + self._sigmas() * math.sqrt(2.0 * share) * self._rng.standard_normal(
-            3
-        )
+        share = dt / self._correlation_time
+        change = self._sigmas * math.sqrt(2.0 * share) * self._rng.standard_normal(3)
+        self._error = self._error * (1.0 - share) + change
 
     def estimate(self) -> Pose:
         """Returns the pose that localisation reports, (x, y, yaw) [m, m, rad], map frame."""

@@ -84,18 +84,9 @@ def piece_outlines(pieces: BodyParts) -> np.ndarray:
 
 
 def _stack(rows: Sequence[Tuple]) -> BodyParts:
-    """Pieces from rows (forward, left, z low, z high, radii low, radii high, colour[, forward high, left high])."""
-    low = [(forward, left, z) for forward, left, z, *_ in rows]
-    high = [(*(row[7:] or row[:2]), row[3]) for row in rows]
-    columns = (
-        low,
-        high,
-        [row[4] for row in rows],
-        [row[5] for row in rows],
-        [0.0] * len(rows),
-        [row[6] for row in rows],
-    )
-    return BodyParts(*(np.array(column, dtype=float) for column in columns))
+    """Pieces from rows (forward, left, z low, z high, radii low, radii high, colour)."""
+    x, y, low, high, *radii, colors = (np.array(column, dtype=float) for column in zip(*rows))
+    return BodyParts(np.column_stack([x, y, low]), np.column_stack([x, y, high]), *radii, np.zeros(len(x)), colors)
 
 
 def _tinted(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
@@ -163,13 +154,12 @@ def person_pieces(
     shoulder = np.array([x + 0.21 * math.sin(yaw), y - 0.21 * math.cos(yaw), 1.38])
     if target is None:
         hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82])
+        joints = [shoulder, 0.5 * (shoulder + hand), hand]
     else:
         hand = hand_position(person, target, hand_height)
-    elbow = 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06 if target is not None else 0.0)
-    joints = [shoulder, elbow, hand]
-    if target is not None:
         beam = np.array([*target, 0.0]) - hand
-        joints.append(hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09)
+        tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
+        joints = [shoulder, 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06), hand, tip]
     count = len(joints) - 1
     arm = BodyParts(
         np.array(joints[:-1]),
@@ -183,10 +173,8 @@ def person_pieces(
     return pieces if build == AVERAGE else pieces.scale_to((x, y), build)
 
 
-def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tuple[float, float]]) -> Tuple:
+def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float, float]]) -> Tuple:
     """Returns the same key for people who look the same to within some centimetres: an image of one serves for the other."""
-    if person is None:
-        return ()
     hand: Tuple = ()
     if target is not None:
         x, y, _ = hand_position(person, target, 0.0)

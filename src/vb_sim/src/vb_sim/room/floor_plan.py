@@ -27,18 +27,13 @@ def _physical_map(room: Room, walls: Tuple[Wall, ...], furniture: Tuple[Furnitur
     rows = int(round(room.size[1] / room.resolution)) + 2 * margin_cells
     offset = -margin_cells * room.resolution
     grid = GridMap(np.full((rows, columns), UNKNOWN, np.int8), room.resolution, (offset, offset, 0.0))
-    width, height = room.size
-    t = min(room.wall_thickness, room.margin)
-    data = grid.data
-    data[outline_mask(grid, np.array([[-t, -t], [width + t, -t], [width + t, height + t], [-t, height + t]]))] = (
-        OCCUPIED
-    )
-    data[outline_mask(grid, np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float))] = FREE
-    for wall in walls:
-        data[outline_mask(grid, wall_outline(wall))] = OCCUPIED
-    for thing in furniture:
-        for contact in thing.contact_outlines():
-            data[outline_mask(grid, contact)] = OCCUPIED
+    inside = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]) * room.size
+    outwards = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    grid.data[outline_mask(grid, inside + outwards * min(room.wall_thickness, room.margin))] = OCCUPIED
+    grid.data[outline_mask(grid, inside)] = FREE
+    contacts = [contact for thing in furniture for contact in thing.contact_outlines()]
+    for outline in [*map(wall_outline, walls), *contacts]:
+        grid.data[outline_mask(grid, outline)] = OCCUPIED
     return grid
 
 
@@ -62,17 +57,17 @@ def wall_outline(wall: Wall) -> np.ndarray:
 
 def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
     """Returns (H, W) bool: which cells have their centre within an outline (N, 2) [m]; at least one for small things."""
-    mask = np.zeros(grid.shape, np.uint8)
+    mask = np.zeros(grid.shape, bool)
     corners = grid.world_to_grid(outline)
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 1, np.array(grid.shape)[::-1])
     if (high <= low).any():
-        return mask.astype(bool)
+        return mask
     columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
     mask[low[1] : high[1], low[0] : high[0]] = shapely.contains_xy(Polygon(corners), columns, rows)
     if not mask.any():
         # a table leg thinner than a cell still stops a robot
         row, column = grid.world_to_cell(np.mean(outline, axis=0))[0]
         if 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]:
-            mask[row, column] = 1
-    return mask.astype(bool)
+            mask[row, column] = True
+    return mask

@@ -30,10 +30,8 @@ class FloorTexture:
 
     def matrix(self) -> np.ndarray:
         """Returns the matrix (3, 3) from homogeneous map coordinates [m] to (column, row) [px]; centres are whole numbers."""
-        scale = 1.0 / self.resolution
-        return np.array(
-            [[scale, 0, -self.origin[0] * scale - 0.5], [0, scale, -self.origin[1] * scale - 0.5], [0, 0, 1.0]]
-        )
+        scale, (x, y) = 1.0 / self.resolution, self.origin
+        return np.array([[scale, 0, -x * scale - 0.5], [0, scale, -y * scale - 0.5], [0, 0, 1.0]])
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Projects points (N, 2) [m] to pixels (N, 2) (column, row) [px]."""
@@ -64,10 +62,9 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
     for light in world.lights:
         column, row = texture.pixels(np.array([[light.x, light.y]]))[0]
         reach = 2.0 * light.radius / resolution
-        rows = slice(max(0, int(row - reach)), max(0, int(row + reach)))
-        columns = slice(max(0, int(column - reach)), max(0, int(column + reach)))
-        part = image[rows, columns]
-        y, x = np.ogrid[rows.start : rows.start + part.shape[0], columns.start : columns.start + part.shape[1]]
+        top, left = max(0, int(row - reach)), max(0, int(column - reach))
+        part = image[top : max(0, int(row + reach)), left : max(0, int(column + reach))]
+        y, x = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
         distance = ((x - column) ** 2 + (y - row) ** 2) * (resolution / light.radius) ** 2
         part += (light.brightness * np.exp(-0.7 * distance**1.5))[..., None].astype(np.float32)
     return FloorTexture(np.clip(image + 0.5, 0, 255).astype(np.uint8), resolution, origin)
@@ -170,16 +167,12 @@ def _contact_shadows(image: np.ndarray, texture: FloorTexture, world: World) -> 
     weights = [1.0] * len(world.walls) + [0.55 if thing.kind == "table" else 1.0 for thing in world.furniture]
     for outline, weight in zip(outlines, weights):
         cv2.fillPoly(occluder, [np.round(texture.pixels(outline) / step * 16).astype(np.int32)], weight, cv2.LINE_8, 4)
-    width, height = world.room.size
-    room = texture.pixels(np.array([[0, 0], [width, height]])) / step
+    low, high = np.round(texture.pixels(np.array([(0, 0), world.room.size])) / step).astype(int).tolist()
     outside = np.ones(small, np.float32)
-    cv2.rectangle(
-        outside, tuple(np.round(room[0]).astype(int).tolist()), tuple(np.round(room[1]).astype(int).tolist()), 0.0, -1
-    )
+    cv2.rectangle(outside, low, high, 0.0, -1)
     occluder = np.maximum(occluder, 0.7 * outside)
     cell = texture.resolution * step
-    shade = 0.55 * cv2.GaussianBlur(occluder, (0, 0), 0.07 / cell) + 0.45 * cv2.GaussianBlur(
-        occluder, (0, 0), 0.22 / cell
-    )
+    near, far = (cv2.GaussianBlur(occluder, (0, 0), reach / cell) for reach in (0.07, 0.22))
+    shade = 0.55 * near + 0.45 * far
     grown = cv2.resize(shade, (small[1] * step, small[0] * step), interpolation=cv2.INTER_LINEAR)
     image *= (1.0 - 0.5 * grown[: image.shape[0], : image.shape[1]])[..., None]

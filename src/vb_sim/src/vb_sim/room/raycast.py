@@ -21,14 +21,14 @@ class DistanceField:
     def __init__(self, grid: GridMap) -> None:
         self._resolution = grid.resolution
         self._origin = np.array(grid.origin[:2])
-        self._free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # a rim of obstacles ends every beam
-        cells = distance_to(~self._free)
+        free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # a rim of obstacles ends every beam
+        cells = distance_to(~free)
         # from cell centre to the obstacle's edge, which is half a cell before its centre
         self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
-        self._rows, self._columns = self._free.shape
+        self._rows, self._columns = free.shape
         # how far a beam may go from somewhere within a cell; 0 in obstacles. Corner to corner it could be
         # 1.4 cells less than between the centres, but then it passes at most a corner of a cell.
-        steps = np.where(self._free, np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution), 0.0)
+        steps = np.where(free, np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution), 0.0)
         self._steps = steps.astype(np.float64).ravel()
 
     def clearance(self, x: float, y: float) -> float:
@@ -59,10 +59,8 @@ class DistanceField:
         ranges = np.zeros(len(angles))
         beams = np.arange(len(angles))
         while len(beams):
-            cells = (start_y + ranges * direction_y).astype(np.int32) * self._columns + (
-                start_x + ranges * direction_x
-            ).astype(np.int32)
-            steps = self._steps[cells]
+            rows = (start_y + ranges * direction_y).astype(np.int32)
+            steps = self._steps[rows * self._columns + (start_x + ranges * direction_x).astype(np.int32)]
             going = steps > 0.0  # a step of 0 marks an obstacle: the rim ends every beam
             result[beams[~going]] = ranges[~going]
             beams, ranges = beams[going], ranges[going] + steps[going]

@@ -8,6 +8,7 @@ Angles are degrees in the file and radians from here on.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple, Type, TypeVar
@@ -87,15 +88,8 @@ class Furniture(Parameters):
         """Returns the outlines (N, 2) [m] of what stands on the floor, which a laser scanner sees."""
         if self.kind != "table":
             return [self.footprint()]
-        half = np.array(self.size) / 2 - self.leg / 2
-        c, s = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
-        contacts = []
-        for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
-            dx, dy = sx * half[0], sy * half[1]
-            contacts.append(
-                _rectangle(self.x + c * dx - s * dy, self.y + s * dx + c * dy, (self.leg, self.leg), self.yaw)
-            )
-        return contacts
+        legs = _rectangle(self.x, self.y, (self.size[0] - self.leg, self.size[1] - self.leg), self.yaw)
+        return [_rectangle(x, y, (self.leg, self.leg), self.yaw) for x, y in legs]
 
 
 @dataclass(frozen=True)
@@ -336,9 +330,8 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
     if not parts["robots"]:
         raise ParameterError("robots", "a world needs at least one robot")
     for key in ("cameras", "robots"):
-        names = [item.name for item in parts[key]]
-        for name in names:
-            if names.count(name) > 1:
+        for name, count in Counter(item.name for item in parts[key]).items():
+            if count > 1:
                 raise ParameterError(key, f"the name '{name}' is used twice")
     scenarios = document.get("scenarios") or {}
     if not isinstance(scenarios, Mapping):

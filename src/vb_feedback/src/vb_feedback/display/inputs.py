@@ -1,0 +1,77 @@
+"""What both displays, screen and projector, hear of the interaction, as one moment of it."""
+
+from __future__ import annotations
+
+import collections
+import threading
+from dataclasses import dataclass, replace
+from typing import Any, Callable, Deque, Optional, Tuple
+
+import numpy as np
+import rospy
+
+from vb_core import names
+from vb_core.ros.messages import BorderPreviewArray
+from vb_feedback.display.scene import TrailPoint
+from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
+
+_TRAIL = 60  # spots kept, all cameras together: 1.5 s at 25 frames/s from one to two cameras
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The newest messages; progress and preview only if they belong to the current interaction."""
+
+    state: Optional[InteractionState] = None
+    progress: Optional[BorderProgress] = None
+    preview: Optional[BorderPreview] = None
+    borders: Tuple[VirtualBorder, ...] = ()
+    spots: Tuple[TrailPoint, ...] = ()
+
+
+class InputListener:
+    """Keeps the newest messages; its methods may be called from any thread.
+
+    Args:
+        on_change: is called after each message, from the subscriber's thread.
+    """
+
+    def __init__(self, on_change: Callable[[], None]) -> None:
+        self._on_change = on_change
+        self._lock = threading.Lock()
+        self._newest = Inputs()
+        self._spots: Deque[TrailPoint] = collections.deque(maxlen=_TRAIL)
+        rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
+
+    def current(self) -> Inputs:
+        """Returns what holds now; what belongs to an interaction that has ended is left out."""
+        with self._lock:
+            newest, spots = self._newest, tuple(self._spots)
+        interaction = newest.state.interaction_id if newest.state is not None else ""
+        progress, preview = newest.progress, newest.preview
+        if progress is not None and (not interaction or progress.interaction_id != interaction):
+            progress = None
+        if preview is not None and (not interaction or preview.interaction_id != interaction or not preview.available):
+            preview = None
+        return replace(newest, progress=progress, preview=preview, spots=spots)
+
+    def _store(self, what: Any, where: str) -> None:
+        with self._lock:
+            self._newest = replace(self._newest, **{where: what})
+        self._on_change()
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        self._store(tuple(message.borders), "borders")
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        x, y = message.position.x, message.position.y
+        if not (np.isfinite(x) and np.isfinite(y)):
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: a spot of camera '{message.camera}' has no position")
+            return
+        with self._lock:
+            self._spots.append(TrailPoint(message.camera, x, y, message.header.stamp.to_sec()))
+        self._on_change()
