@@ -101,7 +101,7 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
     lab.spot = np.array([EDGE + 0.5, 2.5])
     assert not lab.dispatcher.sightings.should_dispatch()
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
-    lab.dispatcher.set_progress("a", np.zeros((0, 2)), False, points, ["red"])
+    lab.dispatcher.set_progress("a", np.zeros((0, 2)), False, points, None, ["red"])
     assert lab.dispatcher.sightings.should_dispatch()
     for _ in range(8):
         lab.step(robot_sees=False)
@@ -142,12 +142,25 @@ def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
     lab, carpet = Lab(robot=start), np.array([[5.0, 1.7], [7.0, 1.7], [7.0, 3.2], [5.0, 3.2]])
     lab.see("red", (4.9, 1.7))  # while it was drawn
     lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
-    lab.dispatcher.set_progress("a", carpet, True, carpet[[1, 2, 3, 0]] - 0.02, ["red"])
+    lab.dispatcher.set_progress("a", carpet, True, carpet[[1, 2, 3, 0]] - 0.02, None, ["red"])
     lab.spot = np.array([10.0, 2.5])  # nobody sees it
     while lab.now < 105.0:
         lab.step()
     assert Polygon(carpet).distance(Point(lab.robot[:2])) >= 0.18
     assert lab.robot_views(carpet.mean(axis=0))
+
+
+def test_what_only_the_robots_camera_sees_once_the_pointer_is_off_is_no_other_seed():
+    lab = Lab(robot=(6.5, 3.6, 2.4))
+    line, seed = np.array([[6.0, 4.95], [6.0, 3.4], [6.8, 3.4]]), np.array([5.3, 3.0])
+    lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
+    lab.dispatcher.set_progress("a", line, False, line, seed, ["red"])
+    lab.spot = np.array([10.0, 2.5])
+    for bright in (seed, (6.6, 4.3)):
+        for _ in range(20):
+            lab.see("red" if bright is seed else "robot", bright, mobile=bright is not seed)
+            lab.step()
+    assert lab.robot[0] >= 6.2 and lab.robot[1] >= 3.6, "off the seed's side"
 
 
 def look(grid, drawing, robot):

@@ -233,8 +233,9 @@ class RobotMonitorNode:
 
     def _on_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
+        seed = array_from_points([message.seed])[0] if message.has_seed else None
         with self._deciding:
-            self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, message.cameras)
+            self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, seed, message.cameras)
 
     def _dispatch(self) -> None:
         with self._deciding:

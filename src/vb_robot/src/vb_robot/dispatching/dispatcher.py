@@ -75,17 +75,24 @@ class Dispatcher:
         self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what
 
     def set_progress(
-        self, interaction: str, chain: np.ndarray, closed: bool, points: np.ndarray, cameras: Iterable[str]
+        self,
+        interaction: str,
+        chain: np.ndarray,
+        closed: bool,
+        points: np.ndarray,
+        seed: Optional[np.ndarray],
+        cameras: Iterable[str],
     ) -> None:
         """Stores what has been drawn so far in an interaction.
 
         Args:
             chain: (M, 2) [m] the border's chain, empty before there is one; `closed` if it is a polygon.
             points: (N, 2) [m] the spots themselves.
+            seed: (2,) [m], or None before there is one.
             cameras: names of those that contributed.
         """
         chain = chain if len(chain) >= 2 else NO_POINTS
-        self._drawn = interaction, DrawingState(points[-1] if len(points) else None, chain, closed=closed)
+        self._drawn = interaction, DrawingState(points[-1] if len(points) else None, chain, closed=closed, seed=seed)
         # also before any robot is wanted: that cameras contributed may be why one is
         self.sightings.add_contributors(interaction, cameras)
 
@@ -110,7 +117,9 @@ class Dispatcher:
         known, (interaction, drawn) = self.sightings, self._drawn
         if interaction != known.key[0]:
             drawn = DrawingState()
-        if known.newest() is not None:
+        if known.state == SEED and drawn.seed is not None:
+            target = drawn.seed  # a camera that moves sees other bright things once the pointer is off
+        elif known.newest() is not None:
             target = known.target()
         else:
             # started again in the middle of a drawing, the line ends where the spot was seen last; the seed of a closed line

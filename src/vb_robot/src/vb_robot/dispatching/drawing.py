@@ -35,6 +35,7 @@ class DrawingState:
         closed: whether the chain is a polygon.
         seeding: the spot marks the side to be restricted: stay off that side.
         seen_by_stationary: a stationary camera sees the spot, so a robot need not.
+        seed: (2,) [m] the one that the border would be saved with now, or None.
     """
 
     spot: Optional[np.ndarray] = None
@@ -43,6 +44,7 @@ class DrawingState:
     closed: bool = False
     seeding: bool = False
     seen_by_stationary: bool = False
+    seed: Optional[np.ndarray] = None
 
     def inside(self) -> Optional[np.ndarray]:
         """Returns a place (2,) [m] within a closed line, about its middle; None if the line is open."""
