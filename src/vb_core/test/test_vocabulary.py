@@ -4,7 +4,8 @@ import pytest
 
 from vb_core import sentences
 from vb_core.offer import ConnectedRobot
-from vb_core.vocabulary import COMMANDS, STATES, normalize, spoken_form, state_of
+from vb_core.sentences import spelled_out
+from vb_core.vocabulary import COMMANDS, STATES, normalize, state_of
 from vb_core.zones import KEEP_OUT, ZONES, zone_of
 from vb_msgs.msg import VirtualBorder
 
@@ -22,12 +23,12 @@ def test_rows_that_a_reader_must_tell_apart_differ():
     assert len({*lit, "BLACK"}) == len(lit) + 1, "dark where spots are ignored"
     assert len({command.key for command in COMMANDS.values()}) == len(COMMANDS)
     assert {command.enters for command in COMMANDS.values()} - {""} <= set(STATES)
-    phrases = [phrase for command in COMMANDS.values() for phrase in (spoken_form(command.name), *command.phrases)]
+    phrases = [phrase for command in COMMANDS.values() for phrase in (spelled_out(command.name), *command.phrases)]
     assert len(set(phrases)) == len(phrases)
 
 
 def test_commands_are_read_as_people_write_them():
-    assert all(normalize(spoken_form(name).title()) == name for name in COMMANDS)
+    assert all(normalize(spelled_out(name).title()) == name for name in COMMANDS)
 
 
 def test_the_message_names_the_same_zones():

@@ -160,8 +160,9 @@ class Lab:
 
     def interaction(self, key, low=(1.0, 0.4), high=(2.4, 1.2), seed=None, save=True, method="nrs"):
         """Draws a rectangle; Border takes 8 s, Seed 2 s."""
-        machine = Interaction(new_id=lambda: key)
+        machine = Interaction()
         machine.command("define_border", "wizard", self.time)
+        machine.interaction_id = key
         machine.command("define_seed", "wizard", self.time + 8.0)
         self.time += 10.0
         if save:

@@ -43,8 +43,6 @@ ARGUMENTS = [
     f"_stop_file:={FOLDER}/stop",
     "_method:=a_method",
     "_idle_timeout:=300",  # what a node was given stays on the parameter server, for the next one of this name too
-    "_service_timeout:=5.0",
-    "_response_timeout:=10.0",
 ]
 
 

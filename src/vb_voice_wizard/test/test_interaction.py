@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core import sentences
-from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED, spoken_form
+from vb_core.sentences import spelled_out
+from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
 from vb_voice_wizard.confirmation import ANSWERS, CONFIRM_WITHIN
@@ -122,7 +123,7 @@ def test_unknown_commands_are_answered(way, command):
     interaction = after(*way)
     answer = interaction.command(command, "voice", 5.0)
     assert answer.code == "unknown_command" and not answer.success
-    assert all(spoken_form(known) in answer.message for known in COMMANDS)
+    assert all(spelled_out(known) in answer.message for known in COMMANDS)
     assert interaction.state == (BORDER if way else DEFAULT)
 
 

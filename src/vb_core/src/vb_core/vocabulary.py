@@ -5,7 +5,7 @@ fusion, robots, the display, LED, sounds, voice, buttons, console, and the page,
 Messages carry the names (vb_msgs/Command, vb_msgs/InteractionState). The words are
 languages/<language>/interaction.yaml's: command_<name>, state_<name>, page_command_<name>, page_state_<name>.
 
->>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, spoken_form(DEFINE_SEED)
+>>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, spelled_out(DEFINE_SEED)
 ('seed', 'seed', 'define seed')
 """
 
@@ -122,14 +122,9 @@ def normalize(text: str) -> str:
     return "_".join(text.replace("-", " ").replace("_", " ").replace(",", " ").lower().split())
 
 
-def spoken_form(command: str) -> str:
-    """Converts a command's name to what one says: "define border"."""
-    return spelled_out(command)
-
-
 def tables() -> Dict[str, List[Dict[str, Any]]]:
     """Returns both tables as plain values, for the page."""
     return {
         "states": [asdict(state) for state in _STATES],
-        "commands": [{**asdict(command), "spoken": spoken_form(command.name)} for command in _COMMANDS],
+        "commands": [{**asdict(command), "spoken": spelled_out(command.name)} for command in _COMMANDS],
     }

@@ -24,7 +24,8 @@ from typing import Any, Deque, Dict, Optional
 
 from vb_core.errors import CodedError
 from vb_core.limiter import Limiter
-from vb_core.vocabulary import COMMANDS, STOP, spoken_form
+from vb_core.sentences import spelled_out
+from vb_core.vocabulary import COMMANDS, STOP
 
 # and the answers to the question whether one was meant
 KNOWN = (*COMMANDS, *("yes_" + command for command in COMMANDS))
@@ -135,7 +136,7 @@ class Inbox:
         if given > now + MAX_AGE:
             raise Refusal("mqtt_clock", seconds=round(given - now))
         if given < max(now - MAX_AGE, self._started):
-            raise Refusal("expired", command=spoken_form(what))
+            raise Refusal("expired", command=spelled_out(what))
         return max(0.0, now - given)
 
 

@@ -23,7 +23,6 @@ class ButtonsParams(Parameters):
 
     mapping: dict = param({})
     by_state: dict = param({})
-    source: str = param("buttons")
 
 
 class ButtonsNode:
@@ -46,7 +45,7 @@ class ButtonsNode:
     def __init__(self, params: ButtonsParams) -> None:
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
-        self._orders = commands.CommandSender(params.source, self._on_answer)
+        self._orders = commands.CommandSender("buttons", self._on_answer)
         self._orders.connect()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
         rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)

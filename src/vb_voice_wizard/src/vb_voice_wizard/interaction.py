@@ -22,7 +22,8 @@ from typing import List, Optional
 from vb_core.stop_latch import new_id
 from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
-from vb_core.vocabulary import COMMANDS, DEFAULT, GUIDE, PAUSED, STATES, STOP, UNDO, State, normalize, spoken_form
+from vb_core.sentences import spelled_out
+from vb_core.vocabulary import COMMANDS, DEFAULT, GUIDE, PAUSED, STATES, STOP, UNDO, State, normalize
 
 from vb_voice_wizard.confirmation import ANSWERS, Question
 from vb_voice_wizard.session import CANCELLED, SAVED, UNANSWERED, Answer, Session
@@ -117,20 +118,20 @@ class Interaction(Session):
 
     @staticmethod
     def _stopped_since(name: str) -> Answer:
-        return Answer(False, "stopped_since", {"command": spoken_form(name)})
+        return Answer(False, "stopped_since", {"command": spelled_out(name)})
 
     def _ask(self, said: str, name: str, source: str, uncertain: bool, doubtful_border: bool) -> Optional[Answer]:
         """Returns the question whether this command is meant, or None if it was answered or need not be asked."""
         if self.question[:2] == (name, source) and (said in ANSWERS or not uncertain):
             return None
         if said in ANSWERS:
-            return Answer(False, "nothing_asked", {"command": spoken_form(name)})
+            return Answer(False, "nothing_asked", {"command": spelled_out(name)})
         if not (uncertain and self._would_matter(name)) and not (name == SAVE and doubtful_border):
             return None
         self.question = Question(name, source, self._counted_until)
-        answer = spoken_form(name if not uncertain else "yes_" + name)
+        answer = spelled_out(name if not uncertain else "yes_" + name)
         code = "confirm_save" if name == SAVE else "confirm_command"
-        return Answer(False, code, {"command": spoken_form(name), "answer": answer})
+        return Answer(False, code, {"command": spelled_out(name), "answer": answer})
 
     def _would_matter(self, name: str) -> bool:
         """Returns whether a command would at once move a robot, change the map or lose a drawing."""
@@ -183,14 +184,14 @@ class Interaction(Session):
     def _unknown(self, name: str) -> Optional[Answer]:
         """Says that there is no such command here, or returns None."""
         if name not in COMMANDS:
-            return Answer(False, "unknown_command", {"commands": ", ".join(map(spoken_form, COMMANDS))})
+            return Answer(False, "unknown_command", {"commands": ", ".join(map(spelled_out, COMMANDS))})
         return Answer(False, "no_robot_to_guide") if name == GUIDE_ROBOT and not self._params.robot else None
 
     def _check(self, name: str, seen_stop: str) -> Optional[Answer]:
         """Says why a command cannot be carried out now, or returns None."""
         if name in (UNDO, REDO) and self.state != DEFAULT:
             # the newest change of the map is not what the person is drawing
-            return Answer(False, "not_while_drawing", {"command": spoken_form(name)})
+            return Answer(False, "not_while_drawing", {"command": spelled_out(name)})
         if name == RESUME and self.latch.stopped and not seen_stop:
             return Answer(False, "resume_which_stop", {"stop": self.latch.number})
         if name == PAUSE and self.state == DEFAULT:

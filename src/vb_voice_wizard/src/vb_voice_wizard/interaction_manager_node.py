@@ -19,7 +19,8 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
-from vb_core.vocabulary import BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize, spoken_form
+from vb_core.sentences import spelled_out
+from vb_core.vocabulary import BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
 from vb_msgs.msg import (
     BorderProgress,
     DriverState,
@@ -34,7 +35,7 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer, InteractionParams
-from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
+from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.answer_cache import AnswerCache
 from vb_voice_wizard.dialogue.previewer import Previewer
 
@@ -53,8 +54,6 @@ class ManagerParams(InteractionParams):
     stop_file: str = param("~/.ros/virtual_borders/robots.stop")
     method: str = param("nrs")
     occupancy: float = param(1.0, "", low=0.01, high=1.0)
-    service_timeout: float = param(2.0, "s", above=0.0, high=10.0)
-    response_timeout: float = param(5.0, "s", above=0.0, high=60.0)
 
 
 class InteractionManagerNode:
@@ -107,11 +106,10 @@ class InteractionManagerNode:
             rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
         self._interaction = Interaction(params, latch=self._latch)
         # a save calls two services, undo calls one three times
-        self._timeout = 3.0 * (params.service_timeout + params.response_timeout)
-        self._answer_cache = AnswerCache(self._timeout)
+        self._answer_cache = AnswerCache(3.0 * (SERVICE_TIMEOUT + RESPONSE_TIMEOUT))
         self._cameras: Dict[str, List[str]] = {}  # that contributed, by the interaction that was heard of last
 
-        self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout)
+        self._services = BorderServices(params.occupancy)
         self._preview = Previewer(self._services, NoticeListener().current)
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=10)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
@@ -204,7 +202,7 @@ class InteractionManagerNode:
             interaction, now = self._interaction, rospy.get_time()
             if not order.expires.is_zero() and now > order.expires.to_sec():
                 # only the person who gave it is told
-                answer = Answer(False, "expired", {"command": spoken_form(normalize(order.command))})
+                answer = Answer(False, "expired", {"command": spelled_out(normalize(order.command))})
             else:
                 doubtful = self._preview.has_warning(interaction.interaction_id)
                 answer = interaction.command(

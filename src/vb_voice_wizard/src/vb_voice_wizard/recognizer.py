@@ -24,7 +24,8 @@ from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core.vocabulary import COMMANDS, STOP, spoken_form
+from vb_core.sentences import spelled_out
+from vb_core.vocabulary import COMMANDS, STOP
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import PADDING, Utterance
@@ -32,8 +33,8 @@ from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
 # what people say for each command, and for the answer to the question whether it was meant
-PHRASES = {name: [spoken_form(name), *command.phrases] for name, command in COMMANDS.items()}
-PHRASES.update({answer: ["yes, " + spoken_form(command)] for answer, command in ANSWERS.items()})
+PHRASES = {name: [spelled_out(name), *command.phrases] for name, command in COMMANDS.items()}
+PHRASES.update({answer: ["yes, " + spelled_out(command)] for answer, command in ANSWERS.items()})
 # Evidence with which an utterance is as probably a command as something that sounds like it. With it about as many single
 # words are missed as are taken wrongly in the development group; two words nothing comes near (docs/results/voice).
 _EVEN, _EVEN_TWO_WORDS = -3.5, -6.0

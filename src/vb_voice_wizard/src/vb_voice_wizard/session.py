@@ -9,7 +9,7 @@ import json
 import math
 import uuid
 from dataclasses import asdict, dataclass, field
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import sentences
 from vb_core.errors import CodedError
@@ -85,26 +85,15 @@ class Record:
         return json.dumps({**fields, "method": method, "cameras": list(cameras)})
 
 
-def _new_id() -> str:
-    return uuid.uuid4().hex[:8]
-
-
 class Session:
     """The memory and the clock of one interaction after the other. Not thread safe.
 
     Args:
-        new_id: returns the id of the next interaction.
         latch: whether robots are stopped, which outlives every interaction.
     """
 
-    def __init__(
-        self,
-        params: InteractionParams = InteractionParams(),
-        new_id: Callable[[], str] = _new_id,
-        latch: Optional[StopLatch] = None,
-    ) -> None:
+    def __init__(self, params: InteractionParams = InteractionParams(), latch: Optional[StopLatch] = None) -> None:
         self._params = params
-        self._new_id = new_id
         self.question = Question()
         self.state = DEFAULT
         self.interaction_id = ""
@@ -203,7 +192,7 @@ class Session:
 
     # ------------------------------------------------------------------ inside
     def _begin(self) -> None:
-        self.interaction_id = self._new_id()
+        self.interaction_id = uuid.uuid4().hex[:8]
         self.started = self.entered = self._active = self._counted_until
         self._durations = {state: 0.0 for state in self._durations}
         self._sources, self._visited = [], []

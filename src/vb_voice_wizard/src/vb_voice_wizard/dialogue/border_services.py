@@ -12,6 +12,8 @@ from vb_core.vocabulary import REDO
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 
+# [s] wall time: a person waits, a busy machine is slow; extraction and integration take well under 1 s
+SERVICE_TIMEOUT, RESPONSE_TIMEOUT = 2.0, 5.0
 UNANSWERED = ("no_service", "no_response")  # codes of an absent service; any other is its own error
 
 
@@ -20,15 +22,13 @@ class BorderServices:
 
     Args:
         occupancy: of every border.
-        service_timeout, response_timeout: [s] wall time, how long to wait for an absent service, and for its answer.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
     did not answer (the request may have been done or not), or the service's own error.
     """
 
-    def __init__(self, occupancy: float, service_timeout: float, response_timeout: float) -> None:
+    def __init__(self, occupancy: float) -> None:
         self._occupancy = occupancy
-        self._timeouts = service_timeout, response_timeout
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added."""
@@ -57,7 +57,7 @@ class BorderServices:
         return self._ask(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
 
     def _ask(self, name: str, service: Type, who: str = "$map_integrator", **fields: Any) -> Any:
-        return services.call(name, service, service._request_class(**fields), who, *self._timeouts)
+        return services.call(name, service, service._request_class(**fields), who, SERVICE_TIMEOUT, RESPONSE_TIMEOUT)
 
 
 def _checked(response: Any) -> Any:
