@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Deque, Dict, List, Tuple
 
@@ -207,21 +208,23 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
     )
     time.sleep(3.0)
     images.next()
-    seen: List[Tuple[float, np.ndarray]] = []
     ended = threading.Event()
 
-    def watch() -> None:
+    def watch() -> List[Tuple[float, np.ndarray]]:
+        seen = []
         while not ended.is_set():
             stamp, image = images.next()
             seen.append((stamp, brightness(image.gray())))
+        return seen
 
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    switched = _blink()
-    time.sleep(3.0)  # images that are late
-    ended.set()
-    watcher.join(_TIMEOUT)
-    found = measure_delay(switched, seen)
+    with ThreadPoolExecutor() as pool:
+        watching = pool.submit(watch)
+        try:
+            switched = _blink()
+            time.sleep(3.0)  # images that are late
+        finally:
+            ended.set()
+    found = measure_delay(switched, watching.result())
     before = float(images.params.get("capture", {}).get("delay_ms", 0.0))
     delay = round(max(0.0, before + 1e3 * found.seconds), 1)
     print(
