@@ -51,7 +51,8 @@ class Finder:
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
         names = "vb_laser_detect.detector", "vb_core.image_format", "vb_laser_detect.detection.projection"
         module, images, self._projection = import_from(source, *names)
-        self._detector = module.SpotDetector(getattr(module.DetectorParams, role)(**changes), judge)
+        params = module.DetectorParams.mobile if role == "mobile" else module.DetectorParams
+        self._detector = module.SpotDetector(params(**changes), judge)
         self._reader = images.PixelReader()
 
     def find(self, frame: LabeledFrame) -> List[Any]:

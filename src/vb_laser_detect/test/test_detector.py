@@ -13,7 +13,7 @@ PERIOD = 0.04
 
 
 def at_once(**kind):
-    return ImageDetector(DetectorParams.stationary(confirm_frames=1), **kind)
+    return ImageDetector(DetectorParams(confirm_frames=1), **kind)
 
 
 def feed(detector, images, start=0.0):
@@ -239,7 +239,7 @@ def test_a_doubtful_spot_that_stays_is_learnt():
             return 0.7, "peak"
 
     scene = Scene()
-    detector = ImageDetector(DetectorParams.stationary(confirm_frames=1), Doubtful({}, 0.0))
+    detector = ImageDetector(DetectorParams(confirm_frames=1), Doubtful({}, 0.0))
     feed(detector, [scene.render() for _ in range(8)])
     found = feed(detector, [scene.render([(150, 90)]) for _ in range(75)], 0.4)
     assert all(found[:30]) and not any(found[45:])
@@ -249,14 +249,14 @@ def test_a_doubtful_spot_that_stays_is_learnt():
 
 
 def test_a_confirmed_stroke_gives_back_its_first_spots():
-    scene, detector = Scene(), ImageDetector(DetectorParams.stationary(confirm_frames=3))
+    scene, detector = Scene(), ImageDetector(DetectorParams(confirm_frames=3))
     feed(detector, [scene.render() for _ in range(6)])
     backfilled = []
     for i in range(5):
         detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
         backfilled.append([(round(earlier.stamp, 2), round(earlier.u)) for earlier in detector.earlier])
     assert backfilled == [[], [], [(0.3, 300), (0.34, 304)], [], []]
-    detector.set_params(DetectorParams.stationary(confirm_frames=1))
+    detector.set_params(DetectorParams(confirm_frames=1))
     detector.detect(scene.render([(100, 100)]), 0.6)
     assert detector.earlier == []
 
@@ -330,7 +330,7 @@ def drawn(step):
 @pytest.mark.parametrize("rhythm", [5.0, 3.0, 0.0], ids=["5 Hz", "3 Hz", "steady"])
 def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
     scene = tinted(Scene(320, 192))
-    detector = ImageDetector(DetectorParams.stationary(max_dwell_time=10.0), bayer=kind == "bayer")
+    detector = ImageDetector(DetectorParams(max_dwell_time=10.0), bayer=kind == "bayer")
 
     def image(step, *spots):
         on = not rhythm or (step * PERIOD * rhythm) % 1.0 < 0.5
@@ -413,7 +413,7 @@ def test_images_that_come_in_bursts():
 
 # ------------------------------------------------------------------ rates
 @pytest.mark.parametrize("rate", [2.0, 3.0, 60.0])
-@pytest.mark.parametrize("preset", [DetectorParams.stationary, DetectorParams.mobile])
+@pytest.mark.parametrize("preset", [DetectorParams, DetectorParams.mobile])
 def test_slow_and_fast_cameras_yield_spots(rate, preset):
     scene, detector, found = Scene(320, 192), ImageDetector(preset()), 0
     for i in range(16):
@@ -448,7 +448,7 @@ def test_time_that_jumps_back_and_images_that_change_size():
 
 
 @pytest.mark.parametrize("bayer", [False, True])
-@pytest.mark.parametrize("preset", [DetectorParams.stationary, DetectorParams.mobile])
+@pytest.mark.parametrize("preset", [DetectorParams, DetectorParams.mobile])
 def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer):
     # dots of paper that are laid down are as sudden, round and bright as a spot, and more coloured
     for color in ((225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)):

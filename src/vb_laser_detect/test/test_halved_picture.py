@@ -64,7 +64,7 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, rows):
 
 def test_a_halfs_last_columns_belong_to_its_last_blocks():
     # half of 956 columns are 59 blocks of 8 and 6 columns
-    scene, detector, found = Scene(956, 540), SpotDetector(DetectorParams.stationary(confirm_frames=1)), []
+    scene, detector, found = Scene(956, 540), SpotDetector(DetectorParams(confirm_frames=1)), []
     for number in range(20):
         image = scene.render([(950.5, 100.0 + 5.0 * number)] if number >= 8 else [])
         picture = HalvedPicture((956, 540), lambda *size: cv2.resize(image, size, interpolation=cv2.INTER_AREA))

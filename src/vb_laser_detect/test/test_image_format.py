@@ -17,7 +17,7 @@ PERIOD = 0.04
 
 def run(images, encoding, params=None):
     """The spots of images that come in an encoding."""
-    detector, reader = SpotDetector(params or DetectorParams.stationary(confirm_frames=1)), PixelReader()
+    detector, reader = SpotDetector(params or DetectorParams(confirm_frames=1)), PixelReader()
     return [detector.detect(reader.read(image, encoding), PERIOD * i) for i, image in enumerate(images)]
 
 
@@ -65,7 +65,7 @@ CASES = {
 def test_the_spot_is_found_in_every_encoding(case, mobile):
     encode, kind = CASES[case]
     images, truths = strokes(encode, **kind)
-    preset = DetectorParams.mobile if mobile else DetectorParams.stationary
+    preset = DetectorParams.mobile if mobile else DetectorParams
     found = run(images, case.split()[0], preset(confirm_frames=1))
     assert not any(found[:8])
     hits = [

@@ -142,9 +142,7 @@ def test_statistics():
     assert [statistics.summary(12.0)[key] for key in ("processed", "detected", "spots")] == [51, 28, 28]
 
 
-@pytest.mark.parametrize(
-    "name, preset", [("stationary", DetectorParams.stationary()), ("mobile", DetectorParams.mobile())]
-)
+@pytest.mark.parametrize("name, preset", [("stationary", DetectorParams()), ("mobile", DetectorParams.mobile())])
 def test_config_files_hold_the_presets(name, preset):
     config = yaml.safe_load((PACKAGE / "config" / f"{name}.yaml").read_text())
     assert DetectorParams.from_mapping(config["detector"] or {}) == preset

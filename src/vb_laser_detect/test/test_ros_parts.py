@@ -206,7 +206,7 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
         }.get(name, default),
     )
     assert calibrate_camera_node.detector_params_of("red").max_diameter_mm == 60.0
-    assert calibrate_camera_node.detector_params_of("green") == DetectorParams.stationary()
+    assert calibrate_camera_node.detector_params_of("green") == DetectorParams()
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ closer look is worth it, `features` what is there and whether that is a spot, an
 counts. `projection` tells them where that is on the floor.
 
 >>> import numpy as np
->>> detector = SpotDetector(DetectorParams.stationary())
+>>> detector = SpotDetector(DetectorParams())
 >>> floor = np.full((480, 640, 3), 90, np.uint8)
 >>> for frame in range(50):                                         # two seconds of an empty floor
 ...     spots = detector.detect(floor, stamp=0.04 * frame)
@@ -60,7 +60,7 @@ class SpotDetector:
     """
 
     def __init__(self, params: Optional[DetectorParams] = None, judge: Optional[SpotClassifier] = None) -> None:
-        self.params = params or DetectorParams.stationary()
+        self.params = params or DetectorParams()
         self._classifier = judge or features.packaged_classifier()
         self.late = 0
         self.reset()

@@ -27,11 +27,6 @@ class DetectorParams(Parameters):
     )
 
     @classmethod
-    def stationary(cls, **changes) -> "DetectorParams":
-        """Returns the parameters for a camera that does not move."""
-        return cls(**changes)
-
-    @classmethod
     def mobile(cls, **changes) -> "DetectorParams":
         """Returns the parameters for a camera on a robot."""
         return cls(**{**dict(moving_camera=True, confirm_frames=3), **changes})
