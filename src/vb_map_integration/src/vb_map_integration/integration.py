@@ -171,8 +171,7 @@ class _Task:
         )
         if is_inner:
             mask, part = inner, cells[window]
-            for block in raster.row_blocks(mask.shape):  # less the obstacles; unknown, 255, stays
-                cv2.subtract(mask[block], cv2.inRange(part[block], threshold, 127), dst=mask[block])
+            cv2.subtract(mask, cv2.inRange(part, threshold, 127), dst=mask)  # unknown, 255, stays
             if threshold <= cells[row, column] <= 127:
                 barred = np.full(cells.shape, 255, np.uint8)
                 np.invert(mask, out=barred[window])
@@ -252,8 +251,7 @@ class _Task:
 
 def _count_free(cells: np.ndarray) -> int:
     """Counts the cells that are neither obstacles nor unknown."""
-    parts = (cells[block] for block in raster.row_blocks(cells.shape))
-    return sum(cv2.countNonZero(cv2.inRange(part, 0, OCCUPIED_THRESHOLD - 1)) for part in parts)
+    return cv2.countNonZero(cv2.inRange(cells, 0, OCCUPIED_THRESHOLD - 1))
 
 
 def _framed(cells: np.ndarray) -> np.ndarray:

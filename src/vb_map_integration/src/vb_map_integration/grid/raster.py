@@ -8,7 +8,7 @@ touched the better.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Iterator, Tuple
+from typing import Tuple
 
 import numpy as np
 
@@ -17,17 +17,8 @@ from vb_map_integration.borders.issues import IntegrationError
 # rows and columns of a part of a map
 Window = Tuple[slice, slice]
 
-BLOCK_BYTES = 200_000
-
 # [cells] crossings of edges and rows that one polygon may have; a scribble beyond it would fill the memory
 MAX_CROSSINGS = 4_000_000
-
-
-def row_blocks(shape: Tuple[int, int]) -> Iterator[slice]:
-    """Parts of the rows of (H, W) bytes, each small enough for a processor's cache: what is in between of a
-    calculation then never reaches the memory, which for large maps is most of the time."""
-    rows = max(1, BLOCK_BYTES // max(1, shape[1]))
-    return (slice(top, top + rows) for top in range(0, shape[0], rows))
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
@@ -150,10 +141,8 @@ def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -
         over_unknown: whether unknown cells take the value too.
     """
     level = np.uint8(value)
-    for block in row_blocks(mask.shape):
-        part = cells[block]
-        if over_unknown:  # as int8 unknown is -1, the least there is
-            np.maximum(part, np.bitwise_or(np.invert(mask[block]), level).view(np.int8), out=part)
-        else:  # as uint8 it is 255, the greatest
-            as_bytes = part.view(np.uint8)
-            np.maximum(as_bytes, np.bitwise_and(mask[block], level), out=as_bytes)
+    if over_unknown:  # as int8 unknown is -1, the least there is
+        np.maximum(cells, np.bitwise_or(np.invert(mask), level).view(np.int8), out=cells)
+    else:  # as uint8 it is 255, the greatest
+        as_bytes = cells.view(np.uint8)
+        np.maximum(as_bytes, np.bitwise_and(mask, level), out=as_bytes)
