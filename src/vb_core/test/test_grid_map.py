@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from refusals import refused
 from vb_core.errors import CodedError
+from vb_core.grid_layers import sample
 from vb_core.grid_map import UNKNOWN, GridMap, distance_to
 
 
@@ -25,7 +26,7 @@ def test_row_zero_is_the_lowest_y():
     data[0, 2] = 100
     grid = GridMap(data, 0.5, (-1.0, 2.0, 0.0))
     assert np.allclose(grid.cell_to_world([[0, 2]]), [[0.25, 2.25]])
-    assert grid.values_at([[0.25, 2.25], [0.25, 2.75], [9.0, 9.0]]).tolist() == [100, 0, UNKNOWN]
+    assert sample(grid, grid.data, [[0.25, 2.25], [0.25, 2.75], [9.0, 9.0]], UNKNOWN).tolist() == [100, 0, UNKNOWN]
     assert np.allclose(grid.corners(), [[-1, 2], [0.5, 2], [0.5, 4], [-1, 4]])
 
 

@@ -9,6 +9,7 @@ import shapely
 from refusals import refused
 from vb_core import sentences
 from vb_core.errors import CodedError
+from vb_core.grid_layers import sample
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places import registration
@@ -70,7 +71,10 @@ def keep_out(transform=IDENTITY, **options):
 
 def closed_off(keeper, transform=IDENTITY):
     """Whether the middle of the border is closed in the map that navigation gets."""
-    return int(keeper.map_with_borders.values_at(transform.apply(ROOM.apply([(0.5, 0.5)])))[0]) == 100
+    return (
+        sample(keeper.map_with_borders, keeper.map_with_borders.data, transform.apply(ROOM.apply([(0.5, 0.5)])))[0]
+        == 100
+    )
 
 
 # ----------------------------------------------------------------- registration

@@ -6,6 +6,7 @@ import pytest
 
 from refusals import refused
 from vb_core.errors import CodedError
+from vb_core.grid_layers import sample
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.in_force import put_in_force
 from vb_map_integration.places.border_place import BorderPlace
@@ -30,7 +31,7 @@ def with_walls(grid, *walls, transform=Transform()):
 
 
 def closed_at(keeper, x, y):
-    return int(keeper.map_with_borders.values_at([(x, y)])[0]) == 100
+    return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
 
 
 def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_closed(restart):

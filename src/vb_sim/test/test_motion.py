@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core import geometry
-from vb_core.grid_map import FREE, OCCUPIED, GridMap
+from vb_core.grid_layers import sample
+from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
 from vb_sim.lab import Lab
 from vb_sim.models import LocalizationModel, Models, RobotModel, ScanModel
 from vb_sim.lockstep import Lockstep
@@ -159,7 +160,7 @@ def test_beams_agree_with_fine_sampling():
     samples = np.arange(0.0, 6.0, 0.002)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     points = origin + samples[:, None] * directions[:, None]
-    blocked = grid.values_at(points.reshape(-1, 2)).reshape(points.shape[:2]) != FREE
+    blocked = sample(grid, grid.data, points.reshape(-1, 2), UNKNOWN).reshape(points.shape[:2]) != FREE
     expected = samples[blocked.argmax(axis=1)]
     # a beam may pass a cell's very corner
     assert np.mean(np.abs(ranges - expected) < 0.05) > 0.97

@@ -136,16 +136,6 @@ class GridMap:
         rows, columns = cells[:, 0], cells[:, 1]
         return (rows >= 0) & (columns >= 0) & (rows < self.shape[0]) & (columns < self.shape[1])
 
-    def values_at(self, points: np.ndarray, outside: int = UNKNOWN) -> np.ndarray:
-        """Reads the values (N,) int8 of the cells at points (N, 2) [m]; `outside` for points off the map."""
-        cells = self.world_to_cell(points)
-        inside = self.contains_cells(cells)
-        if inside.all():
-            return self.data[cells[:, 0], cells[:, 1]]
-        values = np.full(len(cells), outside, dtype=np.int8)
-        values[inside] = self.data[cells[inside, 0], cells[inside, 1]]
-        return values
-
     def corners(self) -> np.ndarray:
         """Returns the map's outer corners (4, 2) [m], counter-clockwise, starting at the origin."""
         rows, columns = self.shape

@@ -15,7 +15,8 @@ from typing import Generator, Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_core.grid_map import FREE, GridMap
+from vb_core.grid_layers import sample
+from vb_core.grid_map import FREE, UNKNOWN, GridMap
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker
@@ -197,7 +198,7 @@ class Person:
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
-        return self.grid.values_at(points) == FREE
+        return sample(self.grid, self.grid.data, points, UNKNOWN) == FREE
 
     # ------------------------------------------------------------ perception
     def unseen_for(self, by_robot: bool = False) -> float:
