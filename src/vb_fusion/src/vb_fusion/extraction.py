@@ -44,6 +44,9 @@ from vb_fusion.stroke.track import find_places, find_strokes
 
 __all__ = ["BorderChain", "ExtractionParams", "extract_border"]
 
+LEAST_DETAIL = (
+    0.005  # [m] vertices that change the chain less than this are left out: a map's cell is ten times as large
+)
 SMALLEST_FIGURE = 8.0  # tremors across: the smallest curled line that can be told to be open
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
 
@@ -59,7 +62,6 @@ class ExtractionParams(Parameters):
     min_size: int = param(10, low=2, high=100000)
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)
-    simplification_tolerance: float = param(0.005, "m", low=0.0, high=0.1)
 
 
 def extract_border(
@@ -153,7 +155,7 @@ def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> 
     line = fit_line(kept, closure.closed and (joined or closure.gap <= params.eps))
     if len(line) < 3:
         closure = classify_closure(line)
-    return _make_chain(_simplify(line, closure.closed, params.simplification_tolerance), closure)
+    return _make_chain(_simplify(line, closure.closed), closure)
 
 
 def _make_chain(chain: np.ndarray, closure: Closure) -> BorderChain:
@@ -161,14 +163,14 @@ def _make_chain(chain: np.ndarray, closure: Closure) -> BorderChain:
     return BorderChain(chain, closure.closed, closure.code, length, closure.gap, closure.values)
 
 
-def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
+def _simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
     """Runs stage 6: leaves vertices out, and makes a polygon that does not cross itself.
 
     Raises:
         CodedError: "line_self_intersects" if what it encloses is not connected.
     """
     if not closed or len(chain) < 3:
-        return np.asarray(LineString(chain).simplify(tolerance).coords) if len(chain) > 2 else chain
+        return np.asarray(LineString(chain).simplify(LEAST_DETAIL).coords) if len(chain) > 2 else chain
     polygon = Polygon(chain)
     if not polygon.is_valid:
         # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point and are joined by a neck
@@ -180,4 +182,4 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
         polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
             raise CodedError("line_self_intersects")
-    return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]
+    return np.asarray(Polygon(polygon.exterior).simplify(LEAST_DETAIL).exterior.coords)[:-1]
