@@ -78,7 +78,7 @@ class Walker:
             away_from: (2,) [m] a place to leave, since the body hides the spot from there.
         """
         angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
-        around = np.column_stack([np.cos(angles), np.sin(angles)])
+        around = [np.array([math.cos(angle), math.sin(angle)]) for angle in angles]
         places = [spot + radius * direction for radius in (1.0, 1.4, 1.8, 2.2) for direction in around]
         places = [place for place in places if self.is_good_place(place, spot, line)]
         if away_from is not None:
