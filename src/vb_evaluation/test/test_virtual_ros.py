@@ -8,7 +8,7 @@ from vb_core.ros import node
 from vb_core.ros.graph import read_graph
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
-from vb_evaluation.virtual_ros.stand_ins import Lock, Queue
+from vb_evaluation.virtual_ros.stand_ins import Lock, StandIns
 
 SECOND = 10**9
 
@@ -52,7 +52,7 @@ def test_an_interruption_is_no_fault_of_the_node_that_it_meets():
 
 def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
     before = Scheduler(0)
-    kept = Queue(before)
+    kept = StandIns(before).modules["queue"].Queue()
     before.close()
     after = Scheduler(0)
     after.spawn(lambda: kept.get(timeout=1.0))

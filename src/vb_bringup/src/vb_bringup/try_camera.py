@@ -298,8 +298,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         view = asyncio.run(CornerPage(source).ask(port))
     else:
         view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
-    profiles = next(path for path in (package / "robots", package.parents[1] / "robots") if path.is_dir())
-    write_try(out / "lab", source, view, profiles)
+    write_try(out / "lab", source, view, package / "robots")
     ros = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros}", ROS_LOG_DIR=str(out / "log"))
     print("Starting the detector, the map and the page ...", flush=True)

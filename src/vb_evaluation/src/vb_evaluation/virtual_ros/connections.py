@@ -168,10 +168,6 @@ class ServiceProxy:
         self._graph = graph
         self.resolved_name, self._kind = graph.node.resolve(name), service_class
 
-    def __call__(self, *given: Any, **named: Any) -> Any:
-        """As `call`."""
-        return self.call(*given, **named)
-
     def call(self, *given: Any, **named: Any) -> Any:
         """Calls the service, and waits for the answer.
 
@@ -205,33 +201,15 @@ class ServiceProxy:
             raise answers[0]
         return Delivery(answers[0], {}).message(self._kind._response_class)
 
+    __call__ = call
+
     def close(self) -> None:
         """Ends it."""
 
 
-class Timer:
-    """rospy.Timer."""
+class Timer(rospy.Timer):
+    """rospy.Timer, whose thread is a task."""
 
-    def __init__(
-        self, graph: Graph, period: Any, callback: Callable[[Any], Any], oneshot: bool = False, **_: Any
-    ) -> None:
-        self._graph, self._period, self._callback, self._once = graph, period, callback, oneshot
-        self._over = False
-        graph.scheduler.spawn(self._run)
-
-    def _run(self) -> None:
-        expected = rospy.get_rostime() + self._period
-        while not self._over:
-            self._graph.sleep(expected - rospy.get_rostime())
-            if self._over:
-                return
-            now = rospy.get_rostime()
-            self._callback(rospy.timer.TimerEvent(expected, expected, now, now, None))
-            if self._once:
-                return
-            # as rospy: from the last time that it was due, unless it cannot keep up
-            expected = max(expected + self._period, rospy.get_rostime() - self._period)
-
-    def shutdown(self) -> None:
-        """Ends it."""
-        self._over = True
+    def __init__(self, graph: Graph, *given: Any, **named: Any) -> None:
+        self.start = lambda: graph.scheduler.spawn(self.run)
+        super().__init__(*given, **named)

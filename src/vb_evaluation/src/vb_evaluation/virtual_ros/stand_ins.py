@@ -8,6 +8,8 @@ import sys
 import threading as real_threading
 import time as real_time
 from collections import deque
+from functools import partial
+from types import FunctionType
 from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import greenlet
@@ -19,7 +21,8 @@ _REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
 
 
 def _ns(seconds: Optional[float]) -> Optional[int]:
-    return None if seconds is None or seconds < 0 else int(round(seconds * 1e9))
+    # however short, a wait is one: see SHORTEST_NS
+    return None if seconds is None or seconds < 0 else max(int(round(seconds * 1e9)), 1)
 
 
 class StandIns:
@@ -29,12 +32,12 @@ class StandIns:
         scheduler: whose time and tasks they are.
 
     Attributes:
+        modules: the three, by their names.
         restore: restores the modules' original contents.
     """
 
     def __init__(self, scheduler: Scheduler) -> None:
-        made = {"threading": _Threading(scheduler), "time": _Time(scheduler), "queue": _Queues(scheduler)}
-        self._stand_ins, self._undone = made, contextlib.ExitStack()
+        self.modules, self._undone = _modules(scheduler), contextlib.ExitStack()
         self.restore = self._undone.close
 
     def replace(self) -> None:
@@ -45,7 +48,7 @@ class StandIns:
                 continue
             for attribute, real in _REAL.items():
                 if module is not None and module.__dict__.get(attribute) is real:
-                    setattr(module, attribute, self._stand_ins[attribute])
+                    setattr(module, attribute, self.modules[attribute])
                     self._undone.callback(setattr, module, attribute, real)
 
 
@@ -60,37 +63,40 @@ class _Module:
         return getattr(self._real, name)
 
 
-def _Time(scheduler: Scheduler) -> _Module:
+def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
     def seconds() -> float:
         return scheduler.now_ns * 1e-9
 
-    return _Module(
-        real_time,
-        time=seconds,
-        monotonic=seconds,
-        perf_counter=seconds,
-        time_ns=lambda: scheduler.now_ns,
-        sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))),
-    )
+    lock = partial(Lock, scheduler)
+    locks: Dict[str, Any] = {"_allocate_lock": lock, "Lock": lock, "RLock": partial(Lock, scheduler, True)}
+    for kind in (real_threading.Condition, real_threading.Event):
+        locks[kind.__name__] = _made_of(kind, **locks, _time=seconds)
+    threading = _Module(real_threading, **locks, Thread=partial(Thread, scheduler, locks["Event"]))
+    clocks: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
+    return {
+        "threading": threading,
+        "time": _Module(
+            real_time,
+            **clocks,
+            time_ns=lambda: scheduler.now_ns,
+            sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))),
+        ),
+        "queue": _Module(real_queue, Queue=_made_of(real_queue.Queue, threading=threading, time=seconds)),
+    }
 
 
-def _Threading(scheduler: Scheduler) -> _Module:
-    return _Module(
-        real_threading,
-        Lock=lambda: Lock(scheduler),
-        RLock=lambda: Lock(scheduler, True),
-        Event=lambda: Event(scheduler),
-        Condition=lambda lock=None: Condition(scheduler, lock),
-        Thread=lambda *given, **named: Thread(scheduler, *given, **named),
-    )
-
-
-def _Queues(scheduler: Scheduler) -> _Module:
-    return _Module(real_queue, Queue=lambda maxsize=0: Queue(scheduler))
+def _made_of(kind: type, **others: Any) -> type:
+    """Makes a class of Python's own once more, whose methods find others in place of their module's locks and clock."""
+    world = {**vars(sys.modules[kind.__module__]), **others}
+    members = {name: value for name, value in vars(kind).items() if name not in ("__dict__", "__weakref__")}
+    for name, value in members.items():
+        if isinstance(value, FunctionType):
+            members[name] = FunctionType(value.__code__, world, name, value.__defaults__)
+    return type(kind.__name__, kind.__bases__, members)
 
 
 class WaitQueue:
-    """Tasks that wait for something, first come first served: what locks, conditions, events and queues are made of.
+    """Tasks that wait for something, first come first served: what locks are made of.
 
     Tasks take turns and lose their turn only where they wait, so that nothing else needs protection.
     """
@@ -117,18 +123,14 @@ class WaitQueue:
             self.wait(None if end is None else end - self._scheduler.now_ns)
         return bool(predicate())
 
-    def wake(self, count: int = 1) -> None:
-        """Wakes the tasks that have waited longest."""
-        for _ in range(min(count, len(self._tasks))):
+    def wake(self) -> None:
+        """Wakes the task that has waited longest."""
+        if self._tasks:
             self._scheduler.wake(self._tasks.popleft())
-
-    def wake_all(self) -> None:
-        """Wakes all waiting tasks."""
-        self.wake(len(self._tasks))
 
 
 class Lock:
-    """threading.Lock, or RLock."""
+    """threading.Lock, or RLock; Python's own conditions, events and queues are made of it."""
 
     def __init__(self, scheduler: Scheduler, again: bool = False) -> None:
         self._line, self._again = WaitQueue(scheduler), again
@@ -162,73 +164,26 @@ class Lock:
     def __exit__(self, *_: Any) -> None:
         self.release()
 
+    # ------------------------------------------------------------- what threading.Condition asks of a lock
+    def _is_owned(self) -> bool:
+        return self._holder is greenlet.getcurrent()
 
-class Condition:
-    """threading.Condition."""
+    def _release_save(self) -> int:
+        depth, self._depth = self._depth, 1
+        self.release()
+        return depth
 
-    def __init__(self, scheduler: Scheduler, lock: Optional[Lock] = None) -> None:
-        self._scheduler, self._line = scheduler, WaitQueue(scheduler)
-        self._lock = lock or Lock(scheduler, True)
-        self.acquire, self.release = self._lock.acquire, self._lock.release
-        self.notify = self._line.wake
-        self.notify_all = self.notifyAll = self._line.wake_all
-
-    def wait(self, timeout: Optional[float] = None) -> bool:
-        """Releases the lock until it is notified."""
-        depth, self._lock._depth = self._lock._depth, 1
-        self._lock.release()
-        try:
-            return self._line.wait(_ns(timeout))
-        finally:
-            if not self._scheduler.closed:
-                self._lock.acquire()
-            self._lock._depth = depth
-
-    def wait_for(self, predicate: Callable[[], Any], timeout: Optional[float] = None) -> Any:
-        """Waits until something holds."""
-        end = None if timeout is None else self._scheduler.now_ns + int(timeout * 1e9)
-        while not predicate() and (end is None or self._scheduler.now_ns < end):
-            self.wait(None if end is None else (end - self._scheduler.now_ns) * 1e-9)
-        return predicate()
-
-    def __enter__(self) -> bool:
-        return self._lock.acquire()
-
-    def __exit__(self, *_: Any) -> None:
-        self._lock.release()
-
-
-class Event:
-    """threading.Event."""
-
-    def __init__(self, scheduler: Scheduler) -> None:
-        self._line = WaitQueue(scheduler)
-        self._set = False
-
-    def is_set(self) -> bool:
-        """Returns whether it was set."""
-        return self._set
-
-    def set(self) -> None:
-        """Sets the event, and wakes all that wait for it."""
-        self._set = True
-        self._line.wake_all()
-
-    def clear(self) -> None:
-        """Makes others wait again."""
-        self._set = False
-
-    def wait(self, timeout: Optional[float] = None) -> bool:
-        """Waits until it is set."""
-        return self._set or self._line.wait(_ns(timeout)) or self._set
+    def _acquire_restore(self, depth: int) -> None:
+        self.acquire()
+        self._depth = depth
 
 
 class Thread(real_threading.Thread):
     """threading.Thread, as a task."""
 
-    def __init__(self, scheduler: Scheduler, *given: Any, **named: Any) -> None:
+    def __init__(self, scheduler: Scheduler, over: Any, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
-        self._scheduler, self._over = scheduler, Event(scheduler)
+        self._scheduler, self._over = scheduler, over()
         self._task: Optional[Task] = None
 
     def start(self) -> None:
@@ -249,29 +204,6 @@ class Thread(real_threading.Thread):
     def is_alive(self) -> bool:
         """Returns whether it has begun and not ended."""
         return self._task is not None and not self._over.is_set()
-
-
-class Queue:
-    """queue.Queue without a limit."""
-
-    def __init__(self, scheduler: Scheduler) -> None:
-        self._line = WaitQueue(scheduler)
-        self._items: Deque[Any] = deque()
-
-    def put(self, item: Any, *_: Any, **__: Any) -> None:
-        """Adds an item."""
-        self._items.append(item)
-        self._line.wake()
-
-    def get(self, block: bool = True, timeout: Optional[float] = None) -> Any:
-        """Removes and returns the oldest item.
-
-        Raises:
-            queue.Empty: after `timeout` [s].
-        """
-        if not self._line.wait_for(lambda: self._items, _ns(timeout) if block else 0):
-            raise real_queue.Empty
-        return self._items.popleft()
 
 
 @contextlib.contextmanager

@@ -53,17 +53,10 @@ class ProjectorCalibration:
             )
         object.__setattr__(self, "matrix", matrix)
 
-    def to_pixels(self, points: np.ndarray) -> np.ndarray:
-        """Projects map coordinates (N, 2) [m] to (column, row) (N, 2) [px]; inverse of `to_floor`."""
-        return _transformed(self.matrix, points)
-
-    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
-        """Projects (column, row) (N, 2) [px] to map coordinates (N, 2) [m]; inverse of `to_pixels`."""
-        return _transformed(np.linalg.inv(self.matrix), pixels)
-
     def footprint(self) -> np.ndarray:
         """Returns where the image's corners fall, (4, 2) [m]: upper left, upper right, lower right, lower left."""
-        return self.to_floor(_corners(self.width, self.height))
+        corners = _corners(self.width, self.height)[:, None]
+        return cv2.perspectiveTransform(corners, np.linalg.inv(self.matrix))[:, 0]
 
 
 def markers(width: int, height: int) -> np.ndarray:
@@ -129,12 +122,6 @@ def load(path: Path) -> ProjectorCalibration:
 
 def _corners(width: int, height: int) -> np.ndarray:
     return np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
-
-
-def _transformed(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    points = np.asarray(points, dtype=float).reshape(-1, 2)
-    lifted = points @ matrix[:, :2].T + matrix[:, 2]
-    return lifted[:, :2] / lifted[:, 2:]
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:

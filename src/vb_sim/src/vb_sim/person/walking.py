@@ -71,10 +71,23 @@ class Walker:
         self._waited = 0.0
 
     def go_to_point_at(self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None) -> None:
-        """Begins to walk to the nearest good place for pointing at a spot, if there is one; see `find_standing_place`."""
-        place = self.find_standing_place(spot, line, away_from)
-        if place is not None:
-            self.go(place)
+        """Begins to walk to the nearest good place for pointing at a spot (2,) [m], if there is one.
+
+        Args:
+            line: (N, 2) [m] what is being drawn: the person does not stand on it.
+            away_from: (2,) [m] a place to leave, since the body hides the spot from there.
+        """
+        angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
+        around = [np.array([math.cos(angle), math.sin(angle)]) for angle in angles]
+        places = [spot + radius * direction for radius in (1.0, 1.4, 1.8, 2.2) for direction in around]
+        places = [place for place in places if self.is_good_place(place, spot, line)]
+        if away_from is not None:
+            places = [place for place in places if np.linalg.norm(place - away_from) > 0.7]
+        for place in sorted(places, key=lambda place: float(np.linalg.norm(place - self.here)))[:6]:
+            way = self._plan(self.here, place, self.robot)
+            # the other side of a wall is near as the crow flies only
+            if len(way) and geometry.chain_length(way) < 2.0 * np.linalg.norm(place - self.here) + 1.0:
+                return self.go(place)
 
     def stop(self) -> None:
         """Stops the person."""
@@ -104,28 +117,6 @@ class Walker:
             turn = geometry.wrap_angle(wanted - self.yaw)
             limit = self._model.turning_speed * dt
             self.yaw = geometry.wrap_angle(self.yaw + min(max(turn, -limit), limit))
-
-    def find_standing_place(
-        self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None
-    ) -> Optional[np.ndarray]:
-        """Finds the nearest good place (2,) [m] for pointing at `spot`; None if there is none.
-
-        Args:
-            line: (N, 2) [m] what is being drawn: the person does not stand on it.
-            away_from: (2,) [m] a place to leave, since the body hides the spot from there.
-        """
-        angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
-        around = [np.array([math.cos(angle), math.sin(angle)]) for angle in angles]
-        places = [spot + radius * direction for radius in (1.0, 1.4, 1.8, 2.2) for direction in around]
-        places = [place for place in places if self.is_good_place(place, spot, line)]
-        if away_from is not None:
-            places = [place for place in places if np.linalg.norm(place - away_from) > 0.7]
-        for place in sorted(places, key=lambda place: float(np.linalg.norm(place - self.here)))[:6]:
-            way = self._plan(self.here, place, self.robot)
-            # the other side of a wall is near as the crow flies only
-            if len(way) and geometry.chain_length(way) < 2.0 * np.linalg.norm(place - self.here) + 1.0:
-                return place
-        return None
 
     def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray) -> bool:
         """Returns whether a place (2,) [m] is good for pointing at the spot: neither at the robot nor in its view of it."""
