@@ -29,10 +29,10 @@ def test_without_move_base_it_says_so_at_once(monkeypatch):
 
 
 class Planner:
-    """A map integrator and a move_base in one: plans straight on, and round a border unless it does not know of it."""
+    """A map integrator and a move_base in one: plans straight on, and round a border."""
 
-    def __init__(self, monkeypatch, respects=True):
-        self.borders, self.respects = [], respects
+    def __init__(self, monkeypatch):
+        self.borders = []
         self.posterior = GridMap(np.zeros((100, 100), np.int8), 0.05)
         monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
@@ -44,7 +44,7 @@ class Planner:
         monkeypatch.setattr(navigation_check, "WATCHED", 0.01)
 
     def plan(self, start, goal, _service):
-        around = [(2.0, 1.0)] if self.borders and self.respects else []
+        around = [(2.0, 1.0)] if self.borders else []
         return np.array([start[:2], *around, goal[:2]], dtype=float)
 
     def call(self, name, _kind, request, _who):

@@ -118,8 +118,6 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
         if row["worlds"] == "all"
     }
     assert list(found.values()) == [(3, 6), (2, 3), (1, 3), (2, 3), (3, 4), (4, 6), (4, 6)], found
-    first, second = pairs(read_study(tmp_path).runs, "time_total_s", ("nrs", "robot_only"), completed=True)
-    assert list(first) == [10.0, 10.0, 15.0] and list(second) == [20.0, 10.0, 20.0]
     study_rows.write(tmp_path / "runs.csv", list(rows[0])[1:], rows[::2], "ignore")
     assert sensitivity.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
 

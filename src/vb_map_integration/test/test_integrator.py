@@ -1,5 +1,8 @@
 """Changes, history, checks and composition, without ROS."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -17,7 +20,7 @@ from integrators import GRID, at, expected, integrator, square
 
 COMMANDS = st.lists(
     st.tuples(
-        st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo"]),
+        st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "restart"]),
         st.integers(2, 130),
         st.integers(2, 90),
     ),
@@ -27,16 +30,25 @@ COMMANDS = st.lists(
 
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(COMMANDS)
-def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
-    keeper = integrator()
-    states = [()]
-    undone = []
-    for now, (command, column, row) in enumerate(commands, 1):
+def test_any_history_gives_the_map_of_the_borders_that_are_left_also_after_restarts(commands):
+    folder = tempfile.TemporaryDirectory()
+    keeper = integrator(Path(folder.name))
+    states, undone, given = [()], [], set()
+    # whatever was done, in the end all of it is undone, and done again
+    back_and_forth = [(command, 0, 0) for command in [*25 * ["undo"], "restart", *25 * ["redo"]]]
+    for now, (command, column, row) in enumerate([*commands, *back_and_forth], 1):
         ids = [border.id for border in keeper.borders]
         some = ids[column % len(ids)] if ids else "none"
         try:
-            if command in ("add", "soft"):
-                keeper.add(square(column, row, occupancy=0.5 if command == "soft" else 1.0), now)
+            if command == "restart":
+                revision = keeper.revision
+                keeper.close()
+                keeper = integrator(Path(folder.name))
+                assert keeper.revision == revision and keeper.notices == []
+            elif command in ("add", "soft"):
+                (added,) = keeper.add(square(column, row, occupancy=0.5 if command == "soft" else 1.0), now).ids
+                assert added not in given
+                given.add(added)
             elif command == "remove":
                 keeper.remove(some)
             elif command == "disable":
@@ -52,14 +64,13 @@ def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
             undone.append(states.pop())
         elif command == "redo":
             states.append(undone.pop())
-        else:
+        elif command != "restart":
             states.append(keeper.borders)
             undone.clear()
         assert keeper.borders == states[-1]
+        assert keeper.available_commands == ["undo"] * (len(states) > 1) + ["redo"] * bool(undone)
         assert np.array_equal(keeper.map_with_borders.data, expected(keeper))
-    for _ in states[1:]:
-        keeper.undo()
-    assert keeper.borders == () and np.array_equal(keeper.map_with_borders.data, GRID.data)
+    keeper.close()
 
 
 def test_refusals_change_nothing(restart, tmp_path):
