@@ -13,7 +13,7 @@ from nav_msgs.msg import Path
 from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
 
-from plain_rooms import room
+from plain_rooms import room, with_border
 from stimulus import Body, Stimulus
 from vb_testing import process_of, wait_until
 
@@ -89,10 +89,9 @@ class DriverTest(unittest.TestCase):
 
     def publish_border(self, there=True):
         grid = room(6.0)
-        data = grid.data.copy()
-        data[40:60, 80:100] = 100  # x 4 to 5 m, y 2 to 3 m
-        self.stimulus.publish_map(grid.with_data(data) if there else grid, physical=grid)
-        return int((data == 100).sum())
+        borders = with_border(grid, 4.0, 2.0, 5.0, 3.0) if there else grid
+        self.stimulus.publish_map(borders, physical=grid)
+        return int((borders.data == 100).sum())
 
     def guided(self):
         self.stimulus.set_state(GUIDE)
