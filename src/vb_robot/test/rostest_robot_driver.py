@@ -104,6 +104,10 @@ class DriverTest(unittest.TestCase):
             lambda: f"a robot that stands because of {code}; {self.drivers}",
         )
 
+    def drive(self):
+        type(self).wish = (0.05, 0.2)
+        self.wait_driven()
+
     def wait_driven(self):
         wait_until(lambda: self.stimulus.velocity == (0.05, 0.2), lambda: f"navigation to drive; {self.drivers}")
 
@@ -140,8 +144,7 @@ class DriverTest(unittest.TestCase):
         self.assertEqual({message.code for message in said if message.robot == ""}, {"stopped"})
 
     def test_navigation_goes_through_it_and_stop_wins(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
+        self.drive()
         self.stop_all()
         self.wait_hold("stopped")
         self.wait_notice("robot_stopped")
@@ -155,8 +158,7 @@ class DriverTest(unittest.TestCase):
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
 
     def test_maps_of_different_geometry_stop_it(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
+        self.drive()
         self.stimulus.publish_map(room(6.0), physical=room(6.5))
         self.wait_hold("no_map")
         self.publish_border(False)
@@ -192,8 +194,7 @@ class DriverTest(unittest.TestCase):
         self.wait_notice("base_not_listening", "ada", there=False)
 
     def test_a_command_that_goes_sideways_stops_it(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
+        self.drive()
         sideways = Twist()
         sideways.linear.x, sideways.linear.y = 0.05, 0.1
         navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
@@ -207,8 +208,7 @@ class DriverTest(unittest.TestCase):
         navigation.unregister()
 
     def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
+        self.drive()
         said = []
         listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
 

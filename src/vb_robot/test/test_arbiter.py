@@ -312,18 +312,18 @@ def test_the_robot_that_has_seen_the_spot_longest_follows_and_stays_so_while_nob
 
 
 # ------------------------------------------------------------ following
-def drag(path, speed, pose, latency=0.12, noise=0.0, extra=4.0, grid=None):
-    """Drags a spot along a path; rows of (x, y, v, w, visible, spot distance)."""
+def drag(path, speed, pose, latency=0.12):
+    """Drags a spot along a path and rests 4 s; rows of (x, y, v, w, visible, spot distance)."""
     path = np.asarray(path, dtype=float)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    rig, rng = Rig(pose, grid=grid), np.random.default_rng(7)
+    rig, rng = Rig(pose), np.random.default_rng(7)
     rig.set_state(GUIDE)
     waiting, rows = [], []
-    for i in range(int((length[-1] / speed + extra) / DT)):
+    for i in range(int((length[-1] / speed + 4.0) / DT)):
         spot = np.array([np.interp(i * DT * speed, length, path[:, k]) for k in range(2)])
         visible = bool(VIEW.sees(to_base(spot[None], rig.pose))[0])
         if visible:
-            waiting.append((rig.now, spot + rng.normal(0.0, noise, 2) if noise else spot))
+            waiting.append((rig.now, spot + rng.normal(0.0, 0.003, 2)))
         while waiting and waiting[0][0] <= rig.now - latency:
             stamp, place = waiting.pop(0)
             rig.arbiter.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
@@ -350,7 +350,7 @@ DRAGS = {
 @pytest.mark.parametrize("path, speed", DRAGS.values(), ids=DRAGS)
 def test_spot_stays_in_view(path, speed):
     start = np.asarray(path, dtype=float)[0]
-    run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0), noise=0.003)
+    run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0))
     assert np.abs(run[:, 2]).max() <= 0.2 + 1e-9 and np.abs(run[:, 3]).max() <= MAX_TURN + 1e-9
     assert run[:, 4].all()
     assert run[:, 5].min() > 0.4

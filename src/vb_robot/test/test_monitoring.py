@@ -21,26 +21,25 @@ from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import Wiring
 
 
-def graph(maps, robot="", publishes=None, planner="DWAPlannerROS", unheard=False):
+def graph(maps, robot="", publishes=None, unheard=False):
     """A move_base with these maps, all of which somebody publishes unless told otherwise."""
-    node = wiring.within(robot, "move_base")
-    every = maps if publishes is None else publishes
+    node, velocities = wiring.within(robot, "move_base"), wiring.within(robot, "cmd_vel")
     subscribed = {wiring.within(robot, "move_base_simple/goal"): [node], **{topic: [node] for topic in maps}}
     published = {
         wiring.within(robot, "move_base/status"): [node],
         f"{node}/NavfnROS/plan": [node],
         f"{node}/DWAPlannerROS/global_plan": [node],
-        wiring.within(robot, "cmd_vel"): [node],
-        **{topic: ["/server"] for topic in every},
+        velocities: [node],
+        **{topic: ["/server"] for topic in (maps if publishes is None else publishes)},
     }
     types = {
         **{topic: "nav_msgs/OccupancyGrid" for topic in maps},
         f"{node}/NavfnROS/plan": "nav_msgs/Path",
         f"{node}/DWAPlannerROS/global_plan": "nav_msgs/Path",
-        wiring.within(robot, "cmd_vel"): "geometry_msgs/Twist",
+        velocities: "geometry_msgs/Twist",
     }
-    subscribed[wiring.within(robot, "cmd_vel")] = [] if unheard else ["/base"]
-    services = {f"{node}/{planner}/set_parameters": [node]}
+    subscribed[velocities] = [] if unheard else ["/base"]
+    services = {f"{node}/DWAPlannerROS/set_parameters": [node]}
     return NodeGraph(published.items(), subscribed.items(), services.items(), types)
 
 
