@@ -14,7 +14,7 @@ from faulty_move_base import FaultyMoveBase
 from move_base_msgs.msg import MoveBaseActionGoal
 from plain_rooms import VIEW, room, with_border
 from stimulus import Body, Stimulus
-from vb_testing import process_of, wait_until
+from vb_testing import Newest, process_of, wait_until
 
 from vb_core import names
 from vb_core.poses import to_base
@@ -114,10 +114,9 @@ class DispatcherTest(unittest.TestCase):
         self.is_sent("ada")  # the next interaction is like any other
 
     def hear_spots(self, count):
-        seen = []
-        listener = rospy.Subscriber(names.SPOTS, rospy.AnyMsg, seen.append)
-        wait_until(lambda: len(seen) >= count, f"{count} spots")
-        listener.unregister()
+        spots = Newest(names.SPOTS, rospy.AnyMsg)
+        spots.next(count)
+        spots.subscriber.unregister()
 
     def test_a_goal_of_a_killed_dispatcher_is_cancelled_by_the_next_one(self):
         self.draw()

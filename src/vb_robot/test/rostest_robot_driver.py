@@ -15,7 +15,7 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from plain_rooms import room, with_border
 from stimulus import Body, Stimulus
-from vb_testing import process_of, wait_until
+from vb_testing import Newest, process_of, wait_until
 
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
@@ -130,17 +130,15 @@ class DriverTest(unittest.TestCase):
     def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
         self.stop_all()
         self.stimulus.silent = True
-        said, heard = [], []
-        listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+        said = Newest(names.DRIVERS, DriverState).all
         before = process_of("/robot_driver")
         os.kill(before, signal.SIGKILL)
         wait_until(lambda: process_of("/robot_driver") not in (None, before), "the driver that starts again")
         said.clear()
-        base = rospy.Subscriber("cmd_vel", Twist, heard.append)
-        wait_until(lambda: len(heard) > 5 and any(message.robot == "" for message in said), "what it reports")
-        listener.unregister()
-        base.unregister()
-        self.assertEqual({(message.linear.x, message.angular.z) for message in heard}, {(0.0, 0.0)})
+        base = Newest("cmd_vel", Twist)
+        wait_until(lambda: base.count > 5 and any(message.robot == "" for message in said), "what it reports")
+        base.subscriber.unregister()
+        self.assertEqual({(message.linear.x, message.angular.z) for message in base.all}, {(0.0, 0.0)})
         self.assertEqual({message.code for message in said if message.robot == ""}, {"stopped"})
 
     def test_navigation_goes_through_it_and_stop_wins(self):
@@ -209,8 +207,7 @@ class DriverTest(unittest.TestCase):
 
     def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
         self.drive()
-        said = []
-        listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+        said = Newest(names.DRIVERS, DriverState).all
 
         def newest():
             return [one for one in said if one.robot == ""][-5:]
@@ -220,7 +217,6 @@ class DriverTest(unittest.TestCase):
             lambda: [(one.source, one.code) for one in newest()] == 5 * [("navigation", "driving")],
             lambda: f"five reports without a change; {newest()}",
         )
-        listener.unregister()
         gaps = np.diff([one.header.stamp.to_sec() for one in newest()])
         self.assertTrue((gaps > 0.4).all(), gaps)  # at most twice; how late on a busy computer does not matter
 
@@ -239,10 +235,8 @@ class DriverTest(unittest.TestCase):
         service = rospy.Service("ada/request_nomotion_update", Empty, look)
         try:
             poses.publish(unknown)
-            said = []
-            listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+            said = Newest(names.DRIVERS, DriverState).all
             wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
-            listener.unregister()
             self.assertEqual(looks, [], "nobody has said where it is")
             rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
             wait_until(lambda: len(looks) == 3, "three looks")
@@ -253,23 +247,18 @@ class DriverTest(unittest.TestCase):
             service.shutdown()
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
-        cells, localization = [], PoseWithCovarianceStamped()
-        listener = rospy.Subscriber(
-            names.MAP_WITH_MARGIN, OccupancyGridArray, lambda message: cells.append(int((message.data == 100).sum()))
-        )
+        maps, localization = Newest(names.MAP_WITH_MARGIN, OccupancyGridArray), PoseWithCovarianceStamped()
         poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
         plain = self.publish_border()
-        wait_until(lambda: cells and cells[-1] > plain, "some margin in any case")
-        usual = cells[-1]
+        usual = (maps.wait(lambda message: (message.data == 100).sum() > plain, "some margin").data == 100).sum()
 
         def becomes(variance, condition):
             localization.pose.covariance[0] = localization.pose.covariance[7] = variance
             poses.publish(localization)
-            return condition(cells[-1])
+            return condition((maps.message.data == 100).sum())
 
         wait_until(lambda: becomes(0.25, lambda count: count > usual), "a wider margin")
         wait_until(lambda: becomes(0.0001, lambda count: count == usual), "the usual margin")
-        listener.unregister()
 
     def test_the_path_is_that_of_the_planner_that_navigation_has(self):
         planner = rospy.Publisher("ada/move_base/GlobalPlanner/plan", Path, queue_size=1)
