@@ -7,6 +7,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
+from vb_robot.driving.safety import Scan
 from vb_robot.floor_view import FloorView
 
 # an ideal camera of 58 degrees, 0.45 m above the floor and 30 degrees downwards
@@ -28,3 +29,18 @@ def room(width=8.0, height=5.0, resolution=0.05):
     grid = empty(width, height, resolution)
     grid.data[[0, -1]], grid.data[:, [0, -1]] = 100, 100
     return grid
+
+
+def with_border(grid, x0, y0, x1, y1, value=100):
+    """A grid with a rectangle [m] of this value."""
+    data = grid.data.copy()
+    (row0, column0), (row1, column1) = grid.world_to_cell(np.array([[x0, y0], [x1, y1]]) + 1e-9)
+    data[row0:row1, column0:column1] = value
+    return grid.with_data(data)
+
+
+def scan_of(ranges, first=None, step=math.radians(1.0), mount=np.eye(4), radius=0.18, **how):
+    """What a usual scanner reports: beams a step [rad] apart from the first angle on, or about straight ahead."""
+    ranges = np.asarray(ranges, float)
+    first = -0.5 * step * (len(ranges) - 1) if first is None else first
+    return Scan(ranges, first, step, 0.12, 8.0, mount, radius, **how)

@@ -12,9 +12,9 @@ import rostest
 
 from faulty_move_base import FaultyMoveBase
 from move_base_msgs.msg import MoveBaseActionGoal
-from plain_rooms import VIEW, room
+from plain_rooms import VIEW, room, with_border
 from stimulus import Body, Stimulus
-from vb_testing import process_of, wait_until
+from vb_testing import Newest, process_of, wait_until
 
 from vb_core import names
 from vb_core.poses import to_base
@@ -114,10 +114,9 @@ class DispatcherTest(unittest.TestCase):
         self.is_sent("ada")  # the next interaction is like any other
 
     def hear_spots(self, count):
-        seen = []
-        listener = rospy.Subscriber(names.SPOTS, rospy.AnyMsg, seen.append)
-        wait_until(lambda: len(seen) >= count, f"{count} spots")
-        listener.unregister()
+        spots = Newest(names.SPOTS, rospy.AnyMsg)
+        spots.next(count)
+        spots.subscriber.unregister()
 
     def test_a_goal_of_a_killed_dispatcher_is_cancelled_by_the_next_one(self):
         self.draw()
@@ -147,10 +146,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(len(self.goals("bob")), 1, "a free robot comes first")
 
     def test_borders_for_one_robot_do_not_hold_the_other(self):
-        grid = room(6.0)
-        data = grid.data.copy()
-        data[:, 10:75] = 100  # bob is to keep out of where the spot is
-        self.publish_maps(grid.with_data(data), "bob")
+        self.publish_maps(with_border(room(6.0), 0.5, 0.0, 3.75, 5.0), "bob")  # bob is to keep out of where the spot is
         self.ada.pose, self.bob.pose = (5.0, 4.4, 0.0), (4.2, 2.5, math.pi)
         self.draw("ada", (2.0, 1.2))
         self.is_sent("ada")

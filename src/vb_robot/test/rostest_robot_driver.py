@@ -13,9 +13,9 @@ from nav_msgs.msg import Path
 from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
 
-from plain_rooms import room
+from plain_rooms import room, with_border
 from stimulus import Body, Stimulus
-from vb_testing import process_of, wait_until
+from vb_testing import Newest, process_of, wait_until
 
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
@@ -89,10 +89,9 @@ class DriverTest(unittest.TestCase):
 
     def publish_border(self, there=True):
         grid = room(6.0)
-        data = grid.data.copy()
-        data[40:60, 80:100] = 100  # x 4 to 5 m, y 2 to 3 m
-        self.stimulus.publish_map(grid.with_data(data) if there else grid, physical=grid)
-        return int((data == 100).sum())
+        borders = with_border(grid, 4.0, 2.0, 5.0, 3.0) if there else grid
+        self.stimulus.publish_map(borders, physical=grid)
+        return int((borders.data == 100).sum())
 
     def guided(self):
         self.stimulus.set_state(GUIDE)
@@ -104,6 +103,10 @@ class DriverTest(unittest.TestCase):
             lambda: self.drivers[""][1] == code and self.stimulus.velocity == (0.0, 0.0),
             lambda: f"a robot that stands because of {code}; {self.drivers}",
         )
+
+    def drive(self):
+        type(self).wish = (0.05, 0.2)
+        self.wait_driven()
 
     def wait_driven(self):
         wait_until(lambda: self.stimulus.velocity == (0.05, 0.2), lambda: f"navigation to drive; {self.drivers}")
@@ -127,22 +130,19 @@ class DriverTest(unittest.TestCase):
     def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
         self.stop_all()
         self.stimulus.silent = True
-        said, heard = [], []
-        listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+        said = Newest(names.DRIVERS, DriverState).all
         before = process_of("/robot_driver")
         os.kill(before, signal.SIGKILL)
         wait_until(lambda: process_of("/robot_driver") not in (None, before), "the driver that starts again")
         said.clear()
-        base = rospy.Subscriber("cmd_vel", Twist, heard.append)
-        wait_until(lambda: len(heard) > 5 and any(message.robot == "" for message in said), "what it reports")
-        listener.unregister()
-        base.unregister()
-        self.assertEqual({(message.linear.x, message.angular.z) for message in heard}, {(0.0, 0.0)})
+        base = Newest("cmd_vel", Twist)
+        wait_until(lambda: base.count > 5 and any(message.robot == "" for message in said), "what it reports")
+        base.subscriber.unregister()
+        self.assertEqual({(message.linear.x, message.angular.z) for message in base.all}, {(0.0, 0.0)})
         self.assertEqual({message.code for message in said if message.robot == ""}, {"stopped"})
 
     def test_navigation_goes_through_it_and_stop_wins(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
+        self.drive()
         self.stop_all()
         self.wait_hold("stopped")
         self.wait_notice("robot_stopped")
@@ -156,8 +156,7 @@ class DriverTest(unittest.TestCase):
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
 
     def test_maps_of_different_geometry_stop_it(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
+        self.drive()
         self.stimulus.publish_map(room(6.0), physical=room(6.5))
         self.wait_hold("no_map")
         self.publish_border(False)
@@ -193,8 +192,7 @@ class DriverTest(unittest.TestCase):
         self.wait_notice("base_not_listening", "ada", there=False)
 
     def test_a_command_that_goes_sideways_stops_it(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
+        self.drive()
         sideways = Twist()
         sideways.linear.x, sideways.linear.y = 0.05, 0.1
         navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
@@ -208,10 +206,8 @@ class DriverTest(unittest.TestCase):
         navigation.unregister()
 
     def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
-        said = []
-        listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+        self.drive()
+        said = Newest(names.DRIVERS, DriverState).all
 
         def newest():
             return [one for one in said if one.robot == ""][-5:]
@@ -221,7 +217,6 @@ class DriverTest(unittest.TestCase):
             lambda: [(one.source, one.code) for one in newest()] == 5 * [("navigation", "driving")],
             lambda: f"five reports without a change; {newest()}",
         )
-        listener.unregister()
         gaps = np.diff([one.header.stamp.to_sec() for one in newest()])
         self.assertTrue((gaps > 0.4).all(), gaps)  # at most twice; how late on a busy computer does not matter
 
@@ -240,10 +235,8 @@ class DriverTest(unittest.TestCase):
         service = rospy.Service("ada/request_nomotion_update", Empty, look)
         try:
             poses.publish(unknown)
-            said = []
-            listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+            said = Newest(names.DRIVERS, DriverState).all
             wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
-            listener.unregister()
             self.assertEqual(looks, [], "nobody has said where it is")
             rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
             wait_until(lambda: len(looks) == 3, "three looks")
@@ -254,23 +247,18 @@ class DriverTest(unittest.TestCase):
             service.shutdown()
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
-        cells, localization = [], PoseWithCovarianceStamped()
-        listener = rospy.Subscriber(
-            names.MAP_WITH_MARGIN, OccupancyGridArray, lambda message: cells.append(int((message.data == 100).sum()))
-        )
+        maps, localization = Newest(names.MAP_WITH_MARGIN, OccupancyGridArray), PoseWithCovarianceStamped()
         poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
         plain = self.publish_border()
-        wait_until(lambda: cells and cells[-1] > plain, "some margin in any case")
-        usual = cells[-1]
+        usual = (maps.wait(lambda message: (message.data == 100).sum() > plain, "some margin").data == 100).sum()
 
         def becomes(variance, condition):
             localization.pose.covariance[0] = localization.pose.covariance[7] = variance
             poses.publish(localization)
-            return condition(cells[-1])
+            return condition((maps.message.data == 100).sum())
 
         wait_until(lambda: becomes(0.25, lambda count: count > usual), "a wider margin")
         wait_until(lambda: becomes(0.0001, lambda count: count == usual), "the usual margin")
-        listener.unregister()
 
     def test_the_path_is_that_of_the_planner_that_navigation_has(self):
         planner = rospy.Publisher("ada/move_base/GlobalPlanner/plan", Path, queue_size=1)

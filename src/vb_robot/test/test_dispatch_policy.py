@@ -104,12 +104,6 @@ class Bench(Fleets):
         return [sent for sent in (self.step(**changes) for _ in range(steps)) if sent]
 
 
-def test_sends_the_best_once_and_keeps_it_while_it_is_fit():
-    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] == 1)
-    assert bench.run(40) == [place(1)]
-    assert bench.asked == 1, "nothing is worked out while the goal is fit"
-
-
 @pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localized=False)])
 def test_sends_nothing_without(missing):
     assert not Bench([place(1)]).run(10, **missing)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from plain_rooms import empty
+from plain_rooms import empty, scan_of, with_border
 from test_arbiter import PROFILE, Rig
 
 from vb_core import geometry
@@ -16,7 +16,7 @@ from vb_core.robot_profile import RobotProfile, Scanner
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import Escape
 from vb_robot.driving.gate import FOLLOW, NAVIGATION, TELEOP, Gate
-from vb_robot.driving.safety import Clearance, Scan
+from vb_robot.driving.safety import Clearance
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
@@ -164,10 +164,6 @@ def test_halting_stops_what_drives_with_the_faults_code():
 
 
 # ------------------------------------------------------------ the scan
-def scan_of(ranges, first, step, mount=np.eye(4), radius=0.18, **given_):
-    return Scan(np.asarray(ranges, float), first, step, 0.12, 8.0, mount, radius, **given_)
-
-
 @settings(STEADY)
 @given(
     st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-0.6, 0.6)), min_size=1, max_size=6), st.sampled_from([1, -1])
@@ -301,9 +297,8 @@ def test_what_each_source_keeps_clear_ahead_beside_and_of_the_maps_cells(source,
     def drives(point, border=9.0):
         gate = known()
         gate._scan.points = np.array([point])
-        data = empty(resolution=0.01).data.copy()
-        data[:, data.shape[1] - int(round((8.0 - border) / 0.01)) :] = 100
-        gate.workspace = Workspace(empty(resolution=0.01).with_data(data), empty(resolution=0.01), RADIUS)
+        floor = empty(resolution=0.01)
+        gate.workspace = Workspace(with_border(floor, border, 0.0, 8.0, 5.0), floor, RADIUS)
         gate.stamps["spot"] = 10.0
         return gate.limit(10.0, source, VelocityRequest(0.1, 0.0, "driving"))[0] > 0.0
 

@@ -9,7 +9,7 @@ import pytest
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import ReconfigureResponse
 
-from plain_rooms import room
+from plain_rooms import room, with_border
 from vb_testing import wait_until
 
 from vb_core.errors import CodedError
@@ -21,26 +21,25 @@ from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import Wiring
 
 
-def graph(maps, robot="", publishes=None, planner="DWAPlannerROS", unheard=False):
+def graph(maps, robot="", publishes=None, unheard=False):
     """A move_base with these maps, all of which somebody publishes unless told otherwise."""
-    node = wiring.within(robot, "move_base")
-    every = maps if publishes is None else publishes
+    node, velocities = wiring.within(robot, "move_base"), wiring.within(robot, "cmd_vel")
     subscribed = {wiring.within(robot, "move_base_simple/goal"): [node], **{topic: [node] for topic in maps}}
     published = {
         wiring.within(robot, "move_base/status"): [node],
         f"{node}/NavfnROS/plan": [node],
         f"{node}/DWAPlannerROS/global_plan": [node],
-        wiring.within(robot, "cmd_vel"): [node],
-        **{topic: ["/server"] for topic in every},
+        velocities: [node],
+        **{topic: ["/server"] for topic in (maps if publishes is None else publishes)},
     }
     types = {
         **{topic: "nav_msgs/OccupancyGrid" for topic in maps},
         f"{node}/NavfnROS/plan": "nav_msgs/Path",
         f"{node}/DWAPlannerROS/global_plan": "nav_msgs/Path",
-        wiring.within(robot, "cmd_vel"): "geometry_msgs/Twist",
+        velocities: "geometry_msgs/Twist",
     }
-    subscribed[wiring.within(robot, "cmd_vel")] = [] if unheard else ["/base"]
-    services = {f"{node}/{planner}/set_parameters": [node]}
+    subscribed[velocities] = [] if unheard else ["/base"]
+    services = {f"{node}/DWAPlannerROS/set_parameters": [node]}
     return NodeGraph(published.items(), subscribed.items(), services.items(), types)
 
 
@@ -107,15 +106,18 @@ def test_the_robots_size_is_that_of_its_costmap(costmap, radius):
 
 
 # ------------------------------------------------------------ goals
+def known_border(name, x0, y0, x1, y1):
+    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+    return KnownBorder(name, corners, corners.mean(axis=0), True)
+
+
 def reviewed(areas, radius=0.2, physical=None):
     """A review with borders that restrict rectangles (x0, y0, x1, y1) [m] by name."""
     physical = physical or room(8.0, 4.0)
-    data, known = physical.data.copy(), []
-    for name, (x0, y0, x1, y1) in areas.items():
-        data[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = 100
-        corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-        known.append(KnownBorder(name, corners, corners.mean(axis=0), True))
-    return GoalReview(physical.with_data(data), physical, radius, known)
+    borders = physical
+    for area in areas.values():
+        borders = with_border(borders, *area)
+    return GoalReview(borders, physical, radius, [known_border(name, *area) for name, area in areas.items()])
 
 
 WALLED = room(8.0, 4.0)
@@ -153,11 +155,7 @@ def test_what_walls_cut_off_is_not_laid_to_a_border():
 
 
 def test_of_borders_that_touch_the_one_that_encloses_a_place_is_named_and_a_curve_if_none_does():
-    def square(name, x0):
-        corners = np.array([[x0, 0.5], [x0 + 1.0, 0.5], [x0 + 1.0, 1.5], [x0, 1.5]])
-        return KnownBorder(name, corners, corners.mean(axis=0), True)
-
-    known = [square("carpet", 0.5), square("mat", 1.5)]
+    known = [known_border("carpet", 0.5, 0.5, 1.5, 1.5), known_border("mat", 1.5, 0.5, 2.5, 1.5)]
     known.append(KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False))
     assert [name_of(known, place) for place in ((1.0, 1.0), (2.0, 1.0), (0.5, 4.0))] == ["carpet", "mat", "left part"]
     assert name_of([], (1.0, 1.0)) == ""
@@ -165,14 +163,11 @@ def test_of_borders_that_touch_the_one_that_encloses_a_place_is_named_and_a_curv
 
 def test_a_robot_is_inside_where_only_a_border_forbids_to_be():
     plain = room(8.0, 4.0)
-    data = plain.data.copy()
-    data[20:40, 40:60], data[50:60, 40:60] = 100, 75
-    unknown = plain.data.copy()
-    unknown[30:40] = -1
-    physical = plain.with_data(unknown)
+    borders = with_border(with_border(plain, 2.0, 1.0, 3.0, 2.0), 2.0, 2.5, 3.0, 3.0, 75)
+    physical = with_border(plain, 0.0, 1.5, 8.0, 2.0, -1)
     places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
-    assert [is_inside(plain.with_data(data), physical, place) for place in places] == [True, True, False, False, False]
-    assert not is_inside(plain.with_data(data), physical, (0.03, 2.0)), "a wall is no border"
+    assert [is_inside(borders, physical, place) for place in places] == [True, True, False, False, False]
+    assert not is_inside(borders, physical, (0.03, 2.0)), "a wall is no border"
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))

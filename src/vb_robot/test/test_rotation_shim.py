@@ -75,27 +75,18 @@ def test_a_stop_is_a_stop():
     assert align(shim, 0.1, 0.2, math.radians(-80)) == (0.1, 0.2)
 
 
-@pytest.mark.parametrize(
-    "path, pose",
-    [
-        (None, (1.0, 0.0, math.pi)),
-        (np.empty((0, 2)), (1.0, 0.0, math.pi)),
-        (PATH, None),
-        (PATH, (1.0, 0.0, 1.0)),
-        (PATH, (3.05, 0.0, 0.0)),
-        (PATH, (2.78, 0.0, math.pi)),
-        (PATH, (1.0, 2.0, math.pi)),
-    ],
-    ids=[
-        "no path",
-        "an empty path",
-        "no pose",
-        "the path is ahead",
-        "at the goal",
-        "within its tolerance",
-        "another path",
-    ],
-)
+OTHERS = {
+    "no path": (None, (1.0, 0.0, math.pi)),
+    "an empty path": (np.empty((0, 2)), (1.0, 0.0, math.pi)),
+    "no pose": (PATH, None),
+    "the path is ahead": (PATH, (1.0, 0.0, 1.0)),
+    "at the goal": (PATH, (3.05, 0.0, 0.0)),
+    "within its tolerance": (PATH, (2.78, 0.0, math.pi)),
+    "another path": (PATH, (1.0, 2.0, math.pi)),
+}
+
+
+@pytest.mark.parametrize("path, pose", OTHERS.values(), ids=OTHERS)
 def test_all_other_requests_pass(path, pose):
     shim = shim_with(path)
     for request in (VelocityRequest(0.1, 0.3), VelocityRequest(0.0, -0.3), VelocityRequest(-0.1, 0.0)):

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vb_core.grid_map import GridMap
+from plain_rooms import empty, scan_of, with_border
+
 from vb_core.robot_profile import Limits, RobotProfile
 from vb_robot.driving.gate import BASE_DELAY, CLEARANCES, RATE, TELEOP, Gate
 from vb_robot.driving.safety import (
     MIN_ARC_RADIUS,
     Clearance,
     Fix,
-    Scan,
     arc,
     limit_around,
     pose_jump,
@@ -26,16 +26,9 @@ from vb_robot.driving.spot_follower import VelocityRequest
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
 
 
-def scan(ranges, fov=360.0, range_min=0.12, **how):
-    """A scan with these ranges, spread over a field of view [deg] about straight ahead."""
-    ranges = np.asarray(ranges, dtype=float)
-    step = math.radians(fov) / len(ranges)
-    return Scan(ranges, -0.5 * step * (len(ranges) - 1), step, range_min, 8.0, np.eye(4), RADIUS, **how)
-
-
 def post_at(x, y):
     """A scan of one beam, which met something thin."""
-    return Scan([math.hypot(x, y)], math.atan2(y, x), 0.01, 0.1, 8.0, np.eye(4), RADIUS)
+    return scan_of([math.hypot(x, y)], math.atan2(y, x))
 
 
 @given(st.floats(0.0, 2.0))
@@ -46,9 +39,9 @@ def test_safe_speed_stops_in_time(free):
 @pytest.mark.parametrize("said, told", [(0.0, "zero"), (math.nan, "nan")])
 def test_a_scanner_says_otherwise_that_nothing_came_back_if_its_profile_tells(said, told):
     ranges = np.full(360, said)
-    assert scan(ranges, no_return=told).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-    assert scan(ranges, no_return=told).sees_path(0.2, 0.0, RADIUS, 0.05)
-    untold = scan(ranges)
+    assert scan_of(ranges, no_return=told).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan_of(ranges, no_return=told).sees_path(0.2, 0.0, RADIUS, 0.05)
+    untold = scan_of(ranges)
     assert untold.free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0 or not untold.sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
@@ -78,7 +71,7 @@ def test_a_post_on_its_arc_is_as_far_as_the_arc_is_long(v, w):
 def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_it_has(age, room):
     gate, ranges = Gate(RobotProfile()), np.full(360, math.inf)
     ranges[178:182] = RADIUS + CLEARANCES[TELEOP].ahead + room  # straight ahead
-    gate.set_scan(scan(ranges), 10.0)
+    gate.set_scan(scan_of(ranges), 10.0)
     v, _, code = gate.limit(10.0 + age, TELEOP, VelocityRequest(1.0, 0.0, "driving"))
     # it has moved since the scan, and moves on until the next command is at the wheels
     moving = max(age + 1.0 / RATE + BASE_DELAY, LIMITS.reaction_time)
@@ -86,9 +79,7 @@ def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_i
 
 
 def test_speed_limits_count_where_the_robot_is_and_as_far_as_it_needs_to_stop():
-    data = np.zeros((80, 160), np.int8)
-    data[20:40, 60:80], data[20:40, 80:100] = 20, 10
-    zones = GridMap(data, 0.05)
+    zones = with_border(with_border(empty(), 3.0, 1.0, 4.0, 2.0, 20), 4.0, 1.0, 5.0, 2.0, 10)
     assert limit_around(zones, (1.0, 1.5), 0.5) == math.inf
     assert limit_around(zones, (2.6, 1.5), 0.5) == pytest.approx(0.2)
     assert limit_around(zones, (3.8, 1.5), 0.5) == pytest.approx(0.1)

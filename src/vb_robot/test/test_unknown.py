@@ -9,14 +9,13 @@ import pytest
 import roslaunch
 import roslib.packages
 
-from plain_rooms import empty
+from plain_rooms import empty, scan_of
 from test_arbiter import DT, PROFILE, Rig
 
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
 from vb_core.vocabulary import state_of
-from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.inputs import message_class
 from vb_robot.spots import Sighting, Sightings
@@ -182,9 +181,7 @@ class SlowScanner(Rig):
     def _step(self):
         self.silent.add("scan")  # the usual one
         if "slow scan" not in self.silent and round(self.now / DT) % 4 == 0:
-            step = math.radians(1.0)
-            seen = Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18)
-            self.arbiter.gate.set_scan(seen, self.now - 0.04)
+            self.arbiter.gate.set_scan(scan_of(self.ranges), self.now - 0.04)
         super()._step()
 
 

@@ -5,43 +5,37 @@ import math
 import numpy as np
 import pytest
 
-from vb_core.grid_map import GridMap
+from plain_rooms import empty, with_border
+
 from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
 
 
-def workspace(*squares, value=100):
-    data = np.zeros((100, 120), dtype=np.int8)
-    data[:, 60] = 100  # a wall, which is no border
-    physical = GridMap(data, 0.05)
-    data = data.copy()
-    for y0, y1, x0, x1 in squares:
-        data[int(y0 * 20) : int(y1 * 20), int(x0 * 20) : int(x1 * 20)] = value
-    return Workspace(physical.with_data(data), physical, 0.18), physical
+def workspace(value=100):
+    """One with a square border, and a wall."""
+    physical = with_border(empty(6.0, resolution=0.05), 3.0, 0.0, 3.05, 5.0)
+    return Workspace(with_border(physical, 0.5, 0.5, 1.5, 1.5, value), physical, 0.18), physical
 
 
 def test_a_map_lets_a_robot_out_but_not_further_in():
-    data = np.zeros((200, 320), dtype=np.int8)
-    data[:, 160:] = 100  # x = 4 m and more
-    empty = GridMap(np.zeros_like(data), 0.025)
-    ground = Workspace(empty.with_data(data), empty, 0.18)
+    ground = Workspace(with_border(empty(), 4.0, 0.0, 8.0, 5.0), empty(), 0.18)
     assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.0, 0.05) == pytest.approx(1.0 - 0.18 - 0.05, abs=0.04)
     assert ground.free_distance((3.9, 2.5, 0.0), 0.2, 0.0, 0.05) <= 0.04
     assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05) == math.inf
 
 
 def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls():
-    plain, physical = workspace((0.5, 1.5, 0.5, 1.5))
+    plain, physical = workspace()
     uncertain = Workspace(plain.borders, physical, 0.18, uncertainty=0.1)
     beside_border, beside_wall = (2.0, 1.0, math.pi), (2.4, 4.0, 0.0)
     for pose, less in ((beside_border, 0.1), (beside_wall, 0.0)):
         before, after = (here.free_distance(pose, 0.2, 0.0, 0.0) for here in (plain, uncertain))
         assert before - after == pytest.approx(less, abs=0.03)
-    soft = Workspace(workspace((0.5, 1.5, 0.5, 1.5), value=75)[0].borders, physical, 0.18, uncertainty=0.1)
+    soft = Workspace(workspace(75)[0].borders, physical, 0.18, uncertainty=0.1)
     assert np.array_equal(soft.keep_out.data, soft.borders.data), "what may be entered is not made larger"
 
 
 def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
-    plain, physical = workspace((0.5, 1.5, 0.5, 1.5))
+    plain, physical = workspace()
     data = plain.borders.data.copy()
     data[31:, :] = -1
     here = Workspace(

@@ -23,6 +23,7 @@ from vb_web.view import View
 
 CODES = AccessCodes("view-er22", "oper-at33")
 BOUNDS = (0.0, 0.0), (8.0, 5.0)
+PREVIEW = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
 CERTIFICATE = (
     "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
     " -addext subjectAltName=IP:127.0.0.1 -keyout page.key -out page.crt"
@@ -93,6 +94,10 @@ class Running:
         given = {"Origin": f"http://{self.host}", **headers}
         return await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
 
+    def socket(self, **how):
+        """A connection of its own, below HTTP."""
+        return socket.create_connection(("127.0.0.1", self.server.port), **how)
+
     def link(self, work, **headers):
         """Runs work(socket) over a WebSocket; gives its result."""
 
@@ -155,6 +160,13 @@ def cookie(running, role):
 async def answer_to(connection, **request):
     await connection.write_message(json.dumps({"id": "1", **request}))
     return await reply(connection, request.get("id", "1"))
+
+
+async def closing_code(connection):
+    """Waits until the server has closed a connection; gives its reason."""
+    while await asyncio.wait_for(connection.read_message(), 60.0) is not None:
+        pass
+    return connection.close_code
 
 
 async def stop(connection, **more):
@@ -299,9 +311,7 @@ def test_stop_does_not_wait_for_what_takes_long(local):
 
     async def work(connection):
         for number in range(12):  # more than there are threads, and than one browser may have under way
-            await connection.write_message(
-                json.dumps({"do": "preview", "id": f"p{number}", "draft": GOOD_DRAFT, "border": ""})
-            )
+            await connection.write_message(json.dumps({**PREVIEW, "id": f"p{number}"}))
         answer = await stop(connection, id="stop")
         local.backend.gate.set()
         return answer
@@ -315,11 +325,10 @@ def test_previews_of_one_person_wait_for_each_other_and_not_for_those_of_others(
     async def work(first):
         loop = asyncio.get_event_loop()
         other = await network.connect(Cookie=cookie(network, Role.OPERATOR))
-        preview = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
         for number in range(4):
-            await first.write_message(json.dumps({**preview, "id": f"p{number}"}))
+            await first.write_message(json.dumps({**PREVIEW, "id": f"p{number}"}))
         await answer_to(other, do="invite")  # all four have arrived
-        await other.write_message(json.dumps({**preview, "id": "q"}))
+        await other.write_message(json.dumps({**PREVIEW, "id": "q"}))
         for _ in range(2):
             assert await loop.run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
         sources = list(network.backend.previews)
@@ -339,8 +348,7 @@ def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
         left = await loop.run_in_executor(
             None, lambda: network.ask("/session", "DELETE", Cookie=given, Origin=f"http://{network.host}")
         )
-        while await asyncio.wait_for(connection.read_message(), 60.0) is not None:
-            pass
+        await closing_code(connection)
         return left.code
 
     assert network.link(work, Cookie=given) == 200
@@ -357,11 +365,8 @@ def closed_by_the_server(connection):
 
 def test_strangers_who_hold_connections_keep_nobody_out(network):
     """Slow headers, or hanging handshakes: the same place."""
-    host = ("127.0.0.1", network.server.port)
     with contextlib.ExitStack() as stack:
-        held = [
-            stack.enter_context(socket.create_connection(host, source_address=("127.0.5.5", 0))) for _ in range(150)
-        ]
+        held = [stack.enter_context(network.socket(source_address=("127.0.5.5", 0))) for _ in range(150)]
         for connection in held:
             connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
         assert network.ask("/session").code == 200
@@ -370,7 +375,7 @@ def test_strangers_who_hold_connections_keep_nobody_out(network):
 
 
 def test_a_browser_that_takes_nothing_is_ended_by_the_system(network):
-    with socket.create_connection(("127.0.0.1", network.server.port)) as connection:
+    with network.socket() as connection:
         connection.sendall(b"GET /session HTTP/1.1\r\nHost: x\r\n\r\n")
         assert connection.recv(4096)
         held = [stream for places in network.server.places.values() for stream in places._held]
@@ -386,8 +391,7 @@ def test_viewers_take_no_operators_place(network):
     async def work(operator):
         links = [await network.connect(Cookie=viewer) for _ in range(6)]
         for link in links[:3]:  # its own older ones give way
-            while await asyncio.wait_for(link.read_message(), 60.0) is not None:
-                pass
+            await closing_code(link)
         return await stop(operator)
 
     assert network.link(work, Cookie=cookie(network, Role.OPERATOR))["ok"]
@@ -413,9 +417,7 @@ def test_one_browser_cannot_ask_without_end(local):
             await connection.write_message(
                 json.dumps({"do": "command", "id": f"c{number}", "command": "undo", "seen_stop": "", "age": 0})
             )
-        while await asyncio.wait_for(connection.read_message(), 10.0) is not None:
-            pass
-        return connection.close_code
+        return await closing_code(connection)
 
     assert local.link(work) == 1008
     assert len(local.backend.done) <= 60
@@ -431,7 +433,7 @@ def test_garbage_on_the_socket_ends_only_itself(local):
         b"POST /session HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nZZZ\r\n",
     ]
     for data in garbage:
-        with socket.create_connection(("127.0.0.1", local.server.port), timeout=10.0) as connection:
+        with local.socket(timeout=10.0) as connection:
             connection.sendall(data)
             connection.shutdown(socket.SHUT_WR)
             while connection.recv(4096):
@@ -456,7 +458,7 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
     assert entered.wait(60.0)
     with contextlib.ExitStack() as stack:
         for _ in range(count):
-            stack.enter_context(socket.create_connection(("127.0.0.1", local.server.port)))
+            stack.enter_context(local.socket())
         gate.set()
         assert over.wait(60.0)
     assert max(after - before for before, after in zip(held, held[1:])) == 1
@@ -469,9 +471,8 @@ def test_an_address_that_asks_too_often_is_told_so(local):
 
 def test_an_address_that_connects_too_often_is_hung_up_on_and_others_are_not(local):
     local.server.connections = Limiter(rate=0.0, burst=3.0)
-    host = ("127.0.0.1", local.server.port)
     for number in range(8):
-        with socket.create_connection(host, source_address=("127.0.5.5", 0)) as connection:
+        with local.socket(source_address=("127.0.5.5", 0)) as connection:
             connection.sendall(b"GET /session HTTP/1.0\r\nHost: localhost\r\n\r\n")
             with contextlib.suppress(ConnectionResetError):
                 assert bool(connection.recv(4096)) == (number < 3)
