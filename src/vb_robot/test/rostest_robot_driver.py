@@ -119,7 +119,8 @@ class DriverTest(unittest.TestCase):
 
     def test_follows_the_spot_and_stops_when_the_manager_is_silent(self):
         self.guided()
-        self.assertEqual(self.drivers[""][0], "follow")
+        # the base hears of it on another topic, so that either may come first
+        wait_until(lambda: self.drivers[""][0] == "follow", lambda: f"the driver to say what drives; {self.drivers}")
         self.stimulus.silent = True
         self.wait_hold("state_lost")
         self.wait_notice("robot_state_lost")
