@@ -1,9 +1,10 @@
-"""find_dwells and the seed of a drawing: the place where the hand dwelt."""
+"""extract_seed, and the dwells that it chooses from: the place where the hand dwelt."""
 
 import numpy as np
 import pytest
 
 from refusals import refused
+from vb_fusion.extraction import extract_seed
 from vb_fusion.live_extraction import DrawnBorder
 from vb_fusion.stroke.seed import find_dwells
 
@@ -11,7 +12,7 @@ from vb_fusion.stroke.seed import find_dwells
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
 def test_refusals(points, code):
     with refused(code):
-        find_dwells(points, stamps=np.arange(len(points)) / 25.0)
+        extract_seed(points, stamps=np.arange(len(points)) / 25.0)
 
 
 def seen(place, first, last, *cameras, rate=25):
@@ -33,7 +34,9 @@ def find(parts, before=None, seed=0, dropped=0.0):
     kept = np.random.default_rng(seed).random(len(points)) >= dropped
     known = {"stamps": stamps[kept], "cameras": cameras[kept], "mobile": cameras[kept] == "robot"}
     dwells = find_dwells(points[kept], before=before, **known)
-    return dwells, DrawnBorder(dwells=dwells)
+    drawn = DrawnBorder(dwells=dwells)
+    np.testing.assert_array_equal(extract_seed(points[kept], before=before, **known), drawn.seed)
+    return dwells, drawn
 
 
 def around(place, count):

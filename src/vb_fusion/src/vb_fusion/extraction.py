@@ -40,9 +40,10 @@ from vb_fusion.stroke.observations import (
     merge_observations,
 )
 from vb_fusion.stroke.camera_offsets import remove_offsets
+from vb_fusion.stroke.seed import extract_seed
 from vb_fusion.stroke.track import find_places, find_strokes
 
-__all__ = ["BorderChain", "ExtractionParams", "extract_border"]
+__all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 
 LEAST_DETAIL = (
     0.005  # [m] vertices that change the chain less than this are left out: a map's cell is ten times as large

@@ -50,6 +50,11 @@ class Dwell:
     witnesses: int
 
 
+def extract_seed(points: np.ndarray, **known) -> np.ndarray:
+    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last, (2,) float64 [m]; arguments as find_dwells."""
+    return choose_seed(find_dwells(points, **known)).point
+
+
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     """Chooses the last dwell, as the one that is meant, unless it has fewer witnesses than one before.
 
