@@ -29,7 +29,7 @@ import tornado.web
 import yaml
 
 from vb_bringup.new_lab import write_lab
-from vb_core import geometry, names
+from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
@@ -38,6 +38,7 @@ from vb_core.ros import commands
 from vb_evaluation.processes import free_port, roslaunch
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
+from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
 from vb_laser_detect.camera import lens_file
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_network
@@ -57,12 +58,6 @@ _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
 
 
 # ------------------------------------------------------------- the floor
-def pixels_of(view: FloorView, places: np.ndarray) -> np.ndarray:
-    """Projects places on the floor (N, 2) [m] into a camera's image, (N, 2) [px]."""
-    points = np.column_stack([places, np.zeros(len(places))])
-    return view.camera.project(geometry.apply(geometry.invert(view.T_map_camera), points))
-
-
 def seen_floor(view: FloorView) -> GridMap:
     """Returns an empty map of the floor that a camera sees."""
     camera, T = view.camera, view.T_map_camera
@@ -73,7 +68,7 @@ def seen_floor(view: FloorView) -> GridMap:
     low, high = places.min(axis=0), places.max(axis=0)
     columns, rows = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
     floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*map(float, low), 0.0))
-    seen = camera.contains(pixels_of(view, floor.cell_to_world(np.argwhere(floor.data == 0))))
+    seen = camera.contains(project(camera, T, floor.cell_to_world(np.argwhere(floor.data == 0))))
     return floor.with_data(np.where(seen.reshape(floor.shape), np.int8(0), np.int8(-1)))
 
 
@@ -85,7 +80,7 @@ def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
         for value in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1) * _GRID:
             places = np.full((40, 2), value)
             places[:, 1 - axis] = np.linspace(low[1 - axis], high[1 - axis], 40)
-            pixels = pixels_of(view, places)
+            pixels = project(view.camera, view.T_map_camera, places)
             lines.append(np.round(pixels[view.camera.contains(pixels)], 1).tolist())
     return [line for line in lines if len(line) > 1]
 
@@ -162,7 +157,7 @@ class CornerPage:
             self.view = view
             self._done.set()
         places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
-        worst = uncertainty(corners, size, image, pixels_of(view, places))
+        worst = uncertainty(corners, size, image, project(view.camera, view.T_map_camera, places))
         return {
             "lines": grid_lines(view, floor),
             "worst_cm": round(100.0 * min(worst, 9.99)),
