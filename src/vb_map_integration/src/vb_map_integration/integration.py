@@ -173,7 +173,7 @@ class _Task:
             mask, part = inner, cells[window]
             cv2.subtract(mask, cv2.inRange(part, threshold, 127), dst=mask)  # unknown, 255, stays
             if threshold <= cells[row, column] <= 127:
-                barred = np.full(cells.shape, 255, np.uint8)
+                barred = raster.filled(cells.shape, 255)
                 np.invert(mask, out=barred[window])
                 self.free_cell(barred)
             return window, mask
@@ -202,7 +202,7 @@ class _Task:
         reach = int(WALL_WIDTH / 2.0 / self.prior.resolution + 1e-6)
         top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
         window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
-        mask = np.full(cells[window].shape, 0, np.uint8)
+        mask = raster.filled(cells[window].shape, 0)
         mask[rows - top, columns - left] = 255
         if reach:
             mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
@@ -256,6 +256,6 @@ def _count_free(cells: np.ndarray) -> int:
 
 def _framed(cells: np.ndarray) -> np.ndarray:
     """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
-    framed = np.full((cells.shape[0] + 2, cells.shape[1] + 2), 255, np.uint8)
+    framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
     cv2.inRange(cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
     return framed

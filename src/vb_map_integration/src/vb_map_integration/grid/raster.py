@@ -21,6 +21,11 @@ Window = Tuple[slice, slice]
 MAX_CROSSINGS = 4_000_000
 
 
+def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
+    """Allocates (H, W) uint8 of one value. Not numpy.zeros: its memory comes in small pages, each at the price of a fault."""
+    return np.full(shape, value, np.uint8)
+
+
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
     """Finds the cells whose centre is in a polygon, clipped to the map.
 
@@ -40,8 +45,7 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, 
     corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
     (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
     window = slice(top, bottom), slice(left, right)
-    # not numpy.zeros: its memory comes in small pages, each at the price of a fault
-    mask = np.full((bottom - top, right - left), 0, np.uint8)
+    mask = filled((bottom - top, right - left), 0)
     start = vertices - (left, top)
     end = np.concatenate([start[1:], start[:1]])
     y0, y1 = start[:, 1], end[:, 1]

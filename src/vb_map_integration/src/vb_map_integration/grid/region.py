@@ -32,7 +32,7 @@ class Region:
 
     def spread(self, shape: Tuple[int, int]) -> np.ndarray:
         """Returns (H, W) bool of the map, True in the region."""
-        region = np.full(shape, False)
+        region = raster.filled(shape, 0).view(bool)
         region[self.window] = self.mask != 0
         return region
 
@@ -84,7 +84,7 @@ def join_regions(regions: Sequence[Region]) -> Optional[Region]:
         slice(min(one.window[axis].start for one in regions), max(one.window[axis].stop for one in regions))
         for axis in (0, 1)
     )
-    mask = np.full((window[0].stop - window[0].start, window[1].stop - window[1].start), 0, np.uint8)
+    mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
     for one in regions:
         part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(one.window, window))
         np.maximum(mask[part], one.mask, out=mask[part])
