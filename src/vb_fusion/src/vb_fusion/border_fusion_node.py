@@ -58,7 +58,6 @@ class BorderFusionNode:
 
     def __init__(self, params: FusionParams) -> None:
         self._params = params
-        self._extraction = params.extraction
         self._collector = Collector()
         self._live = LiveExtractor(params.extraction, params.live_cpu_share)
         self._lock = threading.Lock()
@@ -178,7 +177,7 @@ class BorderFusionNode:
         if drawn.chain is not None and drawn.chain.left_out_spots:
             found["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
         # a right corner behind an unseen piece lies at most half as far from it
-        if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._extraction.eps:
+        if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._params.extraction.eps:
             found["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
         if drawn.other_dwell is not None:
             found["seed_held_elsewhere"] = {"seconds": f"{drawn.other_dwell.seconds:.0f}"}

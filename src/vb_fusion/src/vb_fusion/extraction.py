@@ -45,9 +45,7 @@ from vb_fusion.stroke.track import find_places, find_strokes
 
 __all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 
-LEAST_DETAIL = (
-    0.005  # [m] vertices that change the chain less than this are left out: a map's cell is ten times as large
-)
+LEAST_DETAIL = 0.005  # [m] vertices that change the chain less are left out: a map's cell is ten times as large
 SMALLEST_FIGURE = 8.0  # tremors across: the smallest curled line that can be told to be open
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
 
