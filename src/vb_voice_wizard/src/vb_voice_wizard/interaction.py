@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from typing import List, Optional
 
+from vb_core.sentences import spelled_out
 from vb_core.stop_latch import new_id
 from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
-from vb_core.sentences import spelled_out
 from vb_core.vocabulary import COMMANDS, DEFAULT, GUIDE, PAUSED, STATES, STOP, UNDO, State, normalize
 
 from vb_voice_wizard.confirmation import ANSWERS, Question

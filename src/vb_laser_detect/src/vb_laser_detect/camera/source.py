@@ -34,9 +34,8 @@ _POLL_PERIOD = 0.002  # [s] a device is asked: waiting for it could not be ended
 _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
 _CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
 _OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
-_CATCH_UP = (
-    1.0  # [s] a file that is late by less keeps its images' times; a stroke's spots stay as far apart as they were
-)
+# [s] a file that is late by less keeps its images' times; a stroke's spots stay as far apart as they were
+_CATCH_UP = 1.0
 _QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
 _HALVED_ROWS = 1000  # smaller images cost little, and a spot in them has few pixels
 # a sentence's code, to FFmpeg's errors that it tells of; others are told in FFmpeg's own words

@@ -29,9 +29,8 @@ class Planner:
         self.costmap, self._grid = costmap, costmap.grid
         self._free = costmap.traversable()
         self._weights = NEUTRAL_COST + COST_FACTOR * costmap.costs.astype(np.float64)
-        self._searched: Optional[Tuple[Cell, np.ndarray, np.ndarray]] = (
-            None  # start, and what `_search` found from there
-        )
+        # a start, and what `_search` found from there
+        self._searched: Optional[Tuple[Cell, np.ndarray, np.ndarray]] = None
 
     def plan(self, start: np.ndarray, goal: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
         """Plans the cheapest path.
