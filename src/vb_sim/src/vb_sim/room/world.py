@@ -20,6 +20,7 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
+from vb_core.poses import to_map
 from vb_sim.models import read_document
 
 Color = Tuple[int, int, int]
@@ -291,8 +292,7 @@ class World(Parameters):
 def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) -> np.ndarray:
     hx, hy = size[0] / 2.0, size[1] / 2.0
     corners = np.array([[-hx, -hy], [hx, -hy], [hx, hy], [-hx, hy]])
-    c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
-    return corners @ np.array([[c, s], [-s, c]]) + (x, y)
+    return to_map(corners, (x, y, math.radians(yaw_deg)))
 
 
 def load_world(path: str) -> World:
