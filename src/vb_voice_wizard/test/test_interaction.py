@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import pytest
 from hypothesis import given, settings
@@ -152,23 +151,6 @@ def test_while_saving_everything_else_waits_and_a_refusal_keeps_everything():
     assert interaction.take_record() is None
 
 
-def test_timing_runs_from_leaving_default_to_the_integration():
-    interaction = machine()
-    interaction.command(GUIDE_ROBOT, "a", 100.0)
-    interaction.command(DEFINE_BORDER, "a", 110.0)
-    interaction.command(DEFINE_SEED, "a", 130.0)
-    interaction.command(DEFINE_BORDER, "a", 133.0)
-    interaction.command(SAVE, "a", 140.0)
-    interaction.finish(Answer(True, "saved"), 141.5, "b")
-    record = interaction.take_record()
-    assert (record.guide_s, record.border_s, record.seed_s) == (10.0, 28.5, 3.0)
-    assert (record.started, record.ended, record.total_s) == (100.0, 141.5, 41.5)
-    # in Default the figures of the interaction that ended stay
-    assert interaction.durations(500.0)[BORDER] == 28.5
-    interaction.command(DEFINE_BORDER, "a", 600.0)
-    assert interaction.durations(601.0) == {GUIDE: 0.0, BORDER: 1.0, SEED: 0.0}
-
-
 def test_time_that_jumps_back_takes_nothing_off():
     interaction = machine()
     interaction.command(DEFINE_BORDER, "a", 1000.0)
@@ -182,33 +164,43 @@ def test_time_that_jumps_back_takes_nothing_off():
 
 
 steps = st.lists(
-    st.tuples(st.sampled_from(list(COMMANDS)), st.floats(0, 100), st.sampled_from(["accept", "refuse"])), max_size=30
+    st.tuples(st.sampled_from(list(COMMANDS)), st.sampled_from("ab"), st.floats(0, 100), st.booleans()), max_size=30
 )
 
 
 @settings(max_examples=200, deadline=None)
 @given(steps)
-def test_any_sequence_keeps_its_invariants(sequence):
-    interaction, now, began = machine(), 50.0, None  # began: later by the pauses
-    for command, pause, outcome in sequence:
-        now += pause
-        before = interaction.state
-        if before == PAUSED:
-            began += pause
-        say(interaction, command, "s", now)
+def test_any_sequence_is_timed_by_state_from_leaving_default_and_a_stop_holds(sequence):
+    interaction, now, began, stopped, sources = machine(), 50.0, 0.0, False, []
+    spent = {GUIDE: 0.0, BORDER: 0.0, SEED: 0.0}
+
+    def pass_time(seconds):
+        if interaction.state in spent:
+            spent[interaction.state] += seconds
+        return now + seconds
+
+    for command, source, pause, accepted in sequence:
+        now, before = pass_time(pause), interaction.state
+        say(interaction, command, source, now)
         if before == DEFAULT and interaction.state != DEFAULT:
-            began = now
+            began, sources = now, []
+            spent.update(dict.fromkeys(spent, 0.0))
+        sources += [source] if command != STOP and source not in sources else []  # whoever stops need not take part
         if interaction.pending:
-            saved = outcome == "accept" and interaction.saving
-            interaction.finish(Answer(saved, "saved" if saved else "busy"), now, "b" if saved else "")
+            now = pass_time(1.5)  # the others take their time
+            interaction.finish(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
+        stopped = command == STOP or (stopped and command != RESUME)
+        assert interaction.latch.stopped == stopped
+        # in Default the figures of the interaction that ended stay
+        assert interaction.durations(now) == pytest.approx(spent)
         record = interaction.take_record()
         assert (record is None) == (not (before != DEFAULT and interaction.state == DEFAULT))
         if record:
-            assert math.isclose(record.total_s, now - began, abs_tol=1e-6)
-            assert record.ended == now and record.started <= began
+            found = [record.guide_s, record.border_s, record.seed_s, record.total_s]
+            assert found == pytest.approx([*spent.values(), sum(spent.values())])
+            assert (record.started, record.ended, list(record.sources)) == (began, now, sources)
         if interaction.state != DEFAULT:
-            assert math.isclose(sum(interaction.durations(now).values()), now - began, abs_tol=1e-6)
-            assert interaction.started <= interaction.entered <= now
+            assert began == interaction.started <= interaction.entered <= now
 
 
 # ------------------------------------------------------------------ pause
