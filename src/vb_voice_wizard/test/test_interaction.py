@@ -268,44 +268,46 @@ def test_a_stop_voids_every_command_that_was_given_before_it(command):
 
 
 # ------------------------------------------------------------------ asked about
-@pytest.mark.parametrize(
-    "uncertain, doubtful, asked", [(False, False, False), (True, False, True), (False, True, True)]
-)
-def test_save_is_asked_about_if_word_or_border_are_in_doubt(uncertain, doubtful, asked):
-    interaction = after(DEFINE_BORDER, DEFINE_SEED)
-    answer = interaction.command(SAVE, "voice", 3.0, uncertain, doubtful)
-    assert (answer.code == "confirm_save") == asked == (not interaction.saving)
-    assert interaction.question.command == (SAVE if asked else "")
-    if asked:
-        said = answer.values["answer"]
-        assert said == ("yes save" if uncertain else "save") and said in answer.message
-        assert interaction.command(said, "voice", 4.0, uncertain, doubtful).success and interaction.saving
+ASKED_ABOUT = {(DEFINE_BORDER, DEFINE_SEED): (SAVE, CANCEL), (): (UNDO, REDO), (STOP,): (RESUME,)}
 
 
-@pytest.mark.parametrize("between", [DEFINE_BORDER, GUIDE_ROBOT, STOP, "nonsense", ""])
-def test_a_question_is_forgotten_by_another_command_or_after_a_while(between):
-    interaction = after(DEFINE_BORDER, DEFINE_SEED)
-    interaction.command(SAVE, "a", 3.0, False, True)
-    if between:
-        interaction.command(between, "a", 4.0)
-    again = interaction.command(SAVE, "a", 5.0 if between else 3.1 + CONFIRM_WITHIN, False, True)
-    assert (again.code == "confirm_save") == (between != "nonsense") and interaction.saving == (between == "nonsense")
-
-
-@pytest.mark.parametrize("command, way", [(CANCEL, (DEFINE_BORDER,)), (UNDO, ()), (REDO, ()), (RESUME, (STOP,))])
-def test_what_an_unclear_command_would_undo_is_asked_about(command, way):
-    interaction = after(*way)
-    before = interaction.state, interaction.latch.stopped
-    for now in (10.0, 11.0):
-        # what was misheard once is misheard again: the same word is no answer
-        asked = say(interaction, command, "voice", now, True)
-        assert asked.code == "confirm_command" and f'"yes {command}"' in asked.message and not asked.success
-        assert (interaction.state, interaction.latch.stopped) == before and not interaction.pending
-    answer = "yes_" + command
-    assert say(interaction, answer, "page 1a2b", 12.0, True).code == "nothing_asked"
-    assert (interaction.state, interaction.latch.stopped) == before
-    say(interaction, command, "voice", 13.0, True)
-    assert say(interaction, answer, "voice", 14.0, True).success
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_what_is_in_doubt_is_done_once_the_one_who_was_asked_has_said_so_in_other_words_and_in_time(data):
+    way = data.draw(st.sampled_from(list(ASKED_ABOUT)))
+    words = [*ASKED_ABOUT[way], *("yes_" + name for name in ASKED_ABOUT[way]), PAUSE, STOP, "nonsense"]
+    pauses = st.floats(0.0, 1.2 * CONFIRM_WITHIN)
+    step = st.tuples(st.sampled_from(words), st.sampled_from("ab"), st.booleans(), st.booleans(), pauses)
+    interaction, now, asked = after(*way), 10.0, ("", "", 0.0)
+    for said, source, uncertain, doubtful, pause in data.draw(st.lists(step, max_size=20)):
+        now += pause
+        name, stopped = ANSWERS.get(said, said), interaction.latch.stopped
+        answer = say(interaction, said, source, now, uncertain, doubtful)
+        if said == "nonsense":
+            assert answer.code == "unknown_command"
+            continue  # whoever was not understood says it again
+        meant = asked[:2] == (name, source) and now - asked[2] <= CONFIRM_WITHIN
+        asked = ("", "", 0.0)  # by anything else that is said
+        if said in ANSWERS:
+            done, code = meant, "nothing_asked"
+        else:
+            # what was misheard once is misheard again: the same word is an answer only if there was no doubt of it
+            done = said in (PAUSE, STOP) or (not uncertain and (meant or not (doubtful and said == SAVE)))
+            code = "confirm_save" if said == SAVE else "confirm_command"
+        if done:
+            assert answer.code not in ("nothing_asked", "confirm_save", "confirm_command")
+            if said not in (PAUSE, STOP):
+                assert answer.success
+                return
+        else:
+            assert (answer.code, answer.success) == (code, False)
+            assert not interaction.pending and interaction.latch.stopped == stopped
+            assert bool(interaction.interaction_id) == (SAVE in words), "the drawing is still there"
+            if said not in ANSWERS:
+                asked = (name, source, now)
+                assert answer.values["answer"] == spelled_out("yes_" + name if uncertain else name)
+                assert answer.values["answer"] in answer.message
+        assert interaction.question.command == asked[0]
 
 
 @pytest.mark.parametrize("laser_on", [False, True])
@@ -337,16 +339,6 @@ def test_another_state_is_asked_about_while_somebody_points():
     assert interaction.command(DEFINE_SEED, "voice", 20.0, uncertain=True).code == "point_seed", "nobody points"
     interaction.see_laser(21.0)
     assert interaction.command(DEFINE_BORDER, "voice", 21.0).code == "draw_border_again", "beyond doubt"
-
-
-def test_an_answer_to_nothing_and_to_something_else_does_nothing():
-    interaction = after(DEFINE_BORDER, DEFINE_SEED)
-    assert interaction.command("yes_save", "voice", 3.0).code == "nothing_asked" and not interaction.saving
-    interaction.command(SAVE, "voice", 4.0, uncertain=True)
-    assert interaction.command("yes_cancel", "voice", 5.0).code == "nothing_asked"
-    assert interaction.command("yes_save", "voice", 6.0).code == "nothing_asked", "another word has closed the question"
-    interaction.command(SAVE, "voice", 7.0, uncertain=True)
-    assert interaction.command("yes_save", "voice", 7.1 + CONFIRM_WITHIN).code == "nothing_asked"
 
 
 # ------------------------------------------------------------------ a save without an answer, and nobody there
