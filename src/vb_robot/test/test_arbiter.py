@@ -205,23 +205,6 @@ def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
     rig.follows()
 
 
-def test_contact_lets_it_only_back_up():
-    rig = Rig()
-    rig.navigation = (0.3, 0.0)
-    rig.arbiter.gate.set_contact(("bumper", 0), "forward")
-    assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
-    rig.navigation = (-0.2, 0.0)
-    assert rig.step().v == -0.2
-
-
-def test_speed_limits_hold_for_navigation():
-    rig = Rig()
-    rig.navigation = (0.5, 0.5)
-    rig.arbiter.gate.speed_limits = empty().with_data(np.full(empty().shape, 20, np.int8))
-    command = rig.step(0.2)
-    assert command.code == "speed_zone" and command.v == pytest.approx(0.2) and command.w == pytest.approx(0.2)
-
-
 @pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
 @pytest.mark.parametrize("off", [0.0, MIN_UNCERTAINTY])
 def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is_off(who, off):
@@ -239,19 +222,6 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
             rig.step()
             nose.append(rig.pose[0] + PROFILE.radius)
         assert max(nose) <= edge + 0.04 and rig.commands[-1].code == "border"
-
-
-def test_a_jump_of_the_localisation_stops_it_for_a_moment():
-    rig = Rig().drives()
-    rig.pose = (rig.pose[0], rig.pose[1] + 0.6, 0.0)
-    assert rig.step(0.2).code == "pose_jumped" and rig.commands[-1].v == 0.0
-    assert rig.step(1.2).v == 0.3
-
-
-def test_numbers_that_are_none_stop_it():
-    rig = Rig()
-    rig.navigation = (math.nan, 0.0)
-    assert rig.step().code == "bad_command" and rig.commands[-1].v == 0.0
 
 
 # ------------------------------------------------------------ one policy for spots

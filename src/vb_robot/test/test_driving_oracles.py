@@ -15,7 +15,7 @@ from vb_core.navigation_parameters import PATH_MARGIN
 from vb_core.robot_profile import RobotProfile, Scanner
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import Escape
-from vb_robot.driving.gate import FOLLOW, NAVIGATION, TELEOP, Gate
+from vb_robot.driving.gate import ESCAPE, FOLLOW, NAVIGATION, TELEOP, Gate
 from vb_robot.driving.safety import Clearance
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.driving.workspace import Workspace
@@ -229,10 +229,14 @@ def test_something_too_near_to_be_measured_touches_the_robot_or_is_before_the_sc
 
 
 # ------------------------------------------------------------ the gate
-def known(profile=PROFILE, ranges=math.inf):
+def known(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limits=None):
     """A gate that knows everything at 10 s."""
     gate = Gate(profile)
-    gate.workspace = Workspace(empty(), empty(), profile.radius)
+    gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
+    gate.speed_limits = speed_limits
+    for number, blocks in enumerate(("forward", touched, "")):
+        gate.set_contact(("bumper", number), blocks)
+    gate.set_contact(("bumper", 0), "")
     gate.set_scan(scan_of(np.full(360, ranges), -math.pi, math.radians(1.0)), 10.0)
     gate.record_input("state", 10.0)
     gate.set_pose((4.0, 2.5, 0.0), 10.0)
@@ -272,16 +276,6 @@ def test_what_is_missing_is_named_and_a_person_with_a_joystick_needs_only_the_sc
     assert gate.limit(10.0, FOLLOW, wish) == (0.0, 0.0, "spot_lost")
     gate.clock_age = 0.6
     assert gate.limit(10.0, TELEOP, wish) == (0.0, 0.0, "clock_stopped")
-    gate.clock_age, gate.contacts = 0.0, {("bumper", 0): "all"}
-    for v, w in ((0.1, 0.0), (-0.2, 0.0), (0.0, 0.5)):
-        assert gate.limit(10.0, TELEOP, VelocityRequest(v, w)) == (0.0, 0.0, "contact")
-
-
-@pytest.mark.parametrize("source", [NAVIGATION, TELEOP])
-def test_a_robot_without_a_scanner_is_slow_and_keeps_its_arc(source):
-    gate = known(RobotProfile(scanner=Scanner(present=False)))
-    v, w, code = gate.limit(10.0, source, VelocityRequest(0.2, 0.1, "driving"))
-    assert (v, w) == pytest.approx((0.1, 0.05)) and code == "floor_not_scanned"
 
 
 @pytest.mark.parametrize(
@@ -308,10 +302,71 @@ def test_what_each_source_keeps_clear_ahead_beside_and_of_the_maps_cells(source,
         assert drives((-1.0, 0.0), 4.0 + RADIUS + cells + 0.01 + more) is (more > 0.0)
 
 
-def test_what_is_slower_than_two_centimetres_a_second_only_turns():
-    gate = known(ranges=RADIUS + 0.041)
-    v, w, code = gate.limit(10.0, NAVIGATION, VelocityRequest(0.2, 0.3, "driving"))
-    assert (v, w, code) == (0.0, 0.3, "obstacle")
+SLOW = empty().with_data(np.full(empty().shape, 20, np.int8))  # 0.2 m/s everywhere
+BLIND = RobotProfile(scanner=Scanner(present=False))
+
+
+@pytest.mark.parametrize(
+    "source, gate, wish, found",
+    [
+        (NAVIGATION, known(), (0.3, 0.2), (0.3, 0.2, "driving")),
+        # what is too fast is slower on its arc
+        (NAVIGATION, known(), (9.0, 0.9), (0.5, 0.05, "speed_limit")),
+        (FOLLOW, known(), (0.4, 0.2), (0.2, 0.1, "speed_limit")),
+        (ESCAPE, known(), (-0.4, 0.2), (-0.2, 0.1, "speed_limit")),
+        (NAVIGATION, known(speed_limits=SLOW), (0.4, 0.4), (0.2, 0.2, "speed_zone")),
+        (TELEOP, known(speed_limits=SLOW), (0.1, 0.4), (0.1, 0.4, "driving")),
+        (TELEOP, known(), (0.0, -7.0), (0.0, -1.0, "driving")),
+        # without a scanner it drives slowly, by its map alone
+        (NAVIGATION, known(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
+        (TELEOP, known(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
+        # below 2 cm/s it only turns
+        (NAVIGATION, known(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
+        # a contact lets it only back up and turn, another one not even that, and none is released by another one
+        (TELEOP, known(touched="forward"), (0.1, 0.2), (0.0, 0.2, "contact")),
+        (TELEOP, known(touched="forward"), (-0.1, 0.2), (-0.1, 0.2, "driving")),
+        (TELEOP, known(touched="all"), (-0.1, 0.0), (0.0, 0.0, "contact")),
+        (TELEOP, known(touched="all"), (0.0, 0.5), (0.0, 0.0, "contact")),
+        # numbers that are none
+        (TELEOP, known(), (math.nan, 0.0), (0.0, 0.0, "bad_command")),
+        (TELEOP, known(), (0.1, math.inf), (0.0, 0.0, "bad_command")),
+        # within a border only navigation may not drive
+        (NAVIGATION, known(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
+        (TELEOP, known(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
+    ],
+)
+def test_what_the_gate_makes_of_a_command(source, gate, wish, found):
+    gate.stamps["spot"] = 10.0
+    assert gate.limit(10.0, source, VelocityRequest(*wish)) == (*map(pytest.approx, found[:2]), found[2])
+
+
+@settings(STEADY, max_examples=300)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([0.0, 0.3, 0.3, 0.6, 1.2, -50.0]), st.sampled_from([None, -2, 0, 0, 1, 1, 2, 3])),
+        min_size=3,
+        max_size=12,
+    )
+)
+def test_a_jump_of_the_localisation_within_a_second_or_since_its_last_pose_holds_the_robot_for_one(steps):
+    """In units of 0.1 m, of a robot whose odometry stands; the clock may be set back. Three units are too many."""
+    gate, now, place, fixes, held_until = Gate(PROFILE), 100.0, 0, [], -math.inf
+    for seconds, shift in steps:
+        now += seconds
+        held_until = -math.inf if held_until > now + 1.0 else held_until
+        if shift is None:
+            gate.set_pose(None, now)
+            assert gate.pose(now) is None
+            continue
+        place += shift
+        gate.set_pose((0.1 * place, 0.0, 0.0), now, odometry=(0.0, 0.0, 0.0))
+        recent = [fix for fix in fixes if 0.0 <= now - fix[0] <= 1.0] or [fix for fix in fixes[-1:] if fix[0] <= now]
+        jumps = any(abs(place - before) >= 3 for _, before in (*recent[:1], *recent[-1:]))
+        fixes = [*([] if jumps else fixes), (now, place)]
+        held_until = now + 1.0 if jumps else held_until
+        assert gate.pose(now) == (None if now < held_until else (0.1 * place, 0.0, 0.0))
+        request, wanted = VelocityRequest(0.0, 0.0), "pose_jumped" if now < held_until else "no_map"
+        assert gate.limit(now, NAVIGATION, request) == (0.0, 0.0, wanted)
 
 
 def test_the_usual_period_is_that_of_the_last_five_messages():

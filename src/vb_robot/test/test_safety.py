@@ -108,14 +108,3 @@ def test_a_jump_of_the_pose_is_what_the_odometry_does_not_tell():
     blind = Fix(10.0, (1.0, 2.0, 0.0))
     assert pose_jump(blind, Fix(11.0, (2.0, 2.0, 3.0))) == pytest.approx(0.0)
     assert pose_jump(blind, Fix(10.5, (2.0, 2.0, 3.0))) == pytest.approx(0.5 + 0.5 * 1.5)
-
-
-def test_a_clock_that_jumps_back_ends_the_wait_after_a_jump_of_the_pose():
-    gate = Gate(RobotProfile())
-    gate.set_pose((1.0, 1.0, 0.0), 100.0, odometry=(0.0, 0.0, 0.0))
-    assert gate.pose(100.0) == (1.0, 1.0, 0.0)
-    gate.set_pose((4.0, 1.0, 0.0), 100.1, odometry=(0.0, 0.0, 0.0))
-    assert gate.pose(100.1) is None
-    # a simulation or a bag begins again: the hold would last until its old time
-    gate.set_pose((1.0, 1.0, 0.0), 5.0, odometry=(0.0, 0.0, 0.0))
-    assert gate.pose(5.0) == (1.0, 1.0, 0.0)

@@ -94,13 +94,6 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     assert rig.step(1.0).v == 0.3
 
 
-def test_it_is_never_faster_than_it_may_be():
-    rig = Rig()
-    rig.navigation = (9.0, 0.0)
-    assert rig.step(0.5).code == "speed_limit"
-    assert 0.9 * PROFILE.limits.max_speed < max(command.v for command in rig.commands) <= PROFILE.limits.max_speed
-
-
 # ------------------------------------------------------------ where it is
 @pytest.mark.parametrize("known", [True, False])
 def test_amcl_starts_where_a_robot_was_said_to_be_or_the_robot_does_not_know(known, tmp_path):
@@ -121,25 +114,6 @@ def test_amcl_starts_where_a_robot_was_said_to_be_or_the_robot_does_not_know(kno
     assert uncertainty.lost is not known
 
 
-def test_a_localisation_that_slides_away_in_small_steps_is_a_jump_too():
-    rig = Rig().drives(0.0, 0.3)
-    codes = set()
-    for _ in range(9):
-        rig.pose = (rig.pose[0], rig.pose[1] + 0.2, rig.pose[2])  # 1.8 m within 0.45 s
-        codes.add(rig.step().code)
-    assert "pose_jumped" in codes
-
-
-def test_a_jump_over_a_moment_without_a_pose_is_a_jump_too():
-    rig = Rig().drives()
-    rig.arbiter.gate.set_pose(None, rig.now)
-    rig.silent.add("pose")
-    rig.step(0.1)
-    rig.silent.clear()
-    rig.pose = (rig.pose[0], rig.pose[1] - 1.5, 0.0)
-    assert rig.step().code == "pose_jumped"
-
-
 def test_a_state_that_is_not_known_moves_no_robot():
     record = Sightings(mobile_cameras=("robot",))
     record.set_state(state_of("of_a_newer_version"), "a", 0.0)
@@ -149,17 +123,6 @@ def test_a_state_that_is_not_known_moves_no_robot():
 
 
 # ------------------------------------------------------------ contacts
-def test_a_bumper_that_is_released_does_not_release_another_one():
-    rig = Rig().drives()
-    gate = rig.arbiter.gate
-    gate.set_contact(("bumper", 0), "forward")
-    gate.set_contact(("bumper", 1), "forward")
-    gate.set_contact(("bumper", 0), "")
-    assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
-    gate.set_contact(("bumper", 1), "")
-    assert rig.step(0.5).v == 0.3
-
-
 @pytest.mark.parametrize(
     "more, complaint",
     [
