@@ -15,7 +15,7 @@ from vb_core.navigation_parameters import PATH_MARGIN
 from vb_core.robot_profile import RobotProfile, Scanner
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import Escape
-from vb_robot.driving.gate import ESCAPE, FOLLOW, NAVIGATION, TELEOP, Gate
+from vb_robot.driving.gate import ESCAPE, FOLLOW, NAVIGATION, NONE, TELEOP, Gate
 from vb_robot.driving.safety import Clearance
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.driving.workspace import Workspace
@@ -44,13 +44,24 @@ class Law:
         return VelocityRequest(float(np.clip(v, -0.2, 0.2)), w, "driving" if v != 0.0 or w != 0.0 else "spot_in_view")
 
 
-@settings(STEADY, max_examples=60)
-@given(st.lists(st.tuples(st.floats(0.4, 1.7), st.floats(-0.8, 0.8)), min_size=5, max_size=30))
-def test_the_follower_keeps_its_law(spots):
+SPOT = st.tuples(st.floats(0.4, 1.7), st.floats(-0.8, 0.8))
+
+
+@settings(STEADY, max_examples=80)
+@given(st.lists(st.one_of(SPOT, SPOT, SPOT, st.sampled_from(["no spot", "no pose"])), min_size=5, max_size=30))
+def test_the_follower_keeps_its_law_and_begins_again_once_spot_or_pose_was_lost(spots):
     follower, law = SpotFollower(), Law()
-    for distance, bearing in spots:
-        follower.spot = distance * math.cos(bearing), distance * math.sin(bearing)
-        found, wanted = follower.compute_request((0.0, 0.0, 0.0)), law.request(distance, bearing)
+    for spot in spots:
+        if isinstance(spot, str):
+            follower.spot, law, wanted = (
+                None if spot == "no spot" else (2.0, 0.0),
+                Law(),
+                VelocityRequest(0.0, 0.0, "spot_lost"),
+            )
+        else:
+            distance, bearing = spot
+            follower.spot, wanted = (distance * math.cos(bearing), distance * math.sin(bearing)), law.request(*spot)
+        found = follower.compute_request(None if spot == "no pose" else (0.0, 0.0, 0.0))
         assert (found.v, found.w, found.code) == (pytest.approx(wanted.v), pytest.approx(wanted.w), wanted.code)
 
 
@@ -97,12 +108,18 @@ def test_ten_seconds_of_help_then_twenty_of_rest(place):
     assert len(workspace.asked) == 2
 
 
-def test_after_time_was_set_back_it_waits_as_at_the_start_and_does_not_rest():
+def test_one_that_is_free_for_a_moment_rests_too():
     escape, workspace = Escape(RADIUS), Pinched(0.0)
     assert ask(escape, workspace, 100.0, 101.5) == [False, True]
     workspace.gap = 1.0
-    assert ask(escape, workspace, 102.0) == [False]
+    assert ask(escape, workspace, 101.6) == [False]
     workspace.gap = 0.0
+    assert ask(escape, workspace, 101.7, 131.4, 131.6) == [False, False, True]
+
+
+def test_after_time_was_set_back_it_waits_as_at_the_start_and_does_not_rest():
+    escape, workspace = Escape(RADIUS), Pinched(0.0)
+    assert ask(escape, workspace, 100.0, 101.5, 101.2) == [False, True, False]
     assert ask(escape, workspace, 99.7, 101.1, 101.3) == [False, False, True]
 
 
@@ -322,6 +339,7 @@ BLIND = RobotProfile(scanner=Scanner(present=False))
         (TELEOP, known(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
         # below 2 cm/s it only turns
         (NAVIGATION, known(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
+        (NAVIGATION, known(ranges=RADIUS + 0.0448), (0.2, 0.0), (0.03, 0.0, "obstacle")),
         # a contact lets it only back up and turn, another one not even that, and none is released by another one
         (TELEOP, known(touched="forward"), (0.1, 0.2), (0.0, 0.2, "contact")),
         (TELEOP, known(touched="forward"), (-0.1, 0.2), (-0.1, 0.2, "driving")),
@@ -369,14 +387,25 @@ def test_a_jump_of_the_localisation_within_a_second_or_since_its_last_pose_holds
         assert gate.limit(now, NAVIGATION, request) == (0.0, 0.0, wanted)
 
 
-def test_the_usual_period_is_that_of_the_last_five_messages():
-    gate, now = Gate(PROFILE), 10.0
-    for period in [0.2] * 10 + [0.05] * 5:
-        now += period
-        gate.record_input("scan", now)
-    assert gate._age(now + 0.3, "scan") == pytest.approx(0.3)
-    for period in [0.2] * 3 + [1.5]:  # a pause is no period
-        now += period
-        gate.record_input("scan", now)
-    assert gate._age(now + 0.3, "scan") == pytest.approx(0.2)
-    assert gate._age(now - 0.4, "scan") == pytest.approx(-0.4) and gate._age(now - 0.6, "scan") == math.inf
+@settings(STEADY, max_examples=200)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([-0.3, 0.0, 0.05, 0.12, 0.2, 0.3, 0.6, 1.5]), st.sampled_from([0.0, 0.0, 0.3, 0.6])),
+        min_size=1,
+        max_size=12,
+    ),
+    st.sampled_from([-0.6, -0.4, -0.1, 0.02, 0.1, 0.3, 0.7]),
+)
+def test_the_age_of_an_input_is_less_what_its_last_five_periods_account_for(messages, later):
+    """A pause is no period; what is dated a little ahead is as new as the last command."""
+    gate, now, stamps, periods = Gate(PROFILE), 10.0, [], []
+    for seconds, ahead in messages:
+        now += seconds
+        gate.limit(now, NONE, VelocityRequest(0.0, 0.0))
+        gate.record_input("scan", now + ahead)
+        stamps.append(now if ahead < 0.5 else now + ahead)
+        if len(stamps) > 1 and 0.0 < stamps[-1] - stamps[-2] < 1.0:
+            periods.append(stamps[-1] - stamps[-2])
+    slack = min(max(float(np.median(periods[-5:] or [0.0])) - 0.1, 0.0), 0.15)
+    wanted = math.inf if later < -0.5 else later if later < 0.0 else max(later - slack, 0.0)
+    assert gate._age(stamps[-1] + later, "scan") == pytest.approx(wanted)
