@@ -34,20 +34,16 @@ class Clearance:
     cells: float
 
 
-def safe_speed(free: float, limits: Limits, delay: float = 0.0) -> float:
-    """Returns the largest speed [m/s] from which the robot stops within a free distance [m].
-
-    Args:
-        delay: [s] from the measurement to the wheels, if that is more than the reaction time.
-    """
+def safe_speed(free: float, limits: Limits, delay: float) -> float:
+    """Returns the largest speed [m/s] from which the robot stops within a free distance [m], a delay [s] after a measurement."""
     # v * delay + v^2 / (2 deceleration) = free
-    b, free, delay = limits.deceleration, max(free, 0.0), max(delay, limits.reaction_time)
+    b, free = limits.deceleration, max(free, 0.0)
     return b * (math.sqrt(delay**2 + 2.0 * free / b) - delay)
 
 
-def stop_distance(v: float, limits: Limits, delay: float = 0.0) -> float:
+def stop_distance(v: float, limits: Limits, delay: float) -> float:
     """Returns the distance [m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
-    return abs(v) * max(delay, limits.reaction_time) + v * v / (2.0 * limits.deceleration)
+    return abs(v) * delay + v * v / (2.0 * limits.deceleration)
 
 
 class Scan:
@@ -73,7 +69,6 @@ class Scan:
         radius: float,
         no_return: str = "inf",
     ) -> None:
-        ranges = np.asarray(ranges, dtype=float)
         if no_return != "inf":
             ranges = np.where(ranges == 0.0 if no_return == "zero" else np.isnan(ranges), np.inf, ranges)
         angles = angle_min + angle_increment * np.arange(len(ranges))
@@ -95,7 +90,7 @@ class Scan:
 
     def covers(self, bearing: float, half: float) -> bool:
         """Returns whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
-        off = (self._bearings - bearing + math.pi) % (2.0 * math.pi) - math.pi
+        off = geometry.wrap_angle(self._bearings - bearing)
         off = np.sort(off[np.abs(off) <= half + self._gap])
         if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
             return False
@@ -105,14 +100,14 @@ class Scan:
         """Returns how far [m] the robot can drive along the arc of (v, w) [m/s, rad/s] before it comes too near to a point, or inf."""
         bend, width = w / v, radius + clearance.sides
         along, across = geometry.along_arc(
-            self.points * [math.copysign(1.0, v), 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0
+            self.points * [np.sign(v), 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0
         )
         hit = (np.abs(across) < width) & (along > 0.0)
         if not hit.any():
             return math.inf
         # the front is round: off the centre line an obstacle may be nearer
         nose = np.sqrt(width**2 - across[hit] ** 2)
-        return float(np.maximum(along[hit] - nose, 0.0).min() - clearance.ahead + clearance.sides)
+        return float((along[hit] - nose).min() - clearance.ahead + clearance.sides)
 
     def sees_path(self, v: float, w: float, radius: float, needed: float) -> bool:
         """Returns whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
