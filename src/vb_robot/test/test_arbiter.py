@@ -14,7 +14,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops, StopLatch
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_robot.driving.arbiter import Arbiter
-from vb_robot.driving.gate import INPUT_TIMEOUT, NAVIGATION, TELEOP
+from vb_robot.driving.gate import NAVIGATION, TELEOP
 from vb_robot.driving.spot_follower import FAR_DISTANCE, MAX_TURN, NEAR_DISTANCE
 from vb_robot.driving.workspace import MIN_UNCERTAINTY, PoseUncertainty, Workspace
 from vb_robot.spots import Sighting, Sightings
@@ -169,14 +169,6 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 # ------------------------------------------------------------ the gate
 
 
-def test_what_is_dated_ahead_grows_old_all_the_same():
-    """AMCL dates its poses 0.1 s ahead, and clocks of two computers differ a little."""
-    rig = Rig().drives(0.4)
-    rig.silent.add("pose")
-    rig.arbiter.gate.set_pose(rig.pose, rig.now + 0.3)
-    assert rig.step(INPUT_TIMEOUT).v == 0.0
-
-
 @pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])
 def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
     rig = Rig(fov=fov)
@@ -185,17 +177,6 @@ def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
     rig.step(1.0)
     assert (min(command.v for command in rig.commands) < -0.05) is backs
     assert backs or rig.commands[-1].code == "floor_not_scanned"
-
-
-def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
-    rig = Rig()
-    rig.set_grid(with_border(empty(), 1.0, 1.0, 4.0, 4.0))
-    rig.navigation = (0.3, 0.0)
-    assert rig.step(0.2).code == "inside_border" and rig.commands[-1].v == 0.0
-    rig.teleop = (0.3, 0.0)
-    assert rig.step(0.2).source == "teleop" and rig.commands[-1].v > 0.0
-    rig.teleop = None
-    rig.follows()
 
 
 @pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])

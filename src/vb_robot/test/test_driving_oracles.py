@@ -318,8 +318,14 @@ def test_what_is_missing_is_named_and_a_person_with_a_joystick_needs_only_the_sc
         assert gate.limit(10.0, NAVIGATION, wish)[2] == code
         assert gate.limit(10.0, TELEOP, wish) == (0.1, 0.0, "driving")
     assert gate.limit(10.0, FOLLOW, wish) == (0.0, 0.0, "spot_lost")
+    gate.stamps.pop("spot")
+    assert gate.limit(10.0, FOLLOW, wish) == (0.0, 0.0, "spot_lost"), "also if there never was one"
     gate.clock_age = 0.6
     assert gate.limit(10.0, TELEOP, wish) == (0.0, 0.0, "clock_stopped")
+    gate = Gate(PROFILE)
+    assert gate.limit(10.0, TELEOP, wish) == (0.0, 0.0, "scan_lost")
+    gate.set_scan(scan_of(np.full(360, math.inf)), 10.0)
+    assert gate.limit(10.0, TELEOP, wish) == (0.1, 0.0, "driving")
 
 
 @pytest.mark.parametrize(
@@ -378,6 +384,7 @@ BLIND = RobotProfile(scanner=Scanner(present=False))
         # within a border only navigation may not drive
         (NAVIGATION, known(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
         (TELEOP, known(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
+        (FOLLOW, known(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
     ],
 )
 def test_what_the_gate_makes_of_a_command(source, gate, wish, found):

@@ -64,26 +64,6 @@ def test_a_robot_of_a_kind_that_is_not_supported_is_refused_in_one_sentence(kind
 
 
 # ------------------------------------------------------------ what each source needs
-def test_a_joystick_needs_the_scanner_and_nothing_else():
-    rig = Rig()
-    rig.silent |= {"state", "pose", "localisation"}
-    rig.arbiter.gate.workspace = None
-    rig.teleop = (0.2, 0.3)
-    assert rig.step(3.0).code == "driving" and rig.commands[-1].v == 0.2
-    rig.silent.add("scan")
-    rig.step(1.0)
-    assert (rig.commands[-1].v, rig.commands[-1].w, rig.commands[-1].code) == (0.0, 0.0, "scan_lost")
-
-
-@pytest.mark.parametrize("never, code", [("scan", "scan_lost"), ("state", "state_lost"), ("pose", "pose_lost")])
-def test_what_never_came_stops_it(never, code):
-    rig = Rig()
-    rig.silent.add(never)
-    rig.navigation = (0.3, 0.2)
-    rig.step(2.0)
-    assert all(command.v == command.w == 0.0 for command in rig.commands) and rig.commands[-1].code == code
-
-
 def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     rig = Rig().drives()
     rig.goal = True
