@@ -71,7 +71,8 @@ class Navigator:
 
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:
-        """Begins a new goal (x, y, yaw) [m, m, rad], map frame."""
+        """Begins a new goal (x, y, yaw) [m, m, rad], map frame; raises CodedError "no_map"."""
+        self.static()  # before anybody asks for the robot's pose, which may not be known yet either
         self._goal = goal
         self._follower.set_goal(goal)
         self._forget()
