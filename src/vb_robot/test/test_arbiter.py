@@ -167,8 +167,6 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 
 
 # ------------------------------------------------------------ the gate
-
-
 @pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])
 def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
     rig = Rig(fov=fov)
