@@ -1,4 +1,4 @@
-"""Each bench runs on a sample of a few seconds: what its figures are is nobody's business here, that it ends well is."""
+"""Runs each bench on a sample of a few seconds, to see that it ends well; its figures are not checked."""
 
 import shlex
 import subprocess
