@@ -204,9 +204,9 @@ class Background:
         self._noise_s, self._limit = 0.0, None
 
 
-def relight(background: np.ndarray, image: np.ndarray, widest: float) -> np.ndarray:
-    """Returns a background in the light of an image, of which nothing is taken that is narrower than `widest` [px]."""
-    half = 2 * math.ceil(widest / 4)
+def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
+    """Returns a background in the light of an image, of which nothing is taken that is narrower than `max_width` [px]."""
+    half = 2 * math.ceil(max_width / 4)
     kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
     # the places in a Bayer image's pattern are not mixed
     step = 2 if image.ndim == 2 else 1

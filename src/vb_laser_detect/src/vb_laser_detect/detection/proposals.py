@@ -207,12 +207,12 @@ class Proposer:
         edge, before = BLOCK * picture.scale, self._background
         floors = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
         for one in expected:
-            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.widest, edge)
+            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.max_width, edge)
             for size, floor in zip((picture.scale, 1), floors):
                 part = tuple(slice(edge // size * side.start, edge // size * side.stop) for side in (rows, columns))
                 if floor[part].size:
                     old = before.moved_part(part, floor) if floor is floors[0] else before.whole[part]
-                    floor[part] = relight(old, floor[part], one.widest / size)
+                    floor[part] = relight(old, floor[part], one.max_width / size)
         self._background = Background(*floors)
         self._restless_s = np.zeros(self._background.blocks, np.float32)  # for how long each block will count as that
         self._begin()
