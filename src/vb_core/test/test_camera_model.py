@@ -20,7 +20,7 @@ def test_points_behind_the_camera_have_no_pixel():
     "camera",
     [
         (0, 480, np.eye(3), np.zeros(5)),
-        (640, 480, np.zeros((3, 3)), np.zeros(5)),
+        *((640, 480, np.diag(focal), np.zeros(5)) for focal in ([0.0, 1.0, 1.0], [1.0, 0.0, 1.0])),
         (640, 480, np.full((3, 3), np.nan), np.zeros(5)),
         (640, 480, np.eye(3), np.zeros(3)),
         (640, 480, np.eye(3), np.full(5, np.inf)),

@@ -24,7 +24,8 @@ def test_cells_and_points_are_inverse(x, y, yaw, resolution):
 def test_row_zero_is_the_lowest_y():
     data = np.zeros((4, 3), np.int8)
     data[0, 2] = 100
-    grid = GridMap(data, 0.5, (-1.0, 2.0, 0.0))
+    grid = GridMap(data.tolist(), 0.5, (-1.0, 2.0, 0.0))
+    assert grid.data.dtype == np.int8
     assert np.allclose(grid.cell_to_world([[0, 2]]), [[0.25, 2.25]])
     assert sample(grid, grid.data, [[0.25, 2.25], [0.25, 2.75], [9.0, 9.0]], UNKNOWN).tolist() == [100, 0, UNKNOWN]
     assert np.allclose(grid.corners(), [[-1, 2], [0.5, 2], [0.5, 4], [-1, 4]])

@@ -27,7 +27,7 @@ _KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": 
 
 
 class Encoding(NamedTuple):
-    """How an image is stored: numpy's type and the number of a pixel's channels, and what they are; "": no picture."""
+    """How an image is stored: numpy's type, the channels of a pixel, and what they are; "": not a picture."""
 
     dtype: np.dtype
     channels: int
@@ -133,11 +133,11 @@ class HalvedPicture:
 
     @cached_property
     def searched(self) -> np.ndarray:
-        """Returns the half, as a codec makes it, which takes less time than the whole."""
+        """Returns the pixels at half the size, which a codec decodes in less time than the whole."""
         return self._decode(self.size[0] // 2, self.size[1] // 2)
 
     def decode_whole(self) -> None:
-        """Makes the half from the whole, which takes less time than both do; they differ by a grey level."""
+        """Makes the half from the whole: faster than to decode both, and different by at most a grey level."""
         half = self.size[0] // 2, self.size[1] // 2
         self.searched = cv2.resize(self.pixels, half, interpolation=cv2.INTER_AREA)
 
@@ -152,7 +152,7 @@ AnyPicture = Union[Picture, HalvedPicture]
 class PixelReader:
     """Reads the images of one camera; remembers how many bits it really uses.
 
-    A camera of 10 or 12 bits sends them in 16: the largest value so far tells how many there are.
+    A camera of 10 or 12 bits sends them in 16: the largest value that it has ever sent shows how many it uses.
     """
 
     def __init__(self) -> None:
@@ -166,7 +166,7 @@ class PixelReader:
             encoding: as in sensor_msgs/Image.
 
         Raises:
-            CodedError: "unknown_encoding" for images that no spot can be seen in, such as depth.
+            CodedError: "unknown_encoding" for images in which no spot can be seen, such as depth.
         """
         content = encoding_of(encoding).content
         if not content:
