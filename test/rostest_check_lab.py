@@ -60,7 +60,7 @@ class CheckLab(unittest.TestCase):
         )
         return done.returncode, done.stdout
 
-    def test_each_fault_is_told_by_the_node_that_has_it_and_is_a_line_for_programs(self):
+    def test_each_fault_is_reported_by_its_node_and_printed(self):
         expected = {
             ("camera_no_lens", "north"),
             ("camera_not_calibrated", "north"),

@@ -54,7 +54,7 @@ GOOD = {
         ("nodes", dict(missing=["/map_integrator"]), "lab_node_missing"),
     ],
 )
-def test_each_mistake_is_named(what, changes, code):
+def test_each_mistake_in_a_lab_is_named(what, changes, code):
     given = {**GOOD[what], **changes}
     found = getattr(lab_checks, f"check_{what}")(**given)
     lines = found if isinstance(found, list) else [found]
@@ -63,7 +63,7 @@ def test_each_mistake_is_named(what, changes, code):
 
 
 @pytest.mark.parametrize("free_thresh, is_told", [(0.196, False), (0.25, True)])
-def test_a_map_file_whose_unknown_is_read_as_free_is_told(tmp_path, free_thresh, is_told):
+def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_thresh, is_told):
     """10 of 183 maps of public repositories had free_thresh 0.25 with pixels of 205."""
     cells = np.full((20, 20), -1, np.int8)
     cells[5:15, 5:15] = 100
@@ -76,7 +76,7 @@ def test_a_map_file_whose_unknown_is_read_as_free_is_told(tmp_path, free_thresh,
 
 
 @pytest.mark.parametrize("height, width", [(0, 0), (3, 4), (2, 2)])
-def test_a_map_that_says_other_than_it_carries_does_not_end_the_check(height, width, monkeypatch):
+def test_a_map_of_the_wrong_size_does_not_end_the_check(height, width, monkeypatch):
     monkeypatch.setattr(lab_observation.rospy, "get_param", lambda _name, default: default)
     message = OccupancyGrid()
     message.info.height, message.info.width, message.data = height, width, [0] * 5
@@ -84,7 +84,7 @@ def test_a_map_that_says_other_than_it_carries_does_not_end_the_check(height, wi
     assert codes(found) == ["lab_map_without_borders"]
 
 
-def test_what_the_nodes_tell_people_is_the_result():
+def test_each_notice_is_a_line():
     cameras = {"first": "north", "second": "south", "cm": "9"}
     found = lines_from_notices(
         [
@@ -106,7 +106,7 @@ def test_what_the_nodes_tell_people_is_the_result():
     assert found[-1].sentence() == "It rains."
 
 
-def test_what_is_connected_to_a_robot_is_a_line_with_its_severity_once():
+def test_each_connection_of_a_robot_is_one_line():
     good = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
     bad = dataclasses.replace(good, name="bob", plans_round_borders=False)
     connected = offer(Connections((good, bad))).lines

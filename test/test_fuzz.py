@@ -139,7 +139,7 @@ CONVERSIONS = {
 
 
 @pytest.mark.parametrize("what", CONVERSIONS)
-def test_messages(what):
+def test_messages_are_taken_or_refused_with_a_code(what):
     convert, examples = CONVERSIONS[what]
 
     @bounded()
@@ -162,7 +162,7 @@ def parameter_classes():
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_parameters():
+def test_parameters_are_taken_or_refused_with_their_key():
     classes = parameter_classes()
     assert len(classes) > 30
 
@@ -210,7 +210,7 @@ READERS = {
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_files(name, tmp_path):
+def test_files_are_taken_or_refused_with_a_code(name, tmp_path):
     read, good = READERS[name]
 
     @bounded(0.3 if name == "world.yaml" else 1.0)
@@ -222,7 +222,7 @@ def test_files(name, tmp_path):
     check()
 
 
-def test_map_files(tmp_path):
+def test_map_files_are_read_or_refused_as_bad_map_files(tmp_path):
     random = np.random.default_rng(1)
     files = write_map(tmp_path / "map", GridMap(random.choice(np.array([-1, 0, 100], np.int8), (12, 9)), 0.05))
     good = {path: path.read_bytes() for path in files}

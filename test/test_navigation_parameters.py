@@ -42,7 +42,7 @@ def costmap(name, profile="turtlebot2"):
 
 
 @pytest.mark.parametrize("name", sorted(PROFILES))
-def test_what_follows_from_the_robot_is_the_robots(name):
+def test_robot_parameters_follow_from_the_profile(name):
     profile = PROFILES[name]
     found = merged(load("move_base.yaml", name), {})
     assert found["DWAPlannerROS"]["max_vel_x"] == found["DWAPlannerROS"]["max_vel_trans"] == profile.limits.max_speed

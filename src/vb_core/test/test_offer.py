@@ -36,7 +36,7 @@ def labs():
             yield Connections((ada, bob), cameras, cameras)
 
 
-def test_every_lab_is_offered_what_has_an_effect_and_nothing_else():
+def test_every_lab_is_offered_exactly_what_has_an_effect():
     count = 0
     for lab in labs():
         count += 1
@@ -72,7 +72,7 @@ def test_every_lab_is_offered_what_has_an_effect_and_nothing_else():
     assert count == 2 * (16 + 16 * 16)
 
 
-def test_a_lab_without_a_robot_alarms_nobody():
+def test_a_lab_without_a_robot_has_no_warnings():
     found = offer(Connections((ConnectedRobot(""),), cameras=True, interaction=True))
     assert found.state == NO_ROBOT and found.notices() == []
     assert [line.code for line in found.lines] == ["robot_not_connected"]
@@ -84,7 +84,7 @@ def test_commands_without_an_effect_are_not_offered():
     assert effective(found, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
 
 
-def test_a_border_says_which_of_its_robots_does_not_keep_it():
+def test_a_border_names_its_robots_that_do_not_keep_it():
     wired = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
     found = offer(Connections((wired, replace(wired, name="bob", plans_round_borders=False))))
     assert unkept(found, "keep_out", ()) == ("border_unkept_keep_out", {"who": "bob"})
@@ -111,7 +111,7 @@ def test_each_fault_is_a_notice_that_names_its_robot(changes, code):
     assert notices[0].robot == "ada" and "ada" in notices[0].sentence()
 
 
-def test_a_robot_that_plans_on_the_map_of_all_says_that_it_keeps_the_others_borders_too():
+def test_a_robot_on_the_common_map_keeps_all_borders():
     common = ConnectedRobot("ada", navigation=True, plans_round_borders=True, maps=("/virtual_borders/map",))
     own = replace(common, maps=("/ada/virtual_borders/map",))
     alone = replace(common, name="")

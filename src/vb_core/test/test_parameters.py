@@ -23,7 +23,7 @@ class Groups(Parameters):
     parts: tuple = param((), of=Example)
 
 
-def test_a_group_and_the_entries_of_a_list_are_read_and_checked_as_parameters_are():
+def test_groups_and_list_entries_are_checked_as_parameters_are():
     found = Groups.from_mapping({"example": {"speed": 1}, "parts": [{}, {"count": 5}]})
     assert found == Groups(Example(speed=1.0), (Example(), Example(count=5)))
     assert Groups(Example(speed=1.0)).describe() == "example/speed=1.0 m/s"
