@@ -1,9 +1,8 @@
 """Rules that hold across all packages (docs/explanation/architecture.md)."""
 
 import ast
-import importlib.machinery
-import importlib.util
 import re
+import runpy
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -50,14 +49,6 @@ def listed_by_git(*given):
     command = ["git", "ls-files", *given]
     done = subprocess.run(command, cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True, check=True)
     return [name for name in done.stdout.splitlines() if (TOP / name).is_file()]
-
-
-def load_script(name):
-    """Imports a file of scripts/, whatever its ending."""
-    loader = importlib.machinery.SourceFileLoader(name.split(".")[0], str(TOP / "scripts" / name))
-    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
-    loader.exec_module(module)
-    return module
 
 
 def imported(path):
@@ -177,11 +168,11 @@ def test_reference_is_that_of_the_code():
 
 
 def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
-    reference = load_script("reference")
+    reference = runpy.run_path(str(TOP / "scripts" / "reference"))
     missing = []
-    for package, entries in reference.find_executables().items():
+    for package, entries in reference["find_executables"]().items():
         for executable, docstring in entries:
-            source = reference.find_source(TOP / "src" / package / "scripts" / executable, package)
+            source = reference["find_source"](TOP / "src" / package / "scripts" / executable, package)
             if not source.stem.endswith("_node"):
                 continue  # a command, which ends by itself
             for used in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
@@ -200,44 +191,40 @@ def test_the_table_of_topics_has_every_fixed_name():
 
 
 # ------------------------------------------------------------ words
-def own_sentences(tree):
+def calls(source):
+    """Lists the calls in a program's text: by what name, and with which arguments."""
+    nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
+    return [(getattr(node.func, "attr", getattr(node.func, "id", "")), node.args) for node in nodes]
+
+
+def own_sentences(source):
     """Lists the codes of the catalogue that a file raises, or reports, with a sentence of its own."""
-    calls = [
-        (getattr(node.func, "attr", getattr(node.func, "id", "")), node.args)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call)
-    ]
-    raised = [given for name, given in calls if name.endswith("Error") and len(given) > 1]
-    reported = [given[1:] for name, given in calls if name == "Issue" and len(given) > 2]
+    raised = [given[0] for name, given in calls(source) if name.endswith("Error") and len(given) > 1]
+    reported = [given[1] for name, given in calls(source) if name == "Issue" and len(given) > 2]
     return [
-        code.value
-        for code, *_ in raised + reported
-        if isinstance(code, ast.Constant) and code.value in sentences.catalog()
+        code.value for code in raised + reported if isinstance(code, ast.Constant) and code.value in sentences.catalog()
     ]
 
 
 def test_a_code_has_one_sentence():
     files = [path for pattern in ("src/*/src/**/*.py", "bench/**/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
     found = [
-        f"{path.relative_to(TOP)}: {code}"
-        for path in files
-        for code in own_sentences(ast.parse(path.read_text(encoding="utf-8")))
+        f"{path.relative_to(TOP)}: {code}" for path in files for code in own_sentences(path.read_text(encoding="utf-8"))
     ]
     assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
-    assert own_sentences(ast.parse("raise CodedError('no_map', f'no map in {folder}')")) == ["no_map"]
-    assert own_sentences(ast.parse("Issue(WARNING, 'robot_inside', 'it is in it')")) == ["robot_inside"]
+    assert own_sentences("raise CodedError('no_map', f'no map in {folder}')") == ["no_map"]
+    assert own_sentences("Issue(WARNING, 'robot_inside', 'it is in it')") == ["robot_inside"]
 
 
 def test_a_code_that_comes_without_a_sentence_has_one_in_the_catalogue():
     used = set()
     for path in TOP.glob("src/*/src/**/*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
-                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-                if name in ("Notice", "warn", "warning") or name.endswith("Error") and len(node.args) == 1:
-                    used.add(node.args[0].value)
-            elif path.name == "lab_checks.py" and isinstance(node, ast.Constant) and str(node.value).startswith("lab_"):
-                used.add(node.value)
+        source = path.read_text(encoding="utf-8")
+        for name, given in calls(source):
+            alone = name in ("Notice", "warn", "warning") or (name.endswith("Error") and len(given) == 1)
+            used.update(code.value for code in given[:1] if alone and isinstance(code, ast.Constant))
+        if path.name == "lab_checks.py":
+            used.update(re.findall(r'"(lab_\w+)"', source))
     codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
     assert len(codes) > 100 and codes <= set(sentences.catalog())
 

@@ -39,17 +39,12 @@ class StubNeighbors:
         self.services = []
 
     def offer(self) -> None:
-        """Starts the services."""
+        """Starts the services; one border, "Nursery", can be taken back once."""
+        self.undone = 0
         self.services += [
             rospy.Service("/virtual_borders/preview_border", PreviewBorder, self._on_preview),
             rospy.Service("/virtual_borders/get_drawn_border", GetDrawnBorder, self._on_candidate),
             rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add),
-        ]
-
-    def offer_undo(self) -> list:
-        """Starts undo over one border, "Nursery", which can be taken back once; gives the services."""
-        self.undone = 0
-        return [
             rospy.Service("/virtual_borders/undo_redo", UndoRedo, self._on_undo),
             rospy.Service("/virtual_borders/list_borders", ListBorders, self._on_list),
         ]

@@ -133,9 +133,7 @@ class Browser:
         for (x0, y0), (x1, y1) in zip(corners, corners[1:]):
             steps = max(1, round(math.hypot(x1 - x0, y1 - y0) / 8))
             places += [(x0 + (x1 - x0) * step / steps, y0 + (y1 - y0) * step / steps) for step in range(1, steps + 1)]
-        for number, (x, y) in enumerate(places):
-            self._touch("touchMove" if number else "touchStart", [{"x": x, "y": y}])
-        self.lift()
+        self.fingers_on_screen([[place] for place in places])
 
     def fingers(self, steps, lift=True):
         """Puts fingers on points of the floor [m], a list of them for each step."""

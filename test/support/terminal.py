@@ -15,15 +15,12 @@ from vb_testing import wait_until
 
 
 class Terminal:
-    """The wizard console, or another command, in a pseudo-terminal; keeps all it wrote, without escape sequences.
+    """The wizard console, or another command, in a pseudo-terminal; keeps all it wrote, without escape sequences."""
 
-    Args:
-        size: (columns, rows); the default is the smallest there is over ssh.
-    """
-
-    def __init__(self, size=(80, 24), command=("rosrun", "vb_voice_wizard", "wizard_console")):
+    def __init__(self, command=("rosrun", "vb_voice_wizard", "wizard_console")):
         self.master, self.slave = pty.openpty()
-        self.resize(*size)
+        # 24 rows of 80 columns: the smallest there is over ssh
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
         self.settings = termios.tcgetattr(self.slave)
         self.raw = b""
         self.process = subprocess.Popen(
@@ -50,20 +47,15 @@ class Terminal:
         """All that was ever written."""
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
 
-    def shows(self, what, since=0, timeout=120.0):
+    def shows(self, what, since=0):
         """Waits until some text was written."""
-        try:
-            wait_until(lambda: what in self.text[since:], what, timeout)
-        except AssertionError:
-            raise AssertionError(f"'{what}' is not on the screen, which ends\n{self.text[-3000:]}") from None
+        wait_until(
+            lambda: what in self.text[since:], lambda: f"'{what}' on the screen, which ends\n{self.text[-3000:]}"
+        )
 
     def press(self, key):
         """Types."""
         os.write(self.master, key.encode())
-
-    def resize(self, columns, rows):
-        """Gives the terminal another size, as dragging a window's corner does."""
-        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
     def leave(self):
         """Quits; gives the exit status, and whether the terminal is as it was before: with echo, line by line."""

@@ -1,9 +1,12 @@
-"""Which part of the display words and their plates take."""
+"""Which part of the display words and their plates take, and words for it."""
 
 from __future__ import annotations
 
 from vb_feedback.display.layout import Box, text_box
 from vb_feedback.display.scene import PLATE, TEXT
+
+COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
+LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
 
 
 def text_boxes(shapes):

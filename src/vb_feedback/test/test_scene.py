@@ -12,11 +12,9 @@ from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.text_panel import PanelContent, words
 
-from shape_boxes import contains, text_boxes
+from shape_boxes import COMMANDS, LONG, contains, text_boxes
 
 LAYOUT = fit_view(Box(0, 0, 8, 5), 16 / 9)
-COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
-LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
 
 
 def border(**changes):

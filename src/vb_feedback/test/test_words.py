@@ -12,10 +12,8 @@ from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.scene import PLATE, TEXT
 from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
 
-from shape_boxes import contains, text_boxes
+from shape_boxes import COMMANDS, LONG, contains, text_boxes
 
-COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
-LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
 NOTICES = (PanelNotice("Saving would restrict 12.50 m2."), PanelNotice("Note: " + LONG, True))
 LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 LAYOUT = fit_view(LAB, 16 / 9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from strokes import Setting, draw
 
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
+from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.live_extraction import LiveExtractor
 from vb_fusion import collector as collecting
@@ -61,6 +61,22 @@ def test_a_new_interaction_starts_empty_and_an_old_one_stays_until_then():
     collector.set_state(BORDER, "b", 6.0)
     collector.add(spot(7.0))
     assert collector.collection().border_total == 2
+
+
+@pytest.mark.parametrize("between, kept", [(PAUSED, 2), (GUIDE, 1), (BORDER, 1)])
+def test_who_enters_seed_again_points_anew_but_a_pause_changes_nothing(between, kept):
+    collector, live = in_border(), LiveExtractor(ExtractionParams(), share=1.0)
+    collector.add(spot(0.5))
+    for number, state in enumerate((SEED, between, SEED), 1):
+        collector.set_state(state, "a", 10.0 * number)
+        collector.set_state(state, "a", 10.0 * number)  # the state comes again with every change of anything in it
+        drawn = live.update(collector.collection(), float, force=True)
+        if state == SEED:
+            for k in range(50):
+                collector.add(spot(10.0 * number + 0.04 * k, x=number))
+    assert (len(drawn.dwells) == 0) == (kept == 1)
+    assert collector.counts[:2] == (1, 50 * kept)
+    assert live.update(collector.collection(), float, force=True).seed == pytest.approx([3.0, 0.0])
 
 
 @pytest.mark.parametrize("count", [1000, 2600])

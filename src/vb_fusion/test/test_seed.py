@@ -20,7 +20,7 @@ def seen(place, first, last, *cameras, rate=25):
     return [(place, first, last, rate, camera) for camera in cameras]
 
 
-def find(parts, before=None, seed=0, dropped=0.0):
+def find(parts, before=(), seed=0, dropped=0.0):
     """The dwells of a scene, and the drawing that has them; what the camera `robot` sees is seen from a robot."""
     rng = np.random.default_rng(seed)
     points, stamps, cameras = [], [], []
@@ -98,7 +98,7 @@ for first, last in ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0)):
 def test_the_seed_is_where_the_pointer_dwelt_last_and_a_longer_dwell_is_told(name):
     for number in range(5):
         (seed, parts), other = SEEDS[name], OTHERS.get(name)
-        drawn = find(parts, BORDERS.get(name), number)[1]
+        drawn = find(parts, BORDERS.get(name, ()), number)[1]
         assert np.linalg.norm(drawn.seed - seed) < 0.02
         assert (drawn.other_dwell is None) == (other is None)
         assert other is None or np.linalg.norm(drawn.other_dwell.point - other) < 0.02

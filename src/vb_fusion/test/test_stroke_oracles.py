@@ -186,6 +186,45 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
         assert (index in found) == (0.2 - TIME_BIN <= time < 1.2 + TIME_BIN and off <= reach)
 
 
+@settings(STEADY, max_examples=150)
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 7), st.sampled_from([0.08, 0.3, 0.5, 0.6]), st.booleans(), st.booleans()),
+        min_size=1,
+        max_size=7,
+    )
+)
+def test_what_is_short_beside_a_pause_and_an_unseen_step_is_no_part_of_a_stroke(pieces):
+    """Pieces of (places, [m] from the one before, whether after a pause, whether its places explain the step otherwise)."""
+    counts, ways, pauses, wide = (np.array(column) for column in zip(*pieces))
+    begin, number = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
+    steps, waits, floor = np.full(len(number), 0.05), np.full(len(number), 0.1), np.repeat(0.3 * wide, counts)
+    steps[begin], waits[begin] = ways, np.where(pauses, 0.9, 0.1)
+    x, times = np.cumsum(steps), np.cumsum(waits)
+    # what a step between two pieces needs to be seen: a place's width, and the floor of both unless there was a pause
+    reach = 0.1 + np.where(pauses, 0.0, floor[begin - 1] + floor[begin])
+    parted = ways > reach
+    parted[0] = False
+    piece = np.cumsum(parted)[number]
+    run = np.cumsum(parted & pauses)[number]
+    length = np.bincount(piece)
+    kept = []
+    for place in range(len(x)):
+        there = run == run[place]
+        ahead, behind = (length[piece[there & side]].max() for side in (piece <= piece[place], piece >= piece[place]))
+        stray = (ahead < 5 and run[place] > 0) or (behind < 5 and run[place] < run[-1])
+        kept += [] if stray else [place]
+    wanted = []
+    for place in kept:
+        before = wanted[-1][-1] if wanted else place
+        if not wanted or (run[place] != run[before] and x[place] - x[before] > 0.475):
+            wanted.append([])
+        wanted[-1].append(place)
+    line = np.arange(len(x)) + 10
+    found = track._divide(line, np.column_stack([x, 0.0 * x]), times, floor, 0.5, 0.475)
+    assert [stroke.tolist() for stroke in found] == [[place + 10 for place in stroke] for stroke in wanted]
+
+
 @settings(STEADY, max_examples=60)
 @given(
     st.lists(st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 0.6)), min_size=1, max_size=40),

@@ -12,6 +12,7 @@ from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
+from vb_map_integration.grid.region import Region
 from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate
 
 # the same examples on every computer, however busy
@@ -81,7 +82,8 @@ def test_a_chain_beside_the_map_has_no_cells():
 )
 def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, over_unknown):
     found = np.array(cells, np.int8).reshape(3, 4)
-    raster.paint(found, 255 * np.array(mask, np.uint8).reshape(3, 4), value, over_unknown)
+    covered = 255 * np.array(mask, np.uint8).reshape(3, 4)
+    Region((slice(0, 3), slice(0, 4)), covered, value, over_unknown, 1.0).apply(found)
     wanted = [max(cell, value) if under and (cell >= 0 or over_unknown) else cell for cell, under in zip(cells, mask)]
     assert found.ravel().tolist() == wanted
 

@@ -42,7 +42,7 @@ def small_world(**more):
 def body(
     model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)
 ):
-    models = Models(robot=model, localization=localization)
+    models = Models(robot=model, localisation=localization)
     return RobotBody(start, 0.18, models, clearance, np.random.default_rng(seed))
 
 

@@ -49,29 +49,18 @@ def check_drawing(key, sim):
     assert max(missed) < 0.10
 
 
-@pytest.mark.parametrize("key", ["room", "carpet", "corner"])
-def test_nrs_draws_the_border_and_shows_the_seed(key):
-    sim = system(key)
-    assert sim.run(120.0) == "saved"
-    assert (sim.commands, sim.sources) == (DRAWN, {"participant"})
-    check_drawing(key, sim)
-    assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(key).seed) < 0.03
-
-
-@pytest.mark.parametrize("key", ["room", "carpet", "corner"])
-def test_robot_only_leads_the_robot_there_and_draws_before_it(key):
-    sim = system(key, "robot_only", covered=NOWHERE)
-    assert sim.run(280.0) == "saved"
-    assert sim.commands[0] == "guide_robot" and sim.commands[-2:] == DRAWN[1:] and "define_border" in sim.commands
-    assert sim.sources == {"buttons"}
-    check_drawing(key, sim)
+SCENARIOS = ("room", "carpet", "corner")
 
 
 @pytest.mark.parametrize(
     "key, method, limit, more, first",
     [
+        *[(key, "nrs", 120.0, {}, []) for key in SCENARIOS],
+        *[(key, "robot_only", 280.0, {"covered": NOWHERE}, ["guide_robot"]) for key in SCENARIOS],
+        # the end of the border that is not covered, and its beginning
         ("corner", "nrs", 200.0, {"covered": lambda spot: spot[0] < 7.0, "dispatch_after": 4.0}, []),
         ("corner", "nrs", 200.0, {"covered": lambda spot: spot[1] < 4.2, "dispatch_after": 4.0}, []),
+        # no camera, but a robot
         (
             "room",
             "nrs",
@@ -82,13 +71,16 @@ def test_robot_only_leads_the_robot_there_and_draws_before_it(key):
         ("room", "nrs", 200.0, {"model": SLIPS}, ["define_border", "cancel"]),
         ("room", "robot_only", 200.0, {"model": SLIPS}, ["guide_robot", "define_border", "cancel", "guide_robot"]),
     ],
-    ids=["end not covered", "beginning not covered", "no camera, but a robot", "slip", "slip of robot_only"],
 )
 def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, more, first):
     sim = system(key, method, **more)
     assert sim.run(limit) == "saved"
     assert sim.commands == [*first, *DRAWN]
+    # a robot is led with its buttons, and without cameras there is nothing else
+    assert ("buttons" in sim.sources, "participant" in sim.sources) == ("guide_robot" in first, method == "nrs")
     check_drawing(key, sim)
+    if "buttons" not in sim.sources:
+        assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(key).seed) < 0.03
 
 
 def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
@@ -135,7 +127,7 @@ def test_mistakes_are_drawn_for_each_run():
     assert len(set(both)) == 4
 
 
-@pytest.mark.parametrize("key", ["room", "carpet", "corner"])
+@pytest.mark.parametrize("key", SCENARIOS)
 def test_a_seed_on_the_wrong_side(key):
     sim = system(key, model=ParticipantModel(wrong_side=1.0))
     assert sim.run(120.0) == "saved"

@@ -25,7 +25,6 @@ class WizardConsoleTest(unittest.TestCase):
         rospy.init_node("rostest_wizard_console")
         cls.stub = StubNeighbors()
         cls.stub.offer()
-        cls.undo = cls.stub.offer_undo()
         cls.state = Newest("/virtual_borders/state", InteractionState)
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, queue_size=1, latch=True)
         cls.manager = Process(

@@ -153,6 +153,25 @@ class BordersTest(PageTest):
         self.assertIsNone(under)
         self.assertEqual(self.browser.faults(), [])
 
+    def test_what_is_pressed_again_is_asked_for_once_but_undo_after_a_change_that_was_shown_means_the_next_one(self):
+        sent = self.browser.driver.execute_async_script(
+            """const done = arguments[0];
+            Promise.all([import("/state.js"), import("/ui.js")]).then(([{ page, view }, { ask }]) => {
+                const send = page.link.send, sent = [];
+                page.link.send = (action, fields) => (sent.push(fields.command || action), new Promise(() => {}));
+                for (const revision of [1, 1, 2]) {
+                    view.borders = { ...view.borders, revision };
+                    for (const command of ["undo", "save", "stop"]) ask("command", { command });
+                    ask("add", { draft: {} });
+                }
+                page.link.send = send;
+                page.link.underWay.clear();
+                done(sent);
+            });"""
+        )
+        self.assertEqual({one: sent.count(one) for one in sent}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
+        self.browser.driver.refresh()
+
     def test_lengths_a_scale_and_the_last_corner(self):
         scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""

@@ -58,6 +58,8 @@ def test_each_missing_or_additional_field_is_refused(action):
         {"points": {"0": [1, 1]}},
         {"points": [[1, 1], [10**400, 1]]},
         {"seed": [1, None]},
+        {"seed": [1, math.nan]},
+        {"seed": [-math.inf, 1]},
         {"seed": [1, -1e308]},
         {"seed": 5},
         {"kind": "circle"},
@@ -76,13 +78,6 @@ def test_each_missing_or_additional_field_is_refused(action):
 def test_bad_drafts_are_refused(change):
     with refused("page_bad_request"):
         parse(do="add", id="a", draft={**GOOD_DRAFT, **change})
-
-
-@pytest.mark.parametrize("text", ["NaN", "Infinity", "-Infinity", "1e999"])
-def test_numbers_that_are_none_are_refused(text):
-    message = json.dumps({"do": "add", "id": "a", "draft": {**GOOD_DRAFT, "seed": ["SEED", 1]}}).replace('"SEED"', text)
-    with pytest.raises(CodedError):
-        parse_text(message)
 
 
 def test_without_a_map_nothing_can_be_drawn():

@@ -189,7 +189,8 @@ PRIVATE = ["/picture/map/aaaaaaaaaaaaaaaa.png", "/floor.webp", "/camera/red.jpg"
 def test_this_computer_needs_no_code(local):
     assert json.loads(local.ask("/session").body) == {"role": "operator", "login": False}
     assert [local.ask(path).code for path in PRIVATE] == [200, 200, 200]
-    assert local.ask("/").headers["Content-Security-Policy"]
+    policy = local.ask("/").headers["Content-Security-Policy"]  # nothing comes in from elsewhere
+    assert "default-src 'none'" in policy and "frame-ancestors 'none'" in policy and "unsafe" not in policy
 
 
 FOREIGN = [{"Host": "evil.example"}, {"Host": "localhost.evil.example:8420"}]
@@ -235,9 +236,8 @@ def test_a_code_gives_a_cookie_that_scripts_and_other_sites_do_not_get(network):
 
 
 def test_codes_cannot_be_tried_fast(network):
-    codes = [log_in(network, f"guess{number}").code for number in range(8)]
-    assert codes[0] == 401 and codes[-1] == 429
-    assert log_in(network, CODES.operator).code == 429  # also the right one
+    codes = [log_in(network, given).code for given in [*["guess"] * 4, *[CODES.operator] * 4]]
+    assert codes[:5] == [401] * 4 + [200] and codes[-1] == 429
 
 
 @pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": ""}])
@@ -401,14 +401,6 @@ def test_who_finds_no_place_is_told_so(network):
     network.server.places[Role.VIEWER] = Places(0, yields=False)
     assert network.ask("/session", Cookie=cookie(network, Role.VIEWER)).code == 503
     assert network.ask("/session", Cookie=cookie(network, Role.OPERATOR)).code == 200
-
-
-def test_wrong_codes_of_many_addresses_keep_no_phone_out(network):
-    network.server.logins = Limiter(rate=0.0, burst=5.0)
-    for number in range(80):
-        assert network.server.logins.allows(f"10.0.0.{number}", 0.0)
-    assert [log_in(network, f"guess{number}").code for number in range(4)] == [401] * 4
-    assert log_in(network, CODES.operator).code == 200
 
 
 def test_one_browser_cannot_ask_without_end(local):

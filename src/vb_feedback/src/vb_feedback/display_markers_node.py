@@ -18,7 +18,6 @@ from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robots import OfferListener
-from vb_msgs.msg import BorderPreview
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, restriction_overlay, scene
@@ -142,7 +141,7 @@ class DisplayMarkersNode:
         if grid is not None:
             self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
         if physical is not None and restricted is not None:
-            self._show_restricted(physical, restricted, known.preview)
+            self._show_restricted(physical, restricted, known.region)
         if self._markers.get_num_connections() == 0 and not newcomers:
             return False
         now = rospy.get_time()
@@ -160,20 +159,14 @@ class DisplayMarkersNode:
         # fading shapes are drawn again, and once more to remove them
         return any(shape.lifetime for shape in shapes)
 
-    def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, preview: Optional[BorderPreview]) -> None:
-        shown, self._overlaid = self._overlaid, (physical, map_with_borders, preview)
+    def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, region: Optional[GridMap]) -> None:
+        shown, self._overlaid = self._overlaid, (physical, map_with_borders, region)
         if all(old is new for old, new in zip(shown, self._overlaid)):
             return
         if not physical.same_geometry(map_with_borders):
             rospy.logwarn_throttle(5.0, "display_markers: /map and /virtual_borders/map differ in size or place")
             return
-        wanted = None
-        if preview is not None and len(preview.region.data):
-            try:
-                region = grid_from_message(preview.region)
-                wanted = region.data if region.same_geometry(map_with_borders) else None
-            except CodedError as error:
-                rospy.logwarn_throttle(5.0, f"display_markers: the preview: {error}")
+        wanted = region.data if region is not None and region.same_geometry(map_with_borders) else None
         stripe = max(1, int(round(_STRIPE_WIDTH / map_with_borders.resolution)))
         cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, wanted)
         self._restricted.publish(message_from_grid(map_with_borders.with_data(cells), rospy.Time.now()))

@@ -13,12 +13,9 @@ from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import grid_from_message
-from vb_msgs.msg import BorderPreview
 
 from vb_feedback.projector import projector_calibration
 from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
@@ -91,7 +88,7 @@ class FloorProjectorNode:
         self._wake = node.WakeTimer(1.0)
         self._inputs = InputListener(self._wake.set)
         self._spot_shown: Optional[Tuple[float, float]] = None
-        self._shown: Optional[Tuple[FloorContent, Optional[BorderPreview]]] = None
+        self._shown: Optional[FloorContent] = None
         self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
         if self._floor_image is None:
             self._ask()
@@ -146,21 +143,21 @@ class FloorProjectorNode:
         if self._floor_image is None:
             return
         started = time.monotonic()
-        self._show(self._floor_image, *self._content(rospy.get_time()))
+        self._show(self._floor_image, self._content(rospy.get_time()))
         rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
 
-    def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
-        """Returns what to show at a time [s], and the preview that its region is from."""
+    def _content(self, now: float) -> FloorContent:
+        """Returns what to show at a time [s]."""
         known = self._inputs.current()
         borders = tuple(map(border_from_message, known.borders))
         if known.state is None or not known.state.interaction_id:
-            return FloorContent(borders=borders), None
+            return FloorContent(borders=borders)
         drawing = Drawing()
         if known.progress is not None:
             # every message repeats the points, but only the chain is shown
             drawing = replace(drawing_from_progress(known.progress), points=(), point_cameras=())
-        preview = known.preview if known.preview is not None and known.preview.success else None
-        return FloorContent(known.state.name, borders, drawing, self._steady_spot(known.spots, now)), preview
+        region = known.region if known.preview is not None and known.preview.success else None
+        return FloorContent(known.state.name, borders, drawing, self._steady_spot(known.spots, now), region)
 
     def _steady_spot(self, spots: Tuple[TrailPoint, ...], now: float) -> Optional[Tuple[float, float]]:
         """Returns the newest spot's position in steps, so that not every small move makes a new image."""
@@ -172,21 +169,10 @@ class FloorProjectorNode:
                 self._spot_shown = at
         return self._spot_shown
 
-    @staticmethod
-    def _region(preview: BorderPreview) -> Optional[GridMap]:
-        try:
-            return grid_from_message(preview.region)
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"floor_projector: the preview: {error}")
-            return None
-
-    def _show(self, floor_image: FloorImage, content: FloorContent, preview: Optional[BorderPreview]) -> None:
-        if self._shown is not None and self._shown[0] == content and self._shown[1] is preview:
-            return
-        self._shown = (content, preview)
-        if preview is not None:
-            content = replace(content, region=self._region(preview))
-        self._project(floor_image.render(content))
+    def _show(self, floor_image: FloorImage, content: FloorContent) -> None:
+        if self._shown is None or self._shown != content or self._shown.region is not content.region:
+            self._shown = content
+            self._project(floor_image.render(content))
 
     def _project(self, image: np.ndarray) -> None:
         self._publisher.publish(message_from_image(image, "rgb8", rospy.Time.now(), FRAME))

@@ -10,7 +10,7 @@ from typing import Dict, List, Set, Tuple
 
 import numpy as np
 
-from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
+from vb_core.vocabulary import BORDER, DEFAULT, PAUSED, SEED, STATES, State
 
 MAX_SPOTS = 60_000  # kept of one state: ten minutes of four cameras at 25 Hz
 STAMP_TOLERANCE = 0.05  # [s] how much older than the state a spot may be and still count: one frame of a camera
@@ -80,7 +80,7 @@ class Collector:
 
     A change of state arrives late, and so do spots: what counts is the spot's own stamp against the stamps at
     which states were entered. Time is relative: a clock that is set back while somebody draws goes on as if it was not,
-    and a camera whose clock is off is left out and named.
+    and a camera whose clock is off is left out and named. Who enters Seed again, but after a pause, points anew.
     """
 
     def __init__(self) -> None:
@@ -113,6 +113,8 @@ class Collector:
             for store in self._stores.values():
                 store.clear()
         if state != self.state or fresh:
+            if state == SEED and self.state != PAUSED:
+                self._stores[SEED.collects].clear()
             self.state, self._entered = state, entered
             self._set_back, self._previous, self._newest = {}, {}, {}
         return fresh

@@ -128,7 +128,8 @@ class _Task:
         restricted = cv2.countNonZero(mask)
         if restricted == 0:
             raise IntegrationError("empty_region")
-        if restricted > MAX_AREA_SHARE * _count_free(self.cells):
+        free = cv2.countNonZero(cv2.inRange(self.cells, 0, OCCUPIED_THRESHOLD - 1))
+        if restricted > MAX_AREA_SHARE * free:
             self.warn("covers_nearly_all")
         cells = prior.world_to_cell(robots) - (window[0].start, window[1].start)
         cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
@@ -213,7 +214,9 @@ class _Task:
         """Returns the area on the seed's side of a separating curve: a window, its (h, w) uint8 mask, and the line [m]."""
         prior = self.prior
         fit, tolerance = EXTENSION_FIT_LENGTH / prior.resolution, WALL_SNAP_DISTANCE / prior.resolution
-        framed = _framed(self.cells)
+        # no fill may enter obstacles, unknown, and a frame round the map
+        framed = raster.filled((prior.shape[0] + 2, prior.shape[1] + 2), 255)
+        cv2.inRange(self.cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
         cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.free_cell)
         line = prior.grid_to_world(cut.line)
         for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
@@ -247,15 +250,3 @@ class _Task:
         best = int(np.argmin(distance))
         self.warn("seed_moved", distance=f"{distance[best] * self.prior.resolution:.2f}")
         return int(rows[best] + top), int(columns[best] + left)
-
-
-def _count_free(cells: np.ndarray) -> int:
-    """Counts the cells that are neither obstacles nor unknown."""
-    return cv2.countNonZero(cv2.inRange(cells, 0, OCCUPIED_THRESHOLD - 1))
-
-
-def _framed(cells: np.ndarray) -> np.ndarray:
-    """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
-    framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
-    cv2.inRange(cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
-    return framed

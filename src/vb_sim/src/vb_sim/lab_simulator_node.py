@@ -219,7 +219,7 @@ class LabSimulatorNode:
         self._tf.publish(TFMessage(transforms))
 
     def _publish_amcl(self, now: rospy.Time) -> None:
-        model = self._lab.models.localization
+        model = self._lab.models.localisation
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
                 estimate = body.estimate()

@@ -6,7 +6,7 @@ The defaults here are the same as in that file, which gives their sources.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Tuple
 
@@ -14,7 +14,7 @@ import numpy as np
 import rospkg
 import yaml
 
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 
 MODELS = Path(rospkg.RosPack().get_path("vb_sim")) / "config" / "models.yaml"
@@ -156,17 +156,17 @@ class ParticipantModel(Parameters):
 
 
 @dataclass(frozen=True)
-class Models:
+class Models(Parameters):
     """All sections."""
 
-    robot: RobotModel = field(default_factory=RobotModel)
-    localization: LocalizationModel = field(default_factory=LocalizationModel, metadata={"section": "localisation"})
-    scan: ScanModel = field(default_factory=ScanModel)
-    optics: Optics = field(default_factory=Optics)
-    camera_noise: CameraNoise = field(default_factory=CameraNoise)
-    robot_camera: RobotCamera = field(default_factory=RobotCamera)
-    body: BodyProportions = field(default_factory=BodyProportions)
-    participant: ParticipantModel = field(default_factory=ParticipantModel)
+    robot: RobotModel = param(RobotModel())
+    localisation: LocalizationModel = param(LocalizationModel())
+    scan: ScanModel = param(ScanModel())
+    optics: Optics = param(Optics())
+    camera_noise: CameraNoise = param(CameraNoise())
+    robot_camera: RobotCamera = param(RobotCamera())
+    body: BodyProportions = param(BodyProportions())
+    participant: ParticipantModel = param(ParticipantModel())
 
     @property
     def hand_height(self) -> float:
@@ -181,16 +181,7 @@ def load_models() -> Models:
         CodedError: "no_models", "bad_models", as `read_document`.
         ParameterError: names the section and the key that is wrong.
     """
-    return read_models(read_document(MODELS, "models") or {})
-
-
-def read_models(document: Any) -> Models:
-    """Reads the sections of a document, as `load_models`."""
-    sections = {item.metadata.get("section", item.name): item for item in fields(Models)}
-    if not isinstance(document, dict) or not set(document) <= set(sections):
-        raise ParameterError("models", f"expected sections {', '.join(sections)}")
-    found = {name: sections[name].default_factory.from_mapping(part, name) for name, part in document.items()}
-    return Models(**{sections[name].name: part for name, part in found.items()})
+    return Models.from_mapping(read_document(MODELS, "models"))
 
 
 def read_document(path: Path, what: str) -> Any:

@@ -163,12 +163,6 @@ class InteractionManagerNode:
             if identity not in self._latch.stops:
                 self._stop_robots(identity, message.robot or "robot_driver")
 
-    def _on_command(self, request: CommandRequest) -> CommandResponse:
-        answer = self._handle(request)
-        return CommandResponse(
-            success=answer.success, code=answer.code, message=answer.message, values=values_from_mapping(answer.values)
-        )
-
     def _on_beat(self) -> None:
         with self._lock:
             if self._interaction.end_if_idle(rospy.get_time()):
@@ -177,7 +171,7 @@ class InteractionManagerNode:
                 self._publish()
 
     # ------------------------------------------------------------------ commands
-    def _handle(self, order: CommandRequest) -> Answer:
+    def _on_command(self, order: CommandRequest) -> CommandResponse:
         command = normalize(order.command)
         if command == STOP:
             answer = self._stop_robots(order.id, order.source)
@@ -185,7 +179,9 @@ class InteractionManagerNode:
             meant = ANSWERS.get(command, command)
             answer = self._answer_cache.carry_out(order.id, lambda: self._carry_out(meant, order))
         rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", command, answer.message, answer.code)
-        return answer
+        return CommandResponse(
+            success=answer.success, code=answer.code, message=answer.message, values=values_from_mapping(answer.values)
+        )
 
     def _stop_robots(self, identity: str, source: str) -> Answer:
         identity = identity or new_id()

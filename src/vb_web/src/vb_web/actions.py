@@ -11,15 +11,16 @@ from typing import Any, Callable, Dict, Optional
 
 from geometry_msgs.msg import Point
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UndoRedo
-from vb_msgs.srv import UpdateBorder
+from vb_msgs.srv import AddBorder, CommandRequest, ConfirmMap, RemoveBorder, RenameBorder, SendRobot
+from vb_msgs.srv import SetBorderEnabled, UndoRedo, UpdateBorder
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
-from vb_core.ros.commands import CommandSender
+from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
+from vb_core.vocabulary import REDO, UNDO
 from vb_web.action_requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
 from vb_web.view import answer, refusal, rounded
@@ -69,10 +70,8 @@ class ActionHandler:
     # ------------------------------------------------------------- commands
     def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
         """Begins to carry out a command; returns its answer, for the loop of the calling thread."""
-        command, loop = request.values["command"], asyncio.get_event_loop()
-        if command in ("undo", "redo") and not self._manager_there():
-            return loop.run_in_executor(None, self._undo_or_redo, request)
-        answered = loop.create_future()
+        command, answered = request.values["command"], asyncio.get_event_loop().create_future()
+        alone = command in (UNDO, REDO) and not self._manager_there()
         # the browser's id: a request repeated after the page was restarted is carried out once
         if not self._orders.put(
             command,
@@ -81,6 +80,7 @@ class ActionHandler:
             source=source,
             seen_stop=request.values["seen_stop"],
             identity=request.id,
+            carry_out=_undo_or_redo if alone else send,
         ):
             answered.set_result(refusal(CodedError("page_too_fast")))
         return answered
@@ -95,14 +95,6 @@ class ActionHandler:
         else:  # robots that heard it keep it, and tell the manager once it is running
             found = answer("page_stop_sent")
         answered.get_loop().call_soon_threadsafe(answered.set_result, found)
-
-    @staticmethod
-    def _undo_or_redo(request: Request) -> Dict[str, Any]:
-        redo = request.values["command"] == "redo"
-        try:
-            return _answer(_call(names.UNDO_REDO, UndoRedo, redo=redo, request_id=request.id))
-        except CodedError as error:
-            return refusal(error)
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
@@ -161,6 +153,10 @@ class ActionHandler:
 def _call(which: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
     """Calls a service with a request of these fields."""
     return services.call(which, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
+
+
+def _undo_or_redo(order: CommandRequest) -> Any:
+    return _call(names.UNDO_REDO, UndoRedo, redo=order.command == REDO, request_id=order.id)
 
 
 def _answer(response: Any) -> Dict[str, Any]:

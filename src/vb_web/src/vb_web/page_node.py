@@ -10,7 +10,6 @@ from collections import deque
 from pathlib import Path
 from typing import Any, Deque, Dict, List, Optional
 
-import numpy as np
 import rospy
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
@@ -85,7 +84,6 @@ class PageNode:
         self._idle = True  # whether nobody draws
         self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}
-        self._poses: Dict[str, List[Optional[float]]] = {}  # by robot
         self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
@@ -279,15 +277,10 @@ class PageNode:
     def _look_at_robots(self) -> None:
         if not self._server.browsers:
             return
-        for robot, frame in self._frames.items():
-            pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
-            if pose is None:
-                self._poses.pop(robot, None)
-                continue
-            (x, y, yaw), old = pose, self._poses.get(robot)
-            if old is None or np.hypot(x - old[0], y - old[1]) > 0.005 or abs(np.sin((yaw - old[2]) / 2.0)) > 0.005:
-                self._poses[robot] = [rounded(x), rounded(y), rounded(yaw)]
-        self._view.put("robots", dict(self._poses))
+        poses = {robot: self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT) for robot, frame in self._frames.items()}
+        # a robot at rest is told of once
+        seen = {robot: [rounded(value, 2) for value in pose] for robot, pose in poses.items() if pose is not None}
+        self._view.put("robots", seen)
 
     def _look_at_health(self) -> None:
         self._show_robots()
@@ -324,7 +317,7 @@ class PageNode:
     # ------------------------------------------------------------- for the server
     def _bounds(self) -> Optional[Bounds]:
         corners = None if self._grid is None else self._grid.corners()
-        return None if corners is None else (corners.min(axis=0), corners.max(axis=0))
+        return None if corners is None else (corners.min(axis=0).tolist(), corners.max(axis=0).tolist())
 
     def _invitation(self) -> Dict[str, Any]:
         return {"addresses": self._addresses, **({} if self._codes is None else vars(self._codes))}

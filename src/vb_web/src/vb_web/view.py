@@ -56,16 +56,15 @@ class View:
         self._revision = 0
         self._last: Tuple[int, int, str] = (-1, -1, "")
 
-    def put(self, section: str, value: Any) -> bool:
-        """Replaces a section; False, without a message, if it is unchanged."""
+    def put(self, section: str, value: Any) -> None:
+        """Replaces a section; browsers get it if it has changed."""
         text = as_message(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
-                return False
+                return
             self._revision += 1
             self._sections[section] = (self._revision, text)
         self.on_change()
-        return True
 
     def since(self, revision: int) -> Tuple[int, str]:
         """Returns (revision, message) with all sections newer than a revision.

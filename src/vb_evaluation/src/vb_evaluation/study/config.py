@@ -18,7 +18,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.people import KINDS, Streams, Traits, draw, draw_traits
-from vb_sim.models import Models, read_document, read_models
+from vb_sim.models import Models, read_document
 from vb_sim.room.world import World, world_from_mapping
 
 
@@ -165,7 +165,7 @@ def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) 
         design,
         Timing.from_mapping(document.get("timing"), "timing"),
         world,
-        read_models(sources["models"]),
+        Models.from_mapping(sources["models"]),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
     study.marks(1, "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import List, Optional, Sequence
 
 import rospy
@@ -93,15 +94,11 @@ def panel_from_state(
 
 def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
     """Converts a progress message to plain values; points whose camera is unknown get the name ""."""
-    cameras = list(progress.cameras)
-    indices = bytes(progress.point_cameras)
-    names_of_points = [
-        cameras[indices[number]] if number < len(indices) and indices[number] < len(cameras) else ""
-        for number in range(len(progress.points))
-    ]
+    known = dict(enumerate(progress.cameras))
+    indices = bytes(progress.point_cameras)[: len(progress.points)]
     return scene.Drawing(
         tuple(map(tuple, array_from_points(progress.points).tolist())),
-        tuple(names_of_points),
+        tuple(known.get(index, "") for _, index in zip_longest(progress.points, indices)),
         tuple(map(tuple, array_from_points(progress.chain).tolist())),
         progress.closed,
         (progress.seed.x, progress.seed.y) if progress.has_seed else None,

@@ -11,7 +11,9 @@ import numpy as np
 import rospy
 
 from vb_core import names
-from vb_core.ros.messages import BorderPreviewArray
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.ros.messages import BorderPreviewArray, grid_from_message
 from vb_feedback.display.scene import TrailPoint
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
 
@@ -20,11 +22,16 @@ _TRAIL = 60  # spots kept, all cameras together: 1.5 s at 25 frames/s from one t
 
 @dataclass(frozen=True)
 class Inputs:
-    """The newest messages; progress and preview only if they belong to the current interaction."""
+    """The newest messages; progress and preview only if they belong to the current interaction.
+
+    Attributes:
+        region: what saving would restrict, by the preview; None if that says nothing.
+    """
 
     state: Optional[InteractionState] = None
     progress: Optional[BorderProgress] = None
     preview: Optional[BorderPreview] = None
+    region: Optional[GridMap] = None
     borders: Tuple[VirtualBorder, ...] = ()
     spots: Tuple[TrailPoint, ...] = ()
 
@@ -43,7 +50,7 @@ class InputListener:
         self._spots: Deque[TrailPoint] = collections.deque(maxlen=_TRAIL)
         rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
@@ -57,12 +64,21 @@ class InputListener:
             progress = None
         if preview is not None and (not interaction or preview.interaction_id != interaction or not preview.available):
             preview = None
-        return replace(newest, progress=progress, preview=preview, spots=spots)
+        region = newest.region if preview is not None else None
+        return replace(newest, progress=progress, preview=preview, region=region, spots=spots)
 
-    def _store(self, what: Any, where: str) -> None:
+    def _store(self, what: Any, where: str, **more: Any) -> None:
         with self._lock:
-            self._newest = replace(self._newest, **{where: what})
+            self._newest = replace(self._newest, **{where: what}, **more)
         self._on_change()
+
+    def _on_preview(self, message: BorderPreview) -> None:
+        region = None
+        try:
+            region = grid_from_message(message.region) if len(message.region.data) else None
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: the preview: {error}")
+        self._store(message, "preview", region=region)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._store(tuple(message.borders), "borders")

@@ -70,7 +70,7 @@ def compare(before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]) -> Tuple
 
 
 def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
-    return tuple((float(x), float(y)) for x, y in np.asarray(points, dtype=float).reshape(-1, 2))
+    return tuple(map(tuple, points.reshape(-1, 2).tolist()))
 
 
 def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> Tuple[Tuple[float, float], ...]:
@@ -81,13 +81,10 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
     chain = np.asarray(points, dtype=float).reshape(-1, 2)
     if closed and len(chain) > 2:
         chain = np.vstack([chain, chain[:1]])
-    pairs: List[Tuple[float, float]] = []
-    for start, end in zip(chain[:-1], chain[1:]):
-        length = float(np.hypot(*(end - start)))
-        if length > 1e-6:
-            over = (end - start) / length * width / 2.0
-            pairs += _pairs([start - over, end + over])
-    return tuple(pairs)
+    steps = np.diff(chain, axis=0)
+    lengths = np.hypot(*steps.T)[:, None]
+    over = steps / np.maximum(lengths, 1e-6) * width / 2.0
+    return _pairs(np.hstack([chain[:-1] - over, chain[1:] + over])[lengths[:, 0] > 1e-6])
 
 
 def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:

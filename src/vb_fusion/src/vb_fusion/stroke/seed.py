@@ -75,7 +75,7 @@ def find_dwells(
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
-    before: Optional[np.ndarray] = None,
+    before: Sequence[Sequence[float]] = (),
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them; at least one.
 
@@ -99,11 +99,9 @@ def find_dwells(
     places = find_places(seen)
     at = places.points
     spot, earlier = _spots_of_floor(at)
-    known = np.zeros(len(at), dtype=bool)
-    if before is not None and len(before) >= MIN_SPOTS:
-        # balanced trees take longer to make than to ask
-        floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
-        known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
+    # balanced trees take longer to make than to ask
+    floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
+    known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
     path = trace_path(*find_best_steps(at, places.stamps, find_dropout(places.stamps), gains, NEW_PLACE_GAIN))
     way, known = at[path], known[path]
@@ -113,8 +111,8 @@ def find_dwells(
         followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= LONGEST_STEP
         if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
             # who comes slowly begins a spot of floor at the edge of the place, where a part of what follows is counted
-            before = dwells.pop()
-            seconds, followed = seconds + before.seconds, before.followed
+            begun = dwells.pop()
+            seconds, followed = seconds + begun.seconds, begun.followed
         there = ~seen.mobile & (np.linalg.norm(seen.points - point, axis=1) <= HAND_RADIUS)
         witnesses = int((np.bincount(seen.cameras[there]) >= MIN_SPOTS).sum())
         dwells.append(Dwell(point, seconds, bool(known[last]), bool(followed), witnesses))
@@ -157,10 +155,10 @@ def _spots_of_floor(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         (P,) which spot of floor each place belongs to; (P,) how many places were there before it.
     """
     spot, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
-    middles, seen = np.empty_like(at), np.zeros(len(at), dtype=int)
+    middles, seen = np.full_like(at, np.inf), np.zeros(len(at), dtype=int)  # the next one is nowhere yet
     count = 0
     for place, point in enumerate(at):
-        away = np.hypot(*(middles[:count] - point).T) if count else np.array([np.inf])
+        away = np.hypot(*(middles[: count + 1] - point).T)
         spot[place] = int(np.argmin(away))
         if away[spot[place]] > HAND_RADIUS:
             spot[place], middles[count] = count, point

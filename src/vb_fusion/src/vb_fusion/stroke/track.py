@@ -71,11 +71,10 @@ def find_strokes(seen: Observations, places: Observations, widest_gap: float) ->
     """
     points, stamps, dropout = places.points, places.stamps, find_dropout(places.stamps)
     moment = time_bins(stamps)
-    moment -= moment.min()
     explained = floor_gains(points, stamps, dropout)
     # among many things seen at once, each is the less likely the pointer; and a camera that stands still knows better where
     # it is than one on a robot
-    trust = np.minimum(1.0, MAX_CROWD / np.maximum(np.bincount(moment), 1.0))[moment]
+    trust = np.minimum(1.0, MAX_CROWD / np.bincount(moment)[moment])
     trust[places.mobile & (np.bincount(moment, ~places.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
     floor = explained * trust
     strokes: List[np.ndarray] = []

@@ -53,8 +53,6 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, 
     low, high = np.ceil(np.minimum(np.maximum(reach, 0.0), len(mask))).astype(np.int64)
     counts = high - low
     total = int(counts.sum())
-    if total == 0:
-        return window, mask
     if total > MAX_CROSSINGS:
         raise IntegrationError("too_complex")
     edge = np.repeat(np.arange(len(start)), counts)
@@ -115,8 +113,6 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     index = np.arange(total) - (np.cumsum(counts) - counts)[segment]
     t = t0[segment] + (part / np.maximum(counts - 1, 1))[segment] * index
     columns, rows = (np.floor(s[segment] + t * d[segment] + 0.5).astype(np.int64) for s, d in zip(start.T, step.T))
-    if total == 0:
-        return Trace(rows, columns, np.zeros((0, 2)), segment, t)
     distance = np.full(total, 2)
     np.add(np.abs(rows[1:] - rows[:-1]), np.abs(columns[1:] - columns[:-1]), out=distance[1:])
     new = np.flatnonzero(distance)
@@ -124,7 +120,7 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     # chain was outside the map
     distance = distance[new]
     corner = (distance == 2) & (rows[new] != rows[new - 1]) & (columns[new] != columns[new - 1])
-    corner[0] = False
+    corner[:1] = False
     times = 1 + corner
     twice = np.repeat(new, times)
     extra = np.flatnonzero(times == 2)
@@ -133,20 +129,3 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     rows[extra] = rows[extra - 1]
     points = start[segment] + t[:, None] * step[segment]
     return Trace(rows, columns, points, segment, arc_start[segment] + t * length[segment])
-
-
-def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -> None:
-    """Raises the cells under a mask to a value, in place; none is lowered.
-
-    Args:
-        cells: (H, W) int8 occupancies.
-        mask: (H, W) uint8.
-        value: 0 .. 100.
-        over_unknown: whether unknown cells take the value too.
-    """
-    level = np.uint8(value)
-    if over_unknown:  # as int8 unknown is -1, the least there is
-        np.maximum(cells, np.bitwise_or(np.invert(mask), level).view(np.int8), out=cells)
-    else:  # as uint8 it is 255, the greatest
-        as_bytes = cells.view(np.uint8)
-        np.maximum(as_bytes, np.bitwise_and(mask, level), out=as_bytes)

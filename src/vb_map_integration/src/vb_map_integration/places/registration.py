@@ -372,8 +372,7 @@ def refine(
     place = start.apply(center)[0]
     yaw = start.yaw
     for reach in reaches:
-        c, s = math.cos(yaw), math.sin(yaw)
-        rotation = np.array([[c, -s], [s, c]])
+        rotation = Transform(0.0, 0.0, yaw).rotation
         arm = (forward - center) @ rotation.T
         d1, g1 = new.look_up(arm + place)
         j1 = np.column_stack([g1, g1[:, 1] * arm[:, 0] - g1[:, 0] * arm[:, 1]])

@@ -16,6 +16,7 @@ from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
+from vb_core.poses import to_map
 from vb_sim.models import MODELS, ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
@@ -177,8 +178,7 @@ def perceive_border(
         margin: [m] by which the person keeps outside of a closed border's marks; negative: inside.
     """
     middle = border.mean(axis=0)
-    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    moved = (border - middle) @ rotation.T + middle + np.asarray(offset)
+    moved = to_map(border - middle, (*middle, turn)) + np.asarray(offset)
     if not closed:
         return moved
     before, after = moved - np.roll(moved, 1, axis=0), np.roll(moved, -1, axis=0) - moved

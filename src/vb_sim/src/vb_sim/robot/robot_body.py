@@ -47,7 +47,7 @@ class RobotBody:
     ) -> None:
         self._start = start
         self._radius = radius
-        self._model, figures = models.robot, models.localization
+        self._model, figures = models.robot, models.localisation
         self._sigmas = np.array([figures.position_sigma, figures.position_sigma, figures.yaw_sigma])
         self._correlation_time = figures.correlation_time
         self._clearance = clearance

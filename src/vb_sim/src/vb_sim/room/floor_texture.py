@@ -9,6 +9,7 @@ from typing import Tuple
 import cv2
 import numpy as np
 
+from vb_core.poses import to_map
 from vb_sim.room.floor_plan import wall_outline
 from vb_sim.models import make_generator
 from vb_sim.room.world import Floor, FloorPatch, World
@@ -143,7 +144,6 @@ def _carpet(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np
 
 
 def _snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
-    c, s = math.cos(math.radians(patch.yaw)), math.sin(math.radians(patch.yaw))
     for _ in range(patch.count):
         at = (rng.random(2) - 0.5) * np.array(patch.size)
         angle = rng.random() * math.pi
@@ -151,7 +151,7 @@ def _snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: 
         axes = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]) * half[:, None]
         # torn paper: four corners, none where it should be
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.7, 1.1, (4, 2)) @ axes + at
-        outline = texture.pixels(corners @ np.array([[c, s], [-s, c]]) + (patch.x, patch.y))
+        outline = texture.pixels(to_map(corners, (patch.x, patch.y, math.radians(patch.yaw))))
         shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
         color = tuple(shade * value for value in patch.color)
         cv2.fillConvexPoly(image, np.round(outline * 16 + 12).astype(np.int32), (0.0, 0.0, 0.0), cv2.LINE_8, 4)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple, Type, TypeVar
+from typing import Any, Dict, List, Mapping, Tuple
 
 import numpy as np
 from shapely.geometry import Polygon
@@ -20,9 +20,9 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
+from vb_core.poses import to_map
 from vb_sim.models import read_document
 
-P = TypeVar("P", bound=Parameters)
 Color = Tuple[int, int, int]
 
 
@@ -202,58 +202,64 @@ class DetourCheck(Parameters):
 
 
 @dataclass(frozen=True)
-class _ScenarioEntry(Parameters):
-    """A scenario as the file has it."""
-
-    title: str = param("")
-    closed: bool = param(False)
-    border: list = param([])
-    seed: list = param([])
-    region: list = param([])
-    stand: list = param([])
-    guide: list = param([])
-    proof: dict = param({})
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """The task of a participant.
+class Scenario(Parameters):
+    """The task of a participant; points are made arrays [m].
 
     Attributes:
-        border: (N, 2) [m] the chain to draw.
+        key: its name in the file.
+        border: (N, 2) the chain to draw.
         closed: whether it is a polygon.
-        seed: (2,) [m].
-        region: (M, 2) [m] outline of the ground truth.
-        stand: (2,) [m] where the person stands while drawing.
-        guide: (K, 2) [m] the path along which a person guides the robot when there are no ceiling cameras.
+        seed: (2,).
+        region: (M, 2) outline of the ground truth.
+        stand: (2,) where the person stands while drawing.
+        guide: (K, 2) the path along which a person guides the robot when there are no ceiling cameras.
         proof: start and goal of the path that is compared before and after.
     """
 
-    key: str
-    title: str
-    border: np.ndarray
-    closed: bool
-    seed: np.ndarray
-    region: np.ndarray
-    stand: np.ndarray
-    guide: np.ndarray
-    proof: DetourCheck
+    key: str = param("")
+    title: str = param("")
+    closed: bool = param(False)
+    border: np.ndarray = param(None, "m")
+    seed: np.ndarray = param(None, "m")
+    region: np.ndarray = param(None, "m")
+    stand: np.ndarray = param(None, "m")
+    guide: np.ndarray = param(None, "m")
+    proof: DetourCheck = param(DetourCheck())
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, least in (("border", 2), ("seed", 1), ("region", 3), ("stand", 1), ("guide", 0)):
+            points = _points(getattr(self, name), name, least)
+            object.__setattr__(self, name, points[0] if name in ("seed", "stand") else points)
+        if not Polygon(self.region).is_valid:
+            raise ParameterError("region", "the outline crosses itself")
 
 
 @dataclass(frozen=True)
-class World:
+class World(Parameters):
     """The contents of a world file."""
 
-    name: str
-    room: Room
-    floor: Floor
-    walls: Tuple[Wall, ...]
-    furniture: Tuple[Furniture, ...]
-    patches: Tuple[FloorPatch, ...]
-    lights: Tuple[Light, ...]
-    cameras: Tuple[CeilingCamera, ...]
-    robots: Tuple[Robot, ...]
-    scenarios: Dict[str, Scenario] = field(default_factory=dict)
+    name: str = param("world")
+    room: Room = param(Room())
+    floor: Floor = param(Floor())
+    walls: Tuple[Wall, ...] = param((), of=Wall)
+    furniture: Tuple[Furniture, ...] = param((), of=Furniture)
+    patches: Tuple[FloorPatch, ...] = param((), of=FloorPatch)
+    lights: Tuple[Light, ...] = param((), of=Light)
+    cameras: Tuple[CeilingCamera, ...] = param((), of=CeilingCamera)
+    robots: Tuple[Robot, ...] = param((), of=Robot)
+    scenarios: Dict[str, Scenario] = param({})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.robots:
+            raise ParameterError("robots", "a world needs at least one robot")
+        for kind, things in (("cameras", self.cameras), ("robots", self.robots)):
+            for name, count in Counter(thing.name for thing in things).items():
+                if count > 1:
+                    raise ParameterError(kind, f"the name '{name}' is used twice")
+        scenarios = {str(key): _scenario(str(key), given) for key, given in self.scenarios.items()}
+        object.__setattr__(self, "scenarios", scenarios)
 
     def scenario(self, key: str) -> Scenario:
         """Returns the scenario of that name.
@@ -286,8 +292,7 @@ class World:
 def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) -> np.ndarray:
     hx, hy = size[0] / 2.0, size[1] / 2.0
     corners = np.array([[-hx, -hy], [hx, -hy], [hx, hy], [-hx, hy]])
-    c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
-    return corners @ np.array([[c, s], [-s, c]]) + (x, y)
+    return to_map(corners, (x, y, math.radians(yaw_deg)))
 
 
 def load_world(path: str) -> World:
@@ -314,43 +319,9 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
     """
     if not isinstance(document, Mapping):
         raise ParameterError("world", "expected keys and values at the top of the file")
-    lists: Dict[str, Type[Parameters]] = {
-        "walls": Wall,
-        "furniture": Furniture,
-        "patches": FloorPatch,
-        "lights": Light,
-        "cameras": CeilingCamera,
-        "robots": Robot,
-    }
-    known = ["name", "room", "floor", *lists, "scenarios"]
-    for key in document:
-        if key not in known:
-            raise ParameterError(str(key), f"unknown key of a world; known are {', '.join(known)}")
-    parts = {key: _items(cls, document.get(key), key) for key, cls in lists.items()}
-    if not parts["robots"]:
-        raise ParameterError("robots", "a world needs at least one robot")
-    for key in ("cameras", "robots"):
-        for name, count in Counter(item.name for item in parts[key]).items():
-            if count > 1:
-                raise ParameterError(key, f"the name '{name}' is used twice")
-    scenarios = document.get("scenarios") or {}
-    if not isinstance(scenarios, Mapping):
-        raise ParameterError("scenarios", "expected names of scenarios and their keys")
-    return World(
-        name=str(document.get("name", default_name)),
-        room=Room.from_mapping(document.get("room"), "room"),
-        floor=Floor.from_mapping(document.get("floor"), "floor"),
-        scenarios={str(key): _scenario(str(key), value) for key, value in scenarios.items()},
-        **parts,
-    )
-
-
-def _items(cls: Type[P], entries: Any, where: str) -> Tuple[P, ...]:
-    if entries is None:
-        return ()
-    if not isinstance(entries, list):
-        raise ParameterError(where, f"expected a list, got {entries!r}")
-    return tuple(cls.from_mapping(entry, f"{where}[{index}]") for index, entry in enumerate(entries))
+    # a key without a value is as good as none
+    given = {key: value for key, value in document.items() if value is not None}
+    return World.from_mapping({"name": default_name, **given})
 
 
 def _points(value: Any, where: str, least: int = 1) -> np.ndarray:
@@ -363,21 +334,8 @@ def _points(value: Any, where: str, least: int = 1) -> np.ndarray:
     return points
 
 
-def _scenario(key: str, entry: Any) -> Scenario:
-    where = f"scenarios/{key}"
-    given = _ScenarioEntry.from_mapping(entry, where)
-    border = _points(given.border, f"{where}/border", 2)
-    region = _points(given.region, f"{where}/region", 3)
-    if not Polygon(region).is_valid:
-        raise ParameterError(f"{where}/region", "the outline crosses itself")
-    return Scenario(
-        key,
-        given.title or key,
-        border,
-        given.closed,
-        _points(given.seed, f"{where}/seed")[0],
-        region,
-        _points(given.stand, f"{where}/stand")[0],
-        _points(given.guide, f"{where}/guide", 0),
-        DetourCheck.from_mapping(given.proof, f"{where}/proof"),
-    )
+def _scenario(key: str, given: Any) -> Scenario:
+    if isinstance(given, Scenario):
+        return given
+    read = Scenario.from_mapping(given, f"scenarios/{key}")
+    return read.replace(key=key, title=read.title or key)

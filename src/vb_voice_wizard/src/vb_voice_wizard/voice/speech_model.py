@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Sequence
 
 import numpy as np
 import onnxruntime
@@ -55,14 +55,13 @@ class SpeechModel:
         )
         self._rarity = _RARITY * self._written(np.zeros(16000, np.int16), np.arange(len(rows)))
 
-    def log_likelihood_ratios(self, pcm: np.ndarray, which: Optional[np.ndarray] = None) -> np.ndarray:
-        """Returns (M,), for each text the logarithm of how much more probable an utterance makes it.
+    def log_likelihood_ratios(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Returns (M,), for some of the texts the logarithm of how much more probable an utterance makes each.
 
         Args:
             pcm: (N,) int16 at 16 kHz, a tenth of a second at least.
-            which: (M,) int, the numbers of those that are asked for; None: all.
+            which: (M,) int, the texts' numbers.
         """
-        which = np.arange(len(self._given)) if which is None else which
         return self._written(pcm, which) - self._rarity[which]
 
     def _written(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:

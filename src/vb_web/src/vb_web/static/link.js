@@ -96,9 +96,9 @@ export class Link {
   }
 
   // Resolves with the answer, never rejects. What is asked for again while it is under way, as by a double tap, is asked for
-  // once; only stop always goes out.
-  ask(action, fields = {}) {
-    const what = JSON.stringify([action, fields]);
+  // once; only stop always goes out. "What" is the request and `shown`, what it is about where its fields do not say that.
+  ask(action, fields = {}, shown = null) {
+    const what = JSON.stringify([action, fields, shown]);
     if (fields.command === "stop") return this.send(action, fields);
     if (!this.underWay.has(what))
       this.underWay.set(

@@ -78,7 +78,9 @@ export async function ask(action, fields, done = null, values = {}) {
   // a command is void after a stop that was not shown here yet
   const shown = (view.state && view.state.stop_number) || "";
   const seen = action === "command" ? { seen_stop: fields.command === "stop" ? "" : shown } : {};
-  const answer = await page.link.ask(action, { ...fields, ...seen });
+  // undo and redo are about the borders as they are shown: pressed again once these have changed, they mean the next change
+  const about = ["undo", "redo"].includes(fields.command) ? (view.borders || {}).revision : null;
+  const answer = await page.link.ask(action, { ...fields, ...seen }, about);
   if (answer.ok && done)
     toast(
       say(done, values),
