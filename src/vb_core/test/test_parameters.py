@@ -73,10 +73,3 @@ def test_each_mistake_names_its_key(key, value, word):
         Example.from_mapping({key: value}, "/node")
     assert caught.value.key == f"/node/{key}"
     assert word in caught.value.message and caught.value.message.startswith(f"/node/{key}: ")
-
-
-def test_changes_are_checked_too():
-    with pytest.raises(ParameterError):
-        Example().replace(speed=7.0)
-    with pytest.raises(ParameterError):
-        Example.from_mapping([1, 2])

@@ -50,6 +50,7 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
         # a border that nobody named is numbered in the reader's language
         ("robot_caught_in_border", {"who": "ada", "border": "'border 3'"}, "de", "ada ist in 'Grenze 3' "),
         ("border_restored", {"borders": "border 3, wall 4, Rug"}, "de", "Wieder in der Karte: Grenze 3, Wand 4, Rug."),
+        ("border_restored", {"borders": "border 3, Rug"}, "en", "In the map again: Border 3, Rug."),
     ],
 )
 def test_values_are_in_the_readers_language(code, values, language, beginning):
@@ -65,8 +66,3 @@ def test_an_error_carries_its_values():
     assert (error.code, error.values) == ("no_response", {"who": "map_integrator"})
     assert str(error) == "map_integrator is not responding. [no_response]"
     assert CodedError("no_response", "in words of its own").message == "in words of its own"
-
-
-def test_unnamed_borders_are_numbered_in_the_readers_language():
-    assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
-    assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""

@@ -163,7 +163,7 @@ class CameraModel:
         focal, middle = self._pinhole
         target = (pixels - middle) / focal
         # the start: along the radius, by a table
-        radii = np.tan(np.linspace(0.0, min(math.atan(self.limit), math.radians(89.9)), 2000))
+        radii = np.tan(np.linspace(0.0, math.atan(self.limit), 2000))
         shown = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
         finite = np.isfinite(shown[:, 0])
         radius = np.hypot(*target.T)

@@ -109,12 +109,12 @@ def offer(connections: Connections) -> Offer:
     commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
     state = NO_ROBOT if not there else UNREADY if ignored[KEEP_OUT.name] else READY
     return Offer(
-        state,
-        tuple(commands),
-        tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
-        ignored,
-        goes,
-        tuple(line for robot in connections.robots for line in _lines(robot)),
+        state=state,
+        commands=tuple(commands),
+        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
+        ignored_by=ignored,
+        goes=goes,
+        lines=tuple(line for robot in connections.robots for line in _lines(robot)),
     )
 
 
