@@ -1,4 +1,4 @@
-"""check_lab's judgement: what only the whole lab shows is named, with what cures it; what the nodes tell is repeated."""
+"""check_lab names the faults that only the whole lab shows, and repeats the notices of its nodes."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -55,24 +55,24 @@ GOOD = {
     ],
 )
 def test_each_mistake_in_a_lab_is_named(what, changes, code):
-    given = {**GOOD[what], **changes}
-    found = getattr(lab_checks, f"check_{what}")(**given)
-    lines = found if isinstance(found, list) else [found]
+    arguments = {**GOOD[what], **changes}
+    result = getattr(lab_checks, f"check_{what}")(**arguments)
+    lines = result if isinstance(result, list) else [result]
     assert codes(lines) == [code] * bool(code)
-    assert all(what not in ("camera", "robot") or given["name"] in line.sentence() for line in lines)
+    assert all(what not in ("camera", "robot") or arguments["name"] in line.sentence() for line in lines)
 
 
-@pytest.mark.parametrize("free_thresh, is_told", [(0.196, False), (0.25, True)])
-def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_thresh, is_told):
+@pytest.mark.parametrize("free_thresh, is_reported", [(0.196, False), (0.25, True)])
+def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_thresh, is_reported):
     """10 of 183 maps of public repositories had free_thresh 0.25 with pixels of 205."""
     cells = np.full((20, 20), -1, np.int8)
     cells[5:15, 5:15] = 100
     cells[6:14, 6:14] = 0
     _, path = write_map(tmp_path / "map", GridMap(cells, 0.05))
     path.write_text(path.read_text().replace("free_thresh: 0.196", f"free_thresh: {free_thresh}"))
-    found = read_map(path).data
-    assert is_all_known(found) is is_told
-    assert not is_all_known(found[5:15, 5:15])  # a room that is known whole, with walls all round
+    again = read_map(path).data
+    assert is_all_known(again) is is_reported
+    assert not is_all_known(again[5:15, 5:15])  # a room that is known completely, with walls all round
 
 
 @pytest.mark.parametrize("height, width", [(0, 0), (3, 4), (2, 2)])
@@ -118,5 +118,5 @@ def test_each_connection_of_a_robot_is_one_line():
     assert [(line.subject, line.code) for line in lines if line.state is Severity.ERROR] == [
         ("robot bob", "robot_ignores_borders")
     ]
-    # robot_monitor tells the same, some seconds later
+    # robot_monitor reports the same some seconds later
     assert lines_from_notices(offer(Connections((good, bad))).notices(), lines) == []

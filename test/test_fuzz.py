@@ -1,9 +1,8 @@
 """Whatever comes from outside is taken or refused with a code: examples drawn from the inputs' own schemas.
 
-The idea: no list of attacks. A message's strategy follows its definition (genpy's slots), a parameter
-class's its fields, a file's the bytes of a good one with some of them
-changed; a new field or argument is in the examples by itself. FUZZ_EXAMPLES says how many per test: few in
-`make test`, thousands before a release.
+The idea: no list of attacks. The strategy of a message follows from its definition (genpy's slots), that of a parameter
+class from its fields, that of a file from the bytes of a good one, some of them changed; so a new field or argument is in
+the examples by itself. FUZZ_EXAMPLES says how many per test: few in `make test`, thousands before a release.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""What cannot work is refused before roslaunch starts anything, in one sentence."""
+"""A launch that cannot work is refused in one sentence, before roslaunch starts anything."""
 
 import os
 import re

@@ -1,6 +1,6 @@
-"""What borders need of the navigation stack is set, by the names that it reads.
+"""The parameters that borders need are set, under the names that the navigation stack reads.
 
-The real stack takes a misspelt parameter in silence and goes on with its default, which for borders is the wrong one.
+The real stack ignores a misspelt parameter in silence and uses its default, which for borders is the wrong one.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Giving commands: each has an id and an end, a lost answer is asked for once more, and stop waits for nothing."""
+"""Commands: each has an id and expires, a lost answer is asked for once more, and stop waits for nothing."""
 
 import re
 import threading
@@ -15,7 +15,7 @@ from vb_msgs.srv import CommandResponse
 
 
 def test_no_message_constant_contains_a_comment():
-    """In messages all that follows a string constant's = is its value."""
+    """In a message definition, everything after the = of a string constant is its value."""
     found = [
         f"{path.name}: {line}"
         for path in Path(__file__).resolve().parents[2].glob("vb_msgs/*/*.[ms]*")

@@ -1,4 +1,4 @@
-"""Notices: each node's list replaces its last one; what a silent node said is forgotten."""
+"""Notices: each node's list replaces its last one; those of a silent node expire."""
 
 from types import SimpleNamespace
 

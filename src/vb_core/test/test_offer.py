@@ -1,4 +1,4 @@
-"""What is offered where what is connected: all combinations."""
+"""What is offered, in every combination of connections."""
 
 import itertools
 from dataclasses import replace
@@ -41,7 +41,7 @@ def test_every_lab_is_offered_exactly_what_has_an_effect():
     for lab in labs():
         count += 1
         found = offer(lab)
-        # Stop stops something; what it does not stop is told of that robot
+        # Stop stops something; of a robot that it does not stop, a line says so
         assert ("stop" in found.commands) == any(robot.driver or robot.obeys_stop for robot in lab.robots)
         assert ("resume" in found.commands) == ("stop" in found.commands)
         laser = {"define_border", "define_seed", "save", "cancel"}
@@ -54,7 +54,7 @@ def test_every_lab_is_offered_exactly_what_has_an_effect():
             assert ("keep_out" in kept) == (robot.localized and (robot.plans_round_borders or robot.driver))
             assert ("slow" in kept) == (robot.localized and (robot.driver or robot.obeys_speed))
             assert ("avoid" in kept) == (robot.localized and robot.plans_round_borders)
-            # nobody is sent through borders
+            # no robot is sent through borders
             assert (robot.name in found.goes) == (robot.localized and robot.plans_round_borders)
             lost = not robot.plans_round_borders and not robot.driver
             assert (told.get((robot.name, "robot_ignores_borders")) is Severity.ERROR) == lost

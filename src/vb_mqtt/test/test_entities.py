@@ -1,4 +1,4 @@
-"""What Home Assistant is told, and that the messages its buttons make of it are understood."""
+"""Descriptions for Home Assistant, and the messages that its buttons make from them."""
 
 from datetime import datetime, timezone
 

@@ -1,4 +1,4 @@
-"""What arrives by MQTT: taken once, never when it is old or was kept by the broker, and nothing raises."""
+"""Messages by MQTT are taken once, and refused if they are old or retained; whatever arrives, nothing else is raised."""
 
 import json
 

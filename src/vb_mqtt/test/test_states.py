@@ -1,4 +1,4 @@
-"""What entities show."""
+"""Messages and notices become the states of entities."""
 
 import cv2
 import numpy as np

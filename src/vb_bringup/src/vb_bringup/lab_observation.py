@@ -6,7 +6,7 @@ import contextlib
 import os
 import shutil
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -17,7 +17,7 @@ from vb_bringup.lab_checks import lines_from_notices
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
-from vb_core.notices import Severity
+from vb_core.notices import Notice, Severity
 from vb_core.offer import offer
 from vb_core.ros.graph import read_graph
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
@@ -36,33 +36,13 @@ _IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 def observe_lab(seconds: float) -> List[CheckLine]:
     """Listens to the nodes for some seconds, looks at everything else, and judges it."""
     graph = read_graph()
-    listener = NoticeListener()
-    statuses: Dict[str, DetectorStatus] = {}
-    newest: Dict[str, Any] = {}
-    topics = {
-        names.PHYSICAL_MAP: OccupancyGridArray,
-        names.MAP_WITH_BORDERS: OccupancyGridArray,
-        names.BORDERS: VirtualBorderArray,
-        names.ROBOTS: RobotStatusArray,
-        **{_scan(robot): LaserScan for robot in rospy.get_param("/robot_monitor/robots", []) or [""]},
-    }
-    subscribers = [
-        rospy.Subscriber(name, kind, lambda message, name=name: newest.update({name: message}), queue_size=1)
-        for name, kind in topics.items()
-    ]
-    subscribers.append(
-        rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda one: statuses.update({one.camera: one}))
-    )
-    wait_for_publishers([listener.subscriber, *subscribers], _CONNECTION_TIMEOUT)
-    rospy.rostime.wallsleep(seconds)
-
+    newest, statuses, notices = _listen(seconds)
     running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
     lines = check_nodes(
         [node for node in _NODES if node not in running and (node == _NODES[0] or rospy.has_param(node))]
     )
     if rospy.has_param("/border_fusion") and not statuses:
         lines.append(CheckLine("cameras", Severity.WARNING, "lab_no_cameras"))
-    notices = listener.current()
     for camera, status in sorted(statuses.items()):
         line = _check_camera(graph, camera, status)
         if line.state is Severity.ERROR:  # the line says why the camera is silent
@@ -75,15 +55,33 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
         lines.append(CheckLine("borders", Severity.INFO, "lab_borders_ok", values))
     if names.ROBOTS in newest:
-        connected = offer(connections_from_message(newest[names.ROBOTS]))
-        lines += lines_from_notices(connected.lines)
+        lines += lines_from_notices(offer(connections_from_message(newest[names.ROBOTS])).lines)
         for robot in newest[names.ROBOTS].robots:
             lines += _check_robot(robot, newest.get(_scan(robot.robot)))
     lines += _check_computer(running)
-    for subscriber in subscribers:
-        subscriber.unregister()
-    listener.close()
     return lines + lines_from_notices(notices, lines)
+
+
+def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], List[Notice]]:
+    """Returns the newest message of each topic, the newest status of each camera, and the notices that hold."""
+    newest: Dict[str, Any] = {}
+    statuses: Dict[str, DetectorStatus] = {}
+    topics = {
+        names.PHYSICAL_MAP: OccupancyGridArray,
+        names.MAP_WITH_BORDERS: OccupancyGridArray,
+        names.BORDERS: VirtualBorderArray,
+        names.ROBOTS: RobotStatusArray,
+        **{_scan(robot): LaserScan for robot in rospy.get_param("/robot_monitor/robots", []) or [""]},
+    }
+    subscribers = [
+        rospy.Subscriber(name, kind, lambda message, name=name: newest.update({name: message}), queue_size=1)
+        for name, kind in topics.items()
+    ]
+    detectors = rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda one: statuses.update({one.camera: one}))
+    notices = NoticeListener()
+    wait_for_publishers([notices.subscriber, detectors, *subscribers], _CONNECTION_TIMEOUT)
+    rospy.rostime.wallsleep(seconds)
+    return dict(newest), dict(statuses), notices.current()
 
 
 def _scan(robot: str) -> str:

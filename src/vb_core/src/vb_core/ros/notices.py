@@ -70,10 +70,6 @@ class NoticeListener:
         with self._lock:
             return self._book.current(rospy.get_time())
 
-    def close(self) -> None:
-        """Stops listening."""
-        self.subscriber.unregister()
-
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
             self._book.update(message.source, map(notice_from_message, message.notices), rospy.get_time())
