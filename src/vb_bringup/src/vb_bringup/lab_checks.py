@@ -64,10 +64,10 @@ def check_camera(
     """Checks how a camera's images reach its detector; the detector itself reports whether they can be used.
 
     Args:
-        topic: of its images; "" if the detector reads the camera itself.
+        topic: the topic of its images; "" if the detector reads the camera itself.
         publishers: nodes that publish it.
         others: topics of images that its driver publishes instead.
-        rate: [1/s] of images that are searched.
+        rate: [1/s] searched images per second.
         no_delay: whether it is a network camera whose delay nobody has measured.
     """
 

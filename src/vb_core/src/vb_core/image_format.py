@@ -57,12 +57,11 @@ def encoding_of(name: str) -> Encoding:
     Raises:
         CodedError: "bad_image" if nobody can read it.
     """
+    encoding = _ENCODINGS.get(name.lower()) or _ENCODINGS.get(name)
+    if encoding is not None:
+        return encoding
     general = _GENERAL.fullmatch(name)
     kind = _KINDS.get(general.group(1) + general.group(2)) if general else None
-    if name.lower() in _ENCODINGS:
-        return _ENCODINGS[name.lower()]
-    if name in _ENCODINGS:
-        return _ENCODINGS[name]
     if kind is None:
         raise CodedError("bad_image", f"cannot read an image with the unknown encoding '{name}'")
     return Encoding(np.dtype(kind), int(general.group(3) or 1), "")
@@ -163,7 +162,7 @@ class PixelReader:
 
         Args:
             image: the message's pixels as they are.
-            encoding: as in sensor_msgs/Image.
+            encoding: its name in sensor_msgs/Image.
 
         Raises:
             CodedError: "unknown_encoding" for images in which no spot can be seen, such as depth.

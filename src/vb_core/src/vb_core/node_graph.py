@@ -12,12 +12,12 @@ class NodeGraph:
     """The ROS graph, as a master knows it; `vb_core.ros.graph.read_graph` asks for it.
 
     Args:
-        published, subscribed, services: (name, nodes) of the topics or services.
-        types: of topics.
+        published, subscribed, services: pairs (name, nodes) of topics or services.
+        types: message types by topic.
 
     Attributes:
         publishers, subscribers, services: nodes by the name of the topic or service.
-        types: of topics.
+        types: message types by topic.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class NodeGraph:
 
         Args:
             driver: the driver's node.
-            topic: of its commands.
+            topic: on which the driver publishes its commands.
             output: the topic on which a mux commands the base; "": the base listens to `topic` itself.
 
         Returns:

@@ -48,7 +48,7 @@ class _Stored:
         path: the file; None: memory only.
 
     Attributes:
-        lost: whether it stopped because its file was damaged or cannot be written.
+        lost: whether it stopped because its file was damaged or could not be written.
         stored: whether the last `store` succeeded.
     """
 
@@ -101,9 +101,9 @@ class StopLatch(_Stored):
     """Whether robots are stopped, for all of them.
 
     Attributes:
-        number: of the newest stop; also before the first, so that each command can name it.
+        number: number of the newest stop; there is one even before the first stop, so that each command can name it.
         stops: ids of the newest stops, made by their senders, the newest last.
-        stopped, by: whether the newest holds, and who said it first.
+        stopped, by: whether the newest stop holds, and who gave the first of those that hold.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
@@ -147,10 +147,10 @@ class StopLatch(_Stored):
 
 
 class HeldStops(_Stored):
-    """The stops that one robot holds: heard of, and not yet released by somebody who knows of all of them.
+    """The stops that one robot holds: it has heard of them, and nobody who knows of all of them has released them.
 
     Attributes:
-        ids: of these stops.
+        ids: their ids.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:

@@ -77,12 +77,12 @@ WHILE_POINTING = "while_pointing"  # the laser is on: a robot would follow it, o
 
 @dataclass(frozen=True)
 class Command:
-    """A command; its name is what people say, and what vb_msgs/Command carries.
+    """A command; people say its name, and vb_msgs/Command carries it.
 
     Attributes:
-        key: on the wizard's console.
+        key: its key on the wizard's console.
         needs: what must be connected; "": nothing.
-        matters: when it has consequences: ALWAYS, NEVER, WHILE_...
+        matters: when it has consequences: ALWAYS, NEVER or one of WHILE_...
         enters: the name of the state that it leads to; "": the same, or one that depends on the interaction.
         carried_out_elsewhere: whether another node does it; until its answer, other commands are refused as "busy".
         phrases: what people say besides its name, in English.

@@ -19,7 +19,7 @@ class Zone:
     """A zone.
 
     Attributes:
-        number: in vb_msgs/VirtualBorder.
+        number: its number in vb_msgs/VirtualBorder.
         kept_by: whether a robot keeps to it, a vb_core.offer.ConnectedRobot that knows where it is.
         restricts: whether its area stands in the map with borders.
         soft: whether robots may go there if the detour is long: delta is below 1.

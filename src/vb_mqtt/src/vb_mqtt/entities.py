@@ -36,7 +36,7 @@ class Lab:
 
     Attributes:
         device: its id, with which every topic begins.
-        language: of all names.
+        language: the language of all names.
         cameras, robots: their names; None: not known yet.
         borders: their names by id; None: not known yet.
     """

@@ -122,7 +122,7 @@ class CommandSender:
         Args:
             context: handed on to `on_answer`.
             given: [s] of the monotonic clock: when the person gave it; now at the latest.
-            source: who gives it.
+            source: the person who gives it.
             seen_stop: number of the newest stop that the person was shown; None: the newest known here at `given`.
             identity: id of this command, if it has one already and may come twice.
             carry_out: returns the answer or raises a `CodedError`; by default the manager answers.

@@ -336,8 +336,8 @@ def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float]
     """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up after a timeout.
 
     Args:
-        what: for the log: "the map on /map".
-        arrived: whether it is there.
+        what: the input's name in the log, for instance "the map on /map".
+        arrived: returns whether it is there.
         timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """

@@ -72,7 +72,7 @@ class ReconfigureServer(Generic[P]):
 
     Args:
         params: the values at the start.
-        namespace: for instance "~detector", where `vb_core.ros.parameters.read` read them.
+        namespace: where `vb_core.ros.parameters.read` read them, for instance "~detector".
         apply: adopts the new parameters, in a service's thread; its CodedError refuses them.
         fixed: names of fields that cannot be changed while the node runs.
     """
