@@ -111,8 +111,6 @@ _EXPECTED = {
     list: "a list",
     dict: "keys and values",
 }
-
-
 _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "above": ("above", operator.le)}
 
 
@@ -134,14 +132,16 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
     if of is not None:
         parts = enumerate(value)
         return kind(one if isinstance(one, of) else of.from_mapping(one, f"{key}[{index}]") for index, one in parts)
-    # a list's limits apply to each of its numbers
     for number in value if isinstance(value, (list, tuple)) else [value]:
-        if not isinstance(number, (int, float)) or isinstance(number, bool):
-            continue
-        for name, (words, breaks) in _LIMITS.items():
-            limit = limits[name]
-            if limit is not None and breaks(number, limit):
-                raise ParameterError(key, f"must be {words} {limit} {unit}".rstrip() + f", got {number}")
+        if isinstance(number, (int, float)) and not isinstance(number, bool):
+            _check_limits(key, number, limits)
     if limits["choices"] is not None and value not in limits["choices"]:
         raise ParameterError(key, f"must be one of {', '.join(map(str, limits['choices']))}, got {value!r}")
     return value
+
+
+def _check_limits(key: str, number: float, limits: Mapping[str, Any]) -> None:
+    for name, (words, breaks) in _LIMITS.items():
+        limit = limits[name]
+        if limit is not None and breaks(number, limit):
+            raise ParameterError(key, f"must be {words} {limit} {limits['unit']}".rstrip() + f", got {number}")
