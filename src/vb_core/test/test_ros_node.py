@@ -181,8 +181,7 @@ print(before, len(asked))
 
 
 def test_logging_while_ending_does_not_end_the_successor():
-    # each line logged was a registration under the node's name, upon which the master ended the other node with that
-    # name
+    # rospy registered the node at each logged line, upon which the master ended the newer node of the same name
     assert run(LOGGING).stdout == "1 1\n"
 
 

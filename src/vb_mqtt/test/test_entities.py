@@ -27,11 +27,11 @@ def config_of(key, lab=LAB):
 
 
 def test_all_entities_are_one_device_with_unique_ids():
-    found = describe(LAB)
-    assert len({config["unique_id"] for config in found.values()}) == len(found)
-    assert {tuple(config["device"]["identifiers"]) for config in found.values()} == {("lab1",)}
-    assert all(config["name"] for config in found.values())
-    for topic, config in found.items():
+    configs = describe(LAB)
+    assert len({config["unique_id"] for config in configs.values()}) == len(configs)
+    assert {tuple(config["device"]["identifiers"]) for config in configs.values()} == {("lab1",)}
+    assert all(config["name"] for config in configs.values())
+    for topic, config in configs.items():
         prefix, platform, device, key, last = topic.split("/")
         assert (prefix, device, last) == ("homeassistant", "lab1", "config")
         assert key.replace("_", "").replace("-", "").isalnum() and key.isascii()
@@ -67,8 +67,8 @@ def test_names_are_in_the_households_language(language):
 
 def test_resume_names_the_stop_that_its_button_shows():
     config = config_of("resume")
-    found = pressed(config, {"stop_number": "12ab", "stopped": True})
-    assert (found.command, found.seen_stop, found.age) == ("resume", "12ab", 1.0)
+    request = pressed(config, {"stop_number": "12ab", "stopped": True})
+    assert (request.command, request.seen_stop, request.age) == ("resume", "12ab", 1.0)
     # nothing was shown yet: the manager then refuses, as it does for everybody
     assert pressed(config, {}).seen_stop == "" and pressed(config, {"stop_number": None}).seen_stop == ""
     assert config["json_attributes_topic"] == "lab1/stopped"
@@ -85,8 +85,8 @@ def test_yes_answers_the_question_that_is_shown():
 
 
 def test_a_switch_names_its_border_and_each_press_has_a_new_id():
-    found = pressed(config_of(key_of("border", "ü/#+")), {}, value="false")
-    assert (found.border, found.enabled) == (key_of("border", "ü/#+"), False)
+    request = pressed(config_of(key_of("border", "ü/#+")), {}, value="false")
+    assert (request.border, request.enabled) == (key_of("border", "ü/#+"), False)
     assert pressed(config_of("border_b1"), {}, value="true").enabled
     assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
 

@@ -29,10 +29,10 @@ def code_of(inbox, payload, retained=False, now=NOW):
 
 
 def test_a_request_has_its_id_its_age_and_the_stop_that_was_seen(inbox):
-    found = inbox.take(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
-    assert found == Request("mqtt:a1", "a1", "resume", "12ab", age=1.5)
-    found = inbox.take(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
-    assert (found.command, found.border, found.enabled) == ("", "border_b7", False)
+    request = inbox.take(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
+    assert request == Request("mqtt:a1", "a1", "resume", "12ab", age=1.5)
+    request = inbox.take(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
+    assert (request.command, request.border, request.enabled) == ("", "border_b7", False)
 
 
 def test_a_message_delivered_twice_is_taken_once(inbox):
@@ -95,7 +95,7 @@ def test_too_many_commands_at_once_are_refused(inbox):
 
 
 @pytest.mark.parametrize(
-    "given",
+    "message",
     [
         {"command": "launch", "at": NOW},
         {"command": "", "at": NOW},
@@ -111,15 +111,15 @@ def test_too_many_commands_at_once_are_refused(inbox):
         *(b"\xff\xfe", b"[" * 2000, b"{" * 2000, b'"', b"5", b"null", b"a" * (MAX_BYTES + 1)),
     ],
 )
-def test_malformed_messages_are_refused(inbox, given):
-    assert code_of(inbox, given if isinstance(given, bytes) else packed(**given)) == "mqtt_bad_message"
+def test_malformed_messages_are_refused(inbox, message):
+    assert code_of(inbox, message if isinstance(message, bytes) else packed(**message)) == "mqtt_bad_message"
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 values = st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=5)
 keys = st.sampled_from(["command", "border", "enabled", "at", "id", "seen_stop"]) | st.text()
 messages = st.dictionaries(keys, st.sampled_from([*KNOWN, NOW, True]) | values).map(
-    lambda found: json.dumps(found).encode()
+    lambda fields: json.dumps(fields).encode()
 )
 
 
