@@ -109,12 +109,8 @@ def test_each_notice_is_a_line():
 def test_each_connection_of_a_robot_is_one_line():
     good = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
     bad = dataclasses.replace(good, name="bob", plans_round_borders=False)
-    connected = offer(Connections((good, bad))).lines
-    lines = lines_from_notices(connected)
-    assert [line.code for line in lines if line.subject == "robot ada"] == [
-        "robot_plans_round_borders",
-        "robot_obeys_borders_only",
-    ]
+    lines = lines_from_notices(offer(Connections((good, bad))).lines)
+    assert {line.subject for line in lines} == {"robot ada", "robot bob"}
     assert [(line.subject, line.code) for line in lines if line.state is Severity.ERROR] == [
         ("robot bob", "robot_ignores_borders")
     ]
