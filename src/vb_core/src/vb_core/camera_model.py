@@ -117,9 +117,7 @@ class CameraModel:
             visible = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self.limit * points[:, 2])
             pixels[~visible] = np.nan
             return pixels
-        depths = points[:, 2:]
-        if not depths.min() > 0:
-            depths = np.where(depths > 0, depths, np.nan)
+        depths = np.where(points[:, 2:] > 0, points[:, 2:], np.nan)
         focal, middle = self._pinhole
         return points[:, :2] * (1.0 / depths) * focal + middle
 
