@@ -1,4 +1,6 @@
-from setuptools import setup
 from catkin_pkg.python_setup import generate_distutils_setup
+from setuptools import find_packages, setup
 
-setup(**generate_distutils_setup(packages=["vb_web"], package_dir={"": "src"}, package_data={"vb_web": ["static/*"]}))
+setup(
+    **generate_distutils_setup(packages=find_packages("src"), package_dir={"": "src"}, package_data={"": ["static/*"]})
+)
