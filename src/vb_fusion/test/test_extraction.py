@@ -143,7 +143,7 @@ def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing(
         return track.floor_gains(np.zeros((len(stamps), 2)), stamps, 0.5).sum()
 
     rest = explained(track.MAX_DWELL)
-    assert rest > 0.5 * track.PLACE_WIDTH
+    assert rest > 0.5 * track.CLUSTER_WIDTH
     assert explained(60.0) < 0.2 * rest
 
 

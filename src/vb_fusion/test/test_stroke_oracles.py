@@ -96,7 +96,7 @@ def chained(group, values):
     """Divides a group of indices where sorted values are more than a place's width apart."""
     ordered, parts = sorted(group, key=lambda index: values[index]), []
     for index in ordered:
-        if not parts or values[index] - values[parts[-1][-1]] > track.PLACE_WIDTH:
+        if not parts or values[index] - values[parts[-1][-1]] > track.CLUSTER_WIDTH:
             parts.append([])
         parts[-1].append(index)
     return parts
@@ -107,7 +107,7 @@ def chained(group, values):
 def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
     points, times, cameras = np.array(spots)[:, :2], np.array(spots)[:, 2], np.array(spots)[:, 3].astype(int)
     seen = make_observations(points, times, cameras, None, cameras == 2)
-    found = track.find_places(seen)
+    found = track.find_clusters(seen)
     groups = {}
     for index, moment in enumerate(track.time_bins(seen.stamps).tolist()):
         groups.setdefault(moment, []).append(index)
@@ -124,7 +124,7 @@ def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
         )
         for place in places
     )
-    columns = (*found.points.T, found.stamps, found.cameras, found.mobile)
+    columns = (*found.points.T, found.stamps, found.witnesses, found.mobile)
     assert np.allclose(sorted(zip(*(column.tolist() for column in columns))), wanted)
     assert (np.diff(found.stamps) >= 0).all()
 
@@ -132,7 +132,7 @@ def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
 def test_of_one_moment_the_ten_strongest_places_are_kept():
     points = np.column_stack([np.arange(14.0), np.zeros(14)])
     strong = np.arange(14) % 7 + 1.0
-    found = track.find_places(make_observations(points, np.zeros(14), None, strong / 10.0))
+    found = track.find_clusters(make_observations(points, np.zeros(14), None, strong / 10.0))
     kept = sorted(np.lexsort((points[:, 0], -strong))[:10])
     assert np.allclose(np.sort(found.points[:, 0]), kept)
 
@@ -174,7 +174,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     line = np.column_stack([np.linspace(0.0, 1.0, 11), np.full(11, 0.5)])
     times = np.linspace(0.2, 1.2, 11)
     mobile = np.full(11, line_is_mobile)
-    places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int))
+    places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int), np.ones(11, int))
     order = np.argsort([spot[2] for spot in spots], kind="stable")
     seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
     found = set(track._beside(seen, places, np.arange(11)).tolist())
@@ -233,7 +233,7 @@ def test_what_is_short_beside_a_pause_and_an_unseen_step_is_no_part_of_a_stroke(
 def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_where_light_stays(steps, dropout):
     points, times = np.array(steps)[:, :2], np.cumsum(np.array(steps)[:, 2])
     nodes = {}  # of a lattice: the places about each, with how much of them is there
-    for place, (x, y) in enumerate(points / track.PLACE_WIDTH):
+    for place, (x, y) in enumerate(points / track.CLUSTER_WIDTH):
         for i, j in ((math.floor(x) + dx, math.floor(y) + dy) for dx in (0, 1) for dy in (0, 1)):
             nodes.setdefault((i, j), {})[place] = (1.0 - abs(x - i)) * (1.0 - abs(y - j))
     still = {}
@@ -246,14 +246,14 @@ def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_wher
             math.sqrt(12.0 / shares.sum() / deviations[0]) * math.hypot(*deviations[1:]) if deviations[0] > 1e-6 else 0
         )
         assume(deviations[0] > 1e-6 or deviations[0] < 1e-12)
-        still[node] = stay * (1.0 - min(1.0, (moved / track.PLACE_WIDTH) ** 2))
+        still[node] = stay * (1.0 - min(1.0, (moved / track.CLUSTER_WIDTH) ** 2))
     swept = track._swept(points, times, dropout)
     found = track.floor_gains(points, times, dropout)
     for place in range(len(points)):
         about = [there for there in nodes.values() if place in there]
         company = sum(there[place] * sum(there.values()) for there in about) / sum(there[place] ** 2 for there in about)
         stay = max(still[node] for node, there in nodes.items() if place in there)
-        gain = max(track.PLACE_WIDTH / max(company / 1.5, 2.0), swept[place])
+        gain = max(track.CLUSTER_WIDTH / max(company / 1.5, 2.0), swept[place])
         assert found[place] == pytest.approx(gain * min(1.0, 2.0 / max(stay, 0.1)) ** 2, abs=2e-4)
 
 
