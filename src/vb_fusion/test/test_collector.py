@@ -63,6 +63,39 @@ def test_a_new_interaction_starts_empty_and_an_old_one_stays_until_then():
     assert collector.collection().border_total == 2
 
 
+@pytest.mark.parametrize("spots", [0, 1])
+@pytest.mark.parametrize("drawn_in", [BORDER, SEED])
+@pytest.mark.parametrize("outcome", ["", "saved", "cancelled", "abandoned"])
+def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
+    """A manager that was started again says Default and no outcome; a drawing without spots has nothing to lose."""
+    collector = Collector()
+    collector.set_state(DEFAULT, "", 0.0)
+    collector.set_state(drawn_in, "a", 1.0)
+    assert not collector.lost
+    for number in range(spots):
+        collector.add(spot(1.5 + number))
+    for _ in range(2):  # the state is repeated
+        collector.set_state(DEFAULT, "", 4.0, outcome)
+        lost = spots > 0 and not outcome
+        assert (collector.lost, collector.to_forget) == (lost, lost or outcome not in ("", "saved"))
+    collector.forget()
+    assert (collector.lost, collector.to_forget) == (lost, False)
+    collector.set_state(DEFAULT, "", 4.0, outcome)
+    assert not collector.to_forget
+    collector.set_state(BORDER, "b", 5.0, outcome)
+    assert not collector.lost
+
+
+def test_a_drawing_begun_before_the_collector_is_lost():
+    collector = in_border()
+    collector.set_state(SEED, "a", 1.0)
+    assert collector.lost
+    collector.set_state(DEFAULT, "", 2.0, "cancelled")
+    assert not collector.lost and collector.to_forget
+    collector.set_state(BORDER, "b", 3.0, "cancelled")
+    assert not collector.lost and not collector.to_forget
+
+
 @pytest.mark.parametrize("between, kept", [(PAUSED, 2), (GUIDE, 1), (BORDER, 1)])
 def test_who_enters_seed_again_points_anew_but_a_pause_changes_nothing(between, kept):
     collector, live = in_border(), LiveExtractor(ExtractionParams(), share=1.0)

@@ -86,7 +86,10 @@ class Collector:
     def __init__(self) -> None:
         self.interaction_id = ""
         self.state = DEFAULT
+        self.lost = False  # a part of the drawing is missing: its border would be another one than was drawn
+        self.to_forget = False  # the drawing is over and was not saved: `forget` may drop its spots
         self.ignored: Counter = Counter()
+        self._heard_state = False
         self._entered = -math.inf
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
@@ -97,22 +100,29 @@ class Collector:
         self._newest: Dict[str, float] = {}
         self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
-    def set_state(self, state: State, interaction_id: str, entered: float) -> bool:
+    def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
         """Adopts a new state; returns whether a new interaction began.
 
         Args:
             interaction_id: empty in Default. What was collected is kept until another id comes.
             entered: [s] when the state was entered.
+            outcome: of the last interaction that ended.
         """
         fresh = bool(interaction_id) and interaction_id != self.interaction_id
         if fresh:
             self.interaction_id = interaction_id
+            self.lost = not self._heard_state  # it began before this collector was there
             self.ignored = Counter()
             self._cameras = []
             self.faults = set()
             for store in self._stores.values():
                 store.clear()
+        self._heard_state = True
         if state != self.state or fresh:
+            if state == DEFAULT:
+                # every interaction that ends has an outcome, unless the interaction manager was started again in it
+                self.lost = any(self.counts[:2]) and not outcome
+            self.to_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
             if state == SEED and self.state != PAUSED:
                 self._stores[SEED.collects].clear()
             self.state, self._entered = state, entered
@@ -175,6 +185,7 @@ class Collector:
 
     def forget(self) -> None:
         """Drops all spots, but stays in the interaction."""
+        self.to_forget = False
         for store in self._stores.values():
             store.clear()
 

@@ -218,13 +218,9 @@ class MapIntegrator:
         self._use(grid, PlaceRecognition(place, transform))
         if waiting:  # from now on these borders mean what they close off here
             self._keep_map()
+            accepted = [self._to_place_frame(one.border.replace(map_id=self.map_id)) for one in waiting]
             self._make_change(
-                tuple(
-                    BorderChange(
-                        one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self.map_id))
-                    )
-                    for one in waiting
-                )
+                tuple(BorderChange(one.stored.id, one.stored, new) for one, new in zip(waiting, accepted))
             )
 
     def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> CheckResult:
