@@ -79,6 +79,12 @@ def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral,
     }
 
 
+def test_a_triangle_of_four_points_is_closed():
+    corners = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.5], [0.1, 0.1]])
+    found = classify_closure(corners)
+    assert (found.closed, found.code, found.first, found.last) == (True, "closed_gap", 0, 3)
+
+
 @pytest.mark.parametrize("points", [[[1.0, 2.0], [4.0, 6.0]], [[1.0, 2.0]] * 5])
 def test_two_points_or_a_spot_are_open(points):
     found, apart = classify_closure(np.array(points)), math.dist(points[0], points[-1])

@@ -159,8 +159,8 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
     now, error = _region(grid, border)
     if place.accepted_here:
         return Verdict(stored, border, "" if now else DOES_NOT_FIT, error, now, after=now)
-    # without a side, the line alone decides what is closed off: the same as before wherever the line is
-    before = place.region_before(grid) if _has_a_side(border) else now
+    # what a closed line or a wall closes off, the line alone decides, wherever it is: the same as before
+    before = now if border.closed or border.wall else place.region_before(grid)
     why = error or _reason_to_ask(place, before, now)
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if not why:
@@ -193,8 +193,3 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
         return integrate(grid, border), ""
     except IntegrationError as error:
         return None, error.code
-
-
-def _has_a_side(border: VirtualBorder) -> bool:
-    """Returns whether walls decide what a border closes off, and not its own line alone."""
-    return not border.closed and not border.wall

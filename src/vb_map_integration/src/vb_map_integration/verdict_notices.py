@@ -1,4 +1,4 @@
-"""What people are told about a map and the borders on it."""
+"""The notices about a map and the borders on it."""
 
 from __future__ import annotations
 
@@ -27,10 +27,9 @@ def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place: str) -> L
     elif waiting:
         values = {"count": str(len(waiting)), "borders": _names(waiting)}
         notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
-    for verdict in verdicts:
-        if verdict.code:
-            notices.append(Notice(verdict.code, Severity.WARNING, border_id=verdict.border.id, values=verdict.values))
-    return notices
+    return notices + [
+        Notice(one.code, Severity.WARNING, border_id=one.border.id, values=one.values) for one in verdicts if one.code
+    ]
 
 
 def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, str]:
