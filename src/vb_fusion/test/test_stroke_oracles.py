@@ -145,7 +145,7 @@ def test_of_one_moment_the_ten_strongest_places_are_kept():
 
 @settings(STEADY, max_examples=60)
 @given(st.lists(st.tuples(st.floats(0.0, 0.6), st.floats(0.0, 0.6), st.floats(0.02, 0.2)), min_size=1, max_size=14))
-def test_the_floor_between_three_places_is_theirs_if_they_are_passed_at_one_speed(steps):
+def test_clusters_passed_at_one_speed_add_the_floor_between_them(steps):
     points, times = np.cumsum(np.array(steps)[:, :2], axis=0), np.cumsum(np.array(steps)[:, 2])
     wanted, dropout = np.zeros(len(points)), 0.35
     for at in range(len(points)):
@@ -164,7 +164,7 @@ def test_the_floor_between_three_places_is_theirs_if_they_are_passed_at_one_spee
     assert track._swept(points, times, dropout) == pytest.approx(wanted)
 
 
-def test_light_that_moves_at_a_node_moved_as_far_as_its_places_lie_apart():
+def test_light_at_a_node_moved_as_far_as_its_clusters_are_apart():
     """An even movement of 0.2 m in 2 s, seen at one node; at another one the light stays."""
     stamps = np.tile(np.linspace(5.0, 7.0, 200), 2)
     points = np.vstack([np.linspace([1.0, 1.0], [1.12, 1.16], 200), np.tile([3.0, 3.0], (200, 1))])
@@ -200,7 +200,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
         max_size=7,
     )
 )
-def test_what_is_short_beside_a_pause_and_an_unseen_step_is_no_part_of_a_stroke(pieces):
+def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
     """Pieces of (places, [m] from the one before, whether after a pause, whether its places explain the step otherwise)."""
     counts, ways, pauses, wide = (np.array(column) for column in zip(*pieces))
     begin, number = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
@@ -236,7 +236,7 @@ def test_what_is_short_beside_a_pause_and_an_unseen_step_is_no_part_of_a_stroke(
     st.lists(st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 0.6)), min_size=1, max_size=40),
     st.sampled_from([0.3, 1.0]),
 )
-def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_where_light_stays(steps, dropout):
+def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropout):
     points, times = np.array(steps)[:, :2], np.cumsum(np.array(steps)[:, 2])
     nodes = {}  # of a lattice: the places about each, with how much of them is there
     for place, (x, y) in enumerate(points / track.CLUSTER_WIDTH):
@@ -270,7 +270,7 @@ def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_wher
     ),
     st.sampled_from([0.05, 1.0]),
 )
-def test_the_best_track_is_that_of_a_search_through_all_places_before(places, flick):
+def test_the_best_track_equals_an_exhaustive_search(places, flick):
     x, y, pauses, gains = np.array([*places, (1.0, 1.0, 0.1, 0.1)]).T
     points, times = np.column_stack([x, y]), np.cumsum(pauses)
     best = []  # (gain, the place before) of each

@@ -133,7 +133,7 @@ def _join_strokes(
         The indices of the line's observations, in the order in which it runs; those of what is left out; whether the line
         is of several strokes.
     """
-    # what could be a line itself, the widest first: moving back and forth explains much floor, but is no border
+    # what could be a line itself, the widest first: moving back and forth explains much floor, but is not a border
     wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
     wide = [(size, stroke) for size, stroke in wide if size > params.min_exp - 2.0 * TREMOR]
     wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= params.min_size]

@@ -195,7 +195,7 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
             off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
             way = 0.5 * np.hypot(*(points[last] - points[first]).T)
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
-            # two clusters and one of them again are no row: the middle one is in the middle of the time
+            # two clusters and one of them again are not a row: in a row the middle one is seen in the middle of the time
             row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
             row[(whole > dropout) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
