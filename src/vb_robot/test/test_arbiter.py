@@ -14,15 +14,8 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops, StopLatch
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_robot.driving.arbiter import Arbiter
-from vb_robot.driving.gate import INPUT_TIMEOUT, NAVIGATION, TELEOP
-from vb_robot.driving.spot_follower import (
-    FAR_DISTANCE,
-    GOOD_DISTANCE,
-    MAX_TURN,
-    NEAR_DISTANCE,
-    SpotFollower,
-    VelocityRequest,
-)
+from vb_robot.driving.gate import NAVIGATION, TELEOP
+from vb_robot.driving.spot_follower import FAR_DISTANCE, MAX_TURN, NEAR_DISTANCE
 from vb_robot.driving.workspace import MIN_UNCERTAINTY, PoseUncertainty, Workspace
 from vb_robot.spots import Sighting, Sightings
 
@@ -140,7 +133,7 @@ def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
     assert rig.step().code == "other_cmd_vel_publisher"
     assert (rig.commands[-1].v, rig.commands[-1].w) == (0.0, 0.0)
     assert rig.arbiter.gate.other_publishers(rig.now) == "/move_base"
-    assert rig.arbiter.gate.other_publishers(rig.now - 60.0) == "", "a simulation that begins again has none yet"
+    assert rig.arbiter.gate.other_publishers(rig.now - 0.5) == "", "a simulation that begins again has none yet"
     assert rig.step(1.2).v == 0.3
 
 
@@ -174,16 +167,6 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 
 
 # ------------------------------------------------------------ the gate
-
-
-def test_what_is_dated_ahead_grows_old_all_the_same():
-    """AMCL dates its poses 0.1 s ahead, and clocks of two computers differ a little."""
-    rig = Rig().drives(0.4)
-    rig.silent.add("pose")
-    rig.arbiter.gate.set_pose(rig.pose, rig.now + 0.3)
-    assert rig.step(INPUT_TIMEOUT).v == 0.0
-
-
 @pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])
 def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
     rig = Rig(fov=fov)
@@ -192,34 +175,6 @@ def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
     rig.step(1.0)
     assert (min(command.v for command in rig.commands) < -0.05) is backs
     assert backs or rig.commands[-1].code == "floor_not_scanned"
-
-
-def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
-    rig = Rig()
-    rig.set_grid(with_border(empty(), 1.0, 1.0, 4.0, 4.0))
-    rig.navigation = (0.3, 0.0)
-    assert rig.step(0.2).code == "inside_border" and rig.commands[-1].v == 0.0
-    rig.teleop = (0.3, 0.0)
-    assert rig.step(0.2).source == "teleop" and rig.commands[-1].v > 0.0
-    rig.teleop = None
-    rig.follows()
-
-
-def test_contact_lets_it_only_back_up():
-    rig = Rig()
-    rig.navigation = (0.3, 0.0)
-    rig.arbiter.gate.set_contact(("bumper", 0), "forward")
-    assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
-    rig.navigation = (-0.2, 0.0)
-    assert rig.step().v == -0.2
-
-
-def test_speed_limits_hold_for_navigation():
-    rig = Rig()
-    rig.navigation = (0.5, 0.5)
-    rig.arbiter.gate.speed_limits = empty().with_data(np.full(empty().shape, 20, np.int8))
-    command = rig.step(0.2)
-    assert command.code == "speed_zone" and command.v == pytest.approx(0.2) and command.w == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
@@ -239,19 +194,6 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
             rig.step()
             nose.append(rig.pose[0] + PROFILE.radius)
         assert max(nose) <= edge + 0.04 and rig.commands[-1].code == "border"
-
-
-def test_a_jump_of_the_localisation_stops_it_for_a_moment():
-    rig = Rig().drives()
-    rig.pose = (rig.pose[0], rig.pose[1] + 0.6, 0.0)
-    assert rig.step(0.2).code == "pose_jumped" and rig.commands[-1].v == 0.0
-    assert rig.step(1.2).v == 0.3
-
-
-def test_numbers_that_are_none_stop_it():
-    rig = Rig()
-    rig.navigation = (math.nan, 0.0)
-    assert rig.step().code == "bad_command" and rig.commands[-1].v == 0.0
 
 
 # ------------------------------------------------------------ one policy for spots
@@ -356,14 +298,3 @@ def test_spot_stays_in_view(path, speed):
     assert run[:, 5].min() > 0.4
     assert abs(run[-1, 2]) < 0.01 and abs(run[-1, 3]) < 0.05, "it comes to rest with the spot"
     assert NEAR_DISTANCE <= run[-1, 5] <= FAR_DISTANCE
-
-
-def test_a_follower_without_pose_or_spot_asks_for_no_motion_and_forgets_what_it_did():
-    follower = SpotFollower()
-    for spot, pose in ((None, (0.0, 0.0, 0.0)), ((2.0, 0.0), None)):
-        follower.spot = (FAR_DISTANCE + 0.1, 0.0)
-        assert follower.compute_request((0.0, 0.0, 0.0)).v > 0.0
-        follower.spot = spot
-        assert follower.compute_request(pose) == VelocityRequest(0.0, 0.0, "spot_lost")
-        follower.spot = (0.5 * (GOOD_DISTANCE + FAR_DISTANCE), 0.0)
-        assert follower.compute_request((0.0, 0.0, 0.0)).v == 0.0, "it starts again"

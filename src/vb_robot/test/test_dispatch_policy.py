@@ -7,53 +7,63 @@ import pytest
 from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
-from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, PROGRESS_TIMEOUTS, Fleet, RobotStatus, SentGoalState
+from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, Fleet, RobotStatus, SentGoalState
 from vb_robot.dispatching.dispatched_robot import follow
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spots import Sighting, Sightings
 
+NONE, SENT, ACTIVE, REACHED, FAILED, PREEMPTED = SentGoalState
 
-def place(x, y=0.0):
-    return Viewpoint((x, y, 0.0), x)
+
+def place(x, cost=None, **how):
+    return Viewpoint((x, 0.0, 0.0), x if cost is None else cost, **how)
+
+
+def at(*places):
+    """Whether an x [m] is one of these."""
+    return places.__contains__
 
 
 class Robot:
-    """One robot of the bench: what it can see and where it could go, and what navigation says."""
+    """One robot of the bench: places it could go to, where (x) it would see the spot and has room; what navigation says."""
 
-    def __init__(self, *costs, x0=0.0, candidates=None, seen=lambda pose: False):
-        self.candidates = [Viewpoint((x0 + i, 0.0, 0.0), cost) for i, cost in enumerate(costs)]
-        self.candidates = self.candidates if candidates is None else candidates
-        self.goal, self.pose, self.sees, self.sent = SentGoalState.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
+    def __init__(self, *offers, sees=at(), **how):
+        self.offers, self.sees, self.room, self.asked = offers, sees, lambda x: True, 0
+        self.goal, self.pose, self.given = NONE, (9.0, 9.0, 0.0), None
         self.busy, self.server, self.localized, self.knows = False, True, True, True
-        self.asked, self.given = 0, None
-        self.room = lambda pose: True
+        vars(self).update(how)
 
-    # as an ViewpointPlanner
+    # as a ViewpointPlanner
     def shows_target(self, pose):
-        return self.sees(pose)
+        return self.sees(pose[0])
 
     def has_room_at(self, pose):
-        return self.room(pose)
+        return self.room(pose[0])
 
-    def best_viewpoint(self, robot, avoid):
+    def best_viewpoint(self, _robot, avoid):
         self.asked += 1
-        free = [
-            found
-            for found in self.candidates
-            if all(math.dist(found.pose[:2], entry[:2]) >= entry[2] for entry in avoid)
-        ]
-        return free[0] if free else None
+        free = (one for one in self.offers if all(math.dist(one.pose[:2], (x, y)) >= r for x, y, r in avoid))
+        return next(free, None)
 
 
-class Fleets:
+class Bench:
     """Steps a fleet at 4 Hz; goals that are given begin at once, and end when they are cancelled."""
 
     def __init__(self, **robots):
         self.robots, self.fleet = robots, Fleet(robots)
         self.now, self.wanted, self.key, self.silent = 100.0, True, ("a", 1), 0.0
 
-    def step(self):
-        """Returns what was sent to whom."""
+    def __getattr__(self, name):
+        return self.robots[name]
+
+    def change(self, **changes):
+        """Changes something of the bench, or of ada."""
+        for name, value in changes.items():
+            setattr(self if name in vars(self) else self.ada, name, value)
+
+    def step(self, **changes):
+        """Returns the place (x) that some robot was sent to, or None."""
+        self.change(**changes)
         self.now += 0.25
         seeing = {}
         for name, robot in self.robots.items():
@@ -61,143 +71,125 @@ class Fleets:
             seeing[name] = (status, robot if robot.knows else None)
         goals = self.fleet.step(self.now, self.key if self.wanted else None, self.silent, seeing)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
-        new = {name: goal for name, goal in goals.items() if goal is not self.robots[name].given}
-        for name, goal in new.items():
-            robot, (status, _) = self.robots[name], seeing[name]
+        sent = None
+        for name, goal in goals.items():
+            robot, before = self.robots[name], self.robots[name].given
             robot.given = goal
-            if goal is not None:
-                robot.sent.append(goal)
-                robot.goal = SentGoalState.ACTIVE
-            elif status.goal.under_way:
-                robot.goal = SentGoalState.NONE
-        return {name: goal for name, goal in new.items() if goal is not None}
-
-    def run(self, steps):
-        for _ in range(steps):
-            self.step()
-        return {name: len(robot.sent) for name, robot in self.robots.items()}
-
-    def serve(self, name):
-        """The robot's goal shows the spot."""
-        robot = self.robots[name]
-        robot.sees = lambda pose: bool(robot.sent) and pose == robot.sent[-1].pose
-
-
-class Bench(Fleets):
-    """A fleet of one; what was sent is a viewpoint, or None."""
-
-    def __init__(self, candidates, seen=lambda pose: False):
-        self.robot = Robot(candidates=candidates, seen=seen)
-        self.robot.pose = (9.0, 9.0, 0.0)
-        super().__init__(robot=self.robot)
-
-    def __getattr__(self, name):
-        return getattr(self.robot, name)
-
-    def step(self, **changes):
-        for name, value in changes.items():
-            setattr(self.robot if hasattr(self.robot, name) else self, name, value)
-        return super().step().get("robot")
+            if goal is not None and goal is not before:
+                robot.goal, sent = ACTIVE, goal.pose[0]
+            elif goal is None and before is not None and seeing[name][0].goal.under_way:
+                robot.goal = NONE
+        return sent
 
     def run(self, steps, **changes):
-        """Returns all that was sent."""
-        return [sent for sent in (self.step(**changes) for _ in range(steps)) if sent]
+        """Returns all places (x) that robots were sent to."""
+        return [sent for sent in (self.step(**changes) for _ in range(steps)) if sent is not None]
 
 
 @pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localized=False)])
 def test_sends_nothing_without(missing):
-    assert not Bench([place(1)]).run(10, **missing)
+    assert not Bench(ada=Robot(place(1))).run(10, **missing)
+
+
+# How a robot goes on that is on its way to 1 m, from where it would see the spot: what changes, for how many steps,
+# where it is sent meanwhile.
+AFTERWARDS = {
+    "another goal is another place, and it comes after some patience": [
+        (dict(offers=[place(1.1), place(1)], sees=at()), 20, []),
+        (dict(offers=[place(3)]), 1, [3]),
+        (dict(offers=[place(5)]), 5, []),
+        ({}, 1, [5]),
+    ],
+    "one that has arrived is not sent to about the same place again": [
+        (dict(goal=REACHED, pose=(1.0, 0.0, 0.0), offers=[place(1.1)], sees=at()), 20, []),
+        (dict(offers=[place(1.3)]), 20, [1.3]),
+    ],
+    "a goal that a new border takes is replaced": [
+        (dict(room=lambda x: x != 1, offers=[place(3)], sees=at(1, 3)), 12, [3])
+    ],
+    "flicker at the edge does not change it": [
+        (dict(offers=[place(5)], sees=lambda x, flicker=iter([True, False] * 100): x != 9.0 and next(flicker)), 60, [])
+    ],
+    "a spot that is lost is no matter of patience": [
+        ({}, 4, []),
+        (dict(offers=[place(3)], sees=at(3), silent=1.0), 1, [3]),
+        (dict(offers=[place(5)], sees=at(5)), 1, []),
+        ({}, 1, [5]),
+    ],
+    "into the interaction's next state it goes on": [(dict(key=("a", 2)), 20, [])],
+    "the next interaction begins from scratch even if no decision fell between": [
+        (dict(goal=NONE, key=("b", 1)), 1, [1])
+    ],
+    "one that was carried away comes back": [
+        (dict(goal=REACHED, pose=(1.0, 0.0, 0.0)), 10, []),
+        (dict(pose=(5.0, 0.0, 0.0)), 10, [1]),
+    ],
+    "a place that failed is tried again after a while": [(dict(goal=FAILED), int(4 * FAILED_MEMORY), []), ({}, 8, [1])],
+    "it is left for a while to the node that preempted the goal": [(dict(goal=PREEMPTED), 4 * 15, []), ({}, 2, [1])],
+    "time that jumps back does not silence it": [(dict(goal=PREEMPTED), 1, []), (dict(now=5.0, goal=NONE), 1, [1])],
+}
+
+
+@pytest.mark.parametrize("then", AFTERWARDS.values(), ids=AFTERWARDS)
+def test_when_a_robot_is_sent_again(then):
+    bench = Bench(ada=Robot(place(1), sees=at(1)))
+    assert bench.step() == 1
+    for changes, steps, sent in then:
+        bench.change(**changes)
+        assert bench.run(steps) == sent
 
 
 def test_next_candidate_after_failure_and_longer_pauses_after_many():
-    bench = Bench([place(i) for i in range(1, 20)])
-    tried = []
+    bench, tried = Bench(ada=Robot(*map(place, range(1, 20)))), []
     for _ in range(40):
         goal = bench.step()
         if goal:
-            tried.append((bench.now, goal.pose[0]))
-            bench.robot.goal = SentGoalState.FAILED
+            tried.append((bench.now, goal))
+            bench.ada.goal = FAILED
     assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
     assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
     pauses = np.diff([when for when, _ in tried])
     assert (np.diff(pauses) >= 0.0).all() and pauses[-1] > 2.0, "and navigation is not asked for ever more plans"
 
 
-def test_a_place_that_failed_is_tried_again_after_a_while():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    failed, bench.robot.goal = bench.now, SentGoalState.FAILED
-    assert not bench.run(int(4 * (FAILED_MEMORY - 1.0)))
-    assert bench.run(20) == [place(1)] and bench.now > failed + FAILED_MEMORY
-
-
-def test_goal_is_replaced_only_after_patience_and_for_another_place():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    bench.robot.candidates, bench.robot.sees = [place(1.1), place(1)], lambda pose: False
-    assert not bench.run(20), "0.1 m away is not another place"
-    bench.robot.candidates = [place(3)]
-    assert bench.run(20) == [place(3)]
-
-
-def test_a_robot_that_has_arrived_is_not_sent_to_about_the_same_place_again():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    bench.robot.goal, bench.robot.pose = SentGoalState.REACHED, (1.0, 0.0, 0.0)
-    bench.robot.candidates, bench.robot.sees = [place(1.1)], lambda pose: False
-    assert not bench.run(20)
-    bench.robot.candidates = [place(1.3)]
-    assert bench.run(20)
-
-
-def test_a_goal_that_a_new_border_takes_is_replaced():
-    bench = Bench([place(1), place(3)], seen=lambda pose: pose[0] in (1, 3))
-    bench.step()
-    bench.robot.room, bench.robot.candidates = lambda pose: pose[0] != 1, [place(3)]
-    assert bench.run(12) == [place(3)]
-
-
-def test_flicker_at_the_edge_does_not_change_the_goal():
-    flicker = iter([True, False] * 100)
-    bench = Bench([place(1)], seen=lambda pose: pose[0] != 9.0 and next(flicker))
-    bench.step()
-    bench.robot.candidates = [place(5)]
-    assert not bench.run(60)
-
-
 @pytest.mark.parametrize("seen", [True, False])
 def test_progress_keeps_the_goal_whether_the_spot_is_seen_or_not(seen):
-    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
+    bench = Bench(ada=Robot(place(1), place(2), sees=at(1, 2)))
     bench.step()
     for i in range(200):
         assert not bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0), silent=0.0 if seen else 0.25 * i)
-        assert bench.robot.goal is SentGoalState.ACTIVE
-
-
-def test_leaves_the_robot_to_the_node_that_preempted_the_goal():
-    bench = Bench([place(1)])
-    bench.step()
-    bench.robot.goal = SentGoalState.PREEMPTED
-    assert not bench.run(int(4 * 14))
-    assert bench.run(20)
-
-
-def test_time_that_jumps_back_does_not_silence_it():
-    bench = Bench([place(1)])
-    bench.step()
-    bench.robot.goal = SentGoalState.PREEMPTED
-    bench.step()
-    bench.now, bench.robot.goal = 5.0, SentGoalState.NONE
-    assert bench.run(10)
+        assert bench.ada.goal is ACTIVE
 
 
 def test_what_navigation_says_of_a_goal_ends_it_or_keeps_it_on_its_way():
-    for before in (SentGoalState.SENT, SentGoalState.ACTIVE):
-        said = [follow(before, getattr(GoalStatus, name)).name for name in "ACTIVE SUCCEEDED PREEMPTED ABORTED".split()]
-        assert said == ["ACTIVE", "REACHED", "PREEMPTED", "FAILED"]
-    assert follow(SentGoalState.SENT, None) is SentGoalState.SENT, "it has not arrived yet"
-    assert follow(SentGoalState.ACTIVE, None) is SentGoalState.FAILED, "navigation was started again"
-    assert follow(SentGoalState.REACHED, GoalStatus.ABORTED) is SentGoalState.REACHED
+    for before in (SENT, ACTIVE):
+        said = [follow(before, getattr(GoalStatus, name)) for name in "ACTIVE SUCCEEDED PREEMPTED ABORTED".split()]
+        assert said == [ACTIVE, REACHED, PREEMPTED, FAILED]
+    assert follow(SENT, None) is SENT, "it has not arrived yet"
+    assert follow(ACTIVE, None) is FAILED, "navigation was started again"
+    assert follow(REACHED, GoalStatus.ABORTED) is REACHED
+
+
+def test_a_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
+    bench = Bench(ada=Robot(place(1), place(1.2), place(2), place(3), sees=at(1, 2, 3)))
+    bench.step()
+    bench.change(goal=REACHED, pose=(1.0, 0.0, 0.0))
+
+    def stand(steps):
+        """Steps while the spot stays unseen; a robot that is sent arrives at once. Counts its goals."""
+        sent = 0
+        for unseen in range(1, steps + 1):
+            goal = bench.step(silent=0.25 * unseen)
+            if goal is not None:
+                sent += 1
+                bench.change(goal=REACHED, pose=(goal, 0.0, 0.0))
+        return sent
+
+    assert not bench.run(60, silent=0.0)
+    assert stand(60) == 2
+    bench.run(4, silent=0.0)
+    bench.now += FAILED_MEMORY
+    assert stand(20), "the tries count again"
 
 
 # ------------------------------------------------------------------ sightings
@@ -294,168 +286,89 @@ def test_a_spot_that_rests_has_no_direction_and_cameras_that_differ_are_no_motio
         assert known.velocity() is None, "the robot sees it 6 cm off"
 
 
-# ------------------------------------------------------------------ a robot that stands and sees nothing
-def blind_bench():
-    """A robot that has come to where it should see the spot, and whose camera reports nothing."""
-    bench = Bench([place(1), place(1.2), place(2), place(3)], seen=lambda pose: pose[0] in (1, 2, 3))
-    bench.step(silent=0.0)
-    bench.robot.goal = SentGoalState.REACHED
-    bench.robot.pose = (1.0, 0.0, 0.0)
-    return bench
-
-
-def stand(bench, steps):
-    """Steps while the spot stays unseen; a robot that is sent arrives at once. Gives (time since, place) of goals."""
-    goals, began = [], bench.now
-    for _ in range(steps):
-        goal = bench.step(silent=bench.now + 0.25 - began)
-        if goal:
-            goals.append((bench.now - began, goal))
-            bench.robot.goal, bench.robot.pose = SentGoalState.REACHED, goal.pose
-    return goals
-
-
-def test_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
-    bench = blind_bench()
-    assert not bench.run(60, silent=0.0)
-    assert len(stand(bench, 60)) == 2
-    bench.run(4, silent=0.0)
-    bench.now += FAILED_MEMORY
-    assert stand(bench, 20), "the tries count again"
-
-
-def test_lost_spot_is_not_a_matter_of_patience():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    bench.run(4)
-    bench.robot.candidates, bench.robot.sees = [place(3)], lambda pose: pose[0] == 3
-    assert bench.step(silent=1.0)
-
-
-def test_next_interaction_begins_from_scratch_even_if_no_decision_fell_between():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    bench.robot.goal = SentGoalState.NONE  # cancelled with the state
-    assert bench.step(key=("b", 1))
-
-
-def test_robot_that_was_carried_away_comes_back():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    bench.robot.goal = SentGoalState.REACHED
-    assert not bench.run(10, pose=(1.0, 0.0, 0.0))
-    assert bench.run(10, pose=(5.0, 0.0, 0.0)) == [place(1)]
-
-
-# ------------------------------------------------------------------ several robots
+# ------------------------------------------------------------------ several robots: ada's places are below 20 m
 def test_the_one_with_the_shorter_path_goes_and_keeps_going():
-    bench = Fleets(ada=Robot(5.0), bob=Robot(2.0), eve=Robot())
-    bench.serve("bob")
-    assert bench.run(40) == {"ada": 0, "bob": 1, "eve": 0}
-    assert bench.robots["ada"].asked == 1, "nothing is worked out while the goal is fit"
+    bench = Bench(ada=Robot(place(5)), bob=Robot(place(20, 2.0), sees=at(20)), eve=Robot())
+    assert bench.run(40) == [20]
+    assert bench.ada.asked == 1, "nothing is worked out while the goal is fit"
 
 
 def test_a_robot_that_sees_the_spot_from_where_it_is_need_not_be_sent():
-    bench = Fleets(ada=Robot(1.0), bob=Robot(2.0))
-    bench.robots["bob"].sees = lambda pose: True
-    assert bench.run(20) == {"ada": 0, "bob": 0}
-    assert bench.fleet.serving == "bob"
+    bench = Bench(ada=Robot(place(1)), bob=Robot(place(20, 2.0), sees=at(9)))
+    assert not bench.run(20) and bench.fleet.serving == "bob"
 
 
 def test_a_free_robot_comes_before_one_that_somebody_else_sent():
-    bench = Fleets(ada=Robot(1.0), bob=Robot(6.0))
-    bench.robots["ada"].busy = True
-    bench.serve("bob")
-    assert bench.run(20) == {"ada": 0, "bob": 1}
-    alone = Fleets(ada=Robot(1.0))
-    alone.robots["ada"].busy = True
-    alone.serve("ada")
-    assert alone.run(20) == {"ada": 1}, "if there is no other, the person comes first"
+    busy = Robot(place(1), sees=at(1), busy=True)
+    assert Bench(ada=busy, bob=Robot(place(20, 6.0), sees=at(20))).run(20) == [20]
+    assert Bench(ada=busy).run(20) == [1], "if there is no other, the person comes first"
 
 
 @pytest.mark.parametrize(
     "fault, limit",
     [
-        ({"goal": SentGoalState.FAILED}, 0.0),
-        ({"goal": SentGoalState.PREEMPTED}, 0.0),
+        ({"goal": FAILED}, 0.0),
+        ({"goal": PREEMPTED}, 0.0),
         ({"server": False}, 0.0),
         ({"localized": False}, 0.0),
-        ({"goal": SentGoalState.SENT}, PROGRESS_TIMEOUTS["sent"]),  # its navigation never accepts it
-        ({}, PROGRESS_TIMEOUTS["active"]),  # it is stuck
+        ({"goal": SENT}, 4.0),  # its navigation never accepts it
+        ({}, 15.0),  # it is stuck
     ],
 )
 def test_another_takes_over_when_one_fails(fault, limit):
-    bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
-    bench.serve("ada")
-    bench.serve("bob")
-    bench.step()
-    ada, bob = bench.robots["ada"], bench.robots["bob"]
-    assert len(ada.sent) == 1 and not bob.sent
-    vars(ada).update(fault)
-    steps = 0
-    while not bob.sent and steps < 400:
-        bench.step()
-        steps += 1
-    assert bob.sent and 0.25 * steps <= limit + 1.0, "at once, or when the time is up"
-    assert len(ada.sent) == 1 and bench.fleet.serving == "bob"
+    bench = Bench(ada=Robot(place(1), place(2), sees=at(1, 2)), bob=Robot(place(20, 3.0), sees=at(20)))
+    assert bench.step() == 1
+    bench.change(**fault)
+    assert not bench.run(int(4 * limit) - 1)
+    assert bench.run(5) == [20] and bench.fleet.serving == "bob", "at once, or when the time is up"
 
 
 def test_goes_back_to_the_first_when_the_second_fails_too():
-    bench = Fleets(ada=Robot(1.0, 1.5, 2.0), bob=Robot(3.0, x0=20.0))
-    order = []
+    bench, order = Bench(ada=Robot(place(1), place(2), place(3)), bob=Robot(place(20, 3.0))), []
     for _ in range(40):
-        for name, goal in bench.step().items():
-            order.append((name, goal.pose[0]))
-            bench.robots[name].goal = SentGoalState.FAILED
-    assert order[:3] == [("ada", 0.0), ("bob", 20.0), ("ada", 1.0)], "each place is tried once"
+        goal = bench.step()
+        if goal is not None:
+            order.append(goal)
+            bench.robots[bench.fleet.serving].goal = FAILED
+    assert order[:3] == [1, 20, 2], "each place is tried once"
 
 
 def test_one_that_has_failed_comes_after_one_that_has_not():
-    bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
+    bench = Bench(ada=Robot(place(1), place(2)), bob=Robot(place(20, 3.0)))
     bench.step()
-    bench.robots["ada"].goal = SentGoalState.FAILED
+    bench.ada.goal = FAILED
     for knows, steps in ((False, 20), (True, 1)):  # until ada need not rest any more
-        for robot in bench.robots.values():
-            robot.knows = knows
+        bench.ada.knows = bench.bob.knows = knows
         bench.run(steps)
     assert bench.fleet.serving == "bob"
 
 
 def test_two_that_are_about_equally_near_do_not_take_turns():
-    bench = Fleets(ada=Robot(2.0), bob=Robot(2.2, x0=20.0))
-    bench.step()
-    ada, bob = bench.robots["ada"], bench.robots["bob"]
+    bench, sent = Bench(ada=Robot(), bob=Robot()), []
     for i in range(30):
         # the spot goes on, now this one is a little nearer, now that one
-        for robot, shift in ((ada, 0.3), (bob, -0.3)):
-            cost = 2.0 + shift * (-1) ** i
-            robot.candidates = [Viewpoint((robot.candidates[0].pose[0] + 0.5, 0.0, 0.0), cost)]
-        for _ in range(8):
-            bench.step()
-    assert len(ada.sent) > 10 and not bob.sent
+        shift = 0.3 * (-1) ** i
+        bench.ada.offers, bench.bob.offers = [place(1 + 0.5 * i, 2.0 - shift)], [place(20 + 0.5 * i, 2.0 + shift)]
+        sent += bench.run(8)
+    assert len(sent) > 10 and max(sent) < 20
 
 
 def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
-    bench = Fleets(ada=Robot(2.0), bob=Robot(5.0, x0=20.0))
-    bench.step()
-    bench.robots["ada"].candidates = [Viewpoint((9.0, 0.0, 0.0), 9.0)]
-    bench.robots["bob"].candidates = [Viewpoint((11.0, 0.0, 0.0), 1.0)]
-    bench.serve("bob")
-    bench.run(20)
-    assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is SentGoalState.NONE
+    bench = Bench(ada=Robot(place(2)), bob=Robot(place(20, 5.0), sees=at(20)))
+    assert bench.step() == 2
+    bench.ada.offers, bench.bob.offers = [place(9, 2.2)], [place(20, 1.0)]
+    assert bench.run(20) == [20] and bench.ada.goal is NONE
 
 
 def test_a_robot_on_its_way_off_the_seeds_side_goes_on_although_another_would_see_the_spot():
-    bench = Fleets(ada=Robot(candidates=[Viewpoint((1.0, 0.0, 0.0), 1.0, sees_spot=False)]), bob=Robot())
-    bench.run(4)
-    bench.robots["bob"].candidates = [Viewpoint((2.0, 0.0, 0.0), 1.0)]
-    assert bench.run(40) == {"ada": 1, "bob": 0} and bench.fleet.serving == "ada"
-    bench.robots["ada"].goal = SentGoalState.REACHED
-    assert bench.run(8)["bob"] == 1, "until it is off"
+    bench = Bench(ada=Robot(place(1, sees_spot=False)), bob=Robot())
+    assert bench.run(4) == [1]
+    bench.bob.offers = [place(20, 1.0)]
+    assert not bench.run(40)
+    assert bench.run(8, goal=REACHED) == [20], "until it is off"
 
 
 def test_all_are_cancelled_when_none_is_wanted():
-    bench = Fleets(ada=Robot(2.0), bob=Robot(5.0))
+    bench = Bench(ada=Robot(place(2)), bob=Robot(place(20)))
     bench.step()
-    bench.wanted, bench.key = False, ("", 0)
-    assert not bench.step() and bench.robots["ada"].goal is SentGoalState.NONE and bench.fleet.serving is None
+    assert not bench.run(1, wanted=False, key=("", 0)) and bench.ada.goal is NONE and bench.fleet.serving is None

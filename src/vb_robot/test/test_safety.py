@@ -1,5 +1,6 @@
 """What a scan, a map and a map of speeds let a robot do."""
 
+import cmath
 import math
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from plain_rooms import empty, scan_of, with_border
 
 from vb_core.robot_profile import Limits, RobotProfile
-from vb_robot.driving.gate import BASE_DELAY, CLEARANCES, RATE, TELEOP, Gate
+from vb_robot.driving.gate import CLEARANCES, TELEOP, Gate
 from vb_robot.driving.safety import (
     MIN_ARC_RADIUS,
     Clearance,
@@ -31,9 +32,13 @@ def post_at(x, y):
     return scan_of([math.hypot(x, y)], math.atan2(y, x))
 
 
-@given(st.floats(0.0, 2.0))
-def test_safe_speed_stops_in_time(free):
-    assert stop_distance(safe_speed(free, LIMITS), LIMITS) == pytest.approx(free, abs=1e-9)
+@given(st.floats(-0.5, 2.0), st.floats(0.1, 0.5))
+def test_safe_speed_stops_in_time(free, delay):
+    v = safe_speed(free, LIMITS, delay)
+    assert (
+        stop_distance(-v, LIMITS, delay) == stop_distance(v, LIMITS, delay) == pytest.approx(max(free, 0.0), abs=1e-9)
+    )
+    assert stop_distance(v, LIMITS, delay) == pytest.approx(v * delay + v * v / 3.0)
 
 
 @pytest.mark.parametrize("said, told", [(0.0, "zero"), (math.nan, "nan")])
@@ -74,17 +79,23 @@ def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_i
     gate.set_scan(scan_of(ranges), 10.0)
     v, _, code = gate.limit(10.0 + age, TELEOP, VelocityRequest(1.0, 0.0, "driving"))
     # it has moved since the scan, and moves on until the next command is at the wheels
-    moving = max(age + 1.0 / RATE + BASE_DELAY, LIMITS.reaction_time)
+    moving = max(age + 1.0 / 20.0 + 0.02, 0.15)
     assert code == "obstacle" and v * moving + v * v / (2.0 * LIMITS.deceleration) == pytest.approx(room, abs=0.005)
 
 
-def test_speed_limits_count_where_the_robot_is_and_as_far_as_it_needs_to_stop():
+@given(st.floats(1.5, 3.5), st.floats(0.0, 1.0), st.integers(-45, 45), st.integers(-45, 45))
+def test_speed_limits_count_where_the_robot_is_and_as_far_as_it_needs_to_stop(x, reach, up, right):
+    zones = empty(5.0, 5.0)
+    row, column = zones.world_to_cell((x, 2.5))[0] + (up, right)
+    zones.data[row, column] = 20
+    gap = math.dist((x, 2.5), zones.cell_to_world(np.array([[row, column]]))[0])
+    assert limit_around(zones, (x, 2.5), reach) == (0.2 if gap <= reach + 2.0 * 0.025 else math.inf)
+
+
+def test_of_two_speed_limits_the_lower_one_counts_and_off_the_map_there_is_none():
     zones = with_border(with_border(empty(), 3.0, 1.0, 4.0, 2.0, 20), 4.0, 1.0, 5.0, 2.0, 10)
-    assert limit_around(zones, (1.0, 1.5), 0.5) == math.inf
-    assert limit_around(zones, (2.6, 1.5), 0.5) == pytest.approx(0.2)
-    assert limit_around(zones, (3.8, 1.5), 0.5) == pytest.approx(0.1)
-    assert limit_around(zones, (3.2, 1.5), 0.0) == pytest.approx(0.2)
-    assert limit_around(zones, (-5.0, 1.0), 0.5) == math.inf
+    for place, limit in (((1.0, 1.5), math.inf), ((2.6, 1.5), 0.2), ((3.8, 1.5), 0.1), ((-5.0, 1.0), math.inf)):
+        assert limit_around(zones, place, 0.5) == pytest.approx(limit)
 
 
 def test_arc_closes_a_circle():
@@ -92,30 +103,21 @@ def test_arc_closes_a_circle():
     assert np.allclose(arc((1.0, 2.0, math.pi / 2), np.array([0.5, -0.5]), 0.0), [[1.0, 2.5], [1.0, 1.5]])
 
 
-def test_a_jump_of_the_pose_is_what_the_odometry_does_not_tell():
-    before = Fix(10.0, (1.0, 2.0, math.pi / 2), (0.0, 0.0, 0.0))
-    # the robot drove 1 m ahead and turned left by 1 rad, and both say so: ahead is +y in the map
-    driven = Fix(11.0, (1.0, 3.0, math.pi / 2 + 1.0), (1.0, 0.0, 1.0))
-    assert pose_jump(before, driven) == pytest.approx(0.0, abs=1e-9)
-    # only localisation turned, or only odometry; the way round is the shorter one
-    assert pose_jump(before, Fix(11.0, (1.0, 2.0, math.pi / 2 + 1.0), (0.0, 0.0, 0.0))) == pytest.approx(0.5)
-    assert pose_jump(before, Fix(11.0, (1.0, 2.0, math.pi / 2), (0.0, 0.0, -1.0))) == pytest.approx(0.5)
-    assert pose_jump(before, Fix(11.0, (1.0, 2.0, math.pi / 2 + 6.0), (0.0, 0.0, 0.0))) == pytest.approx(
-        0.5 * (2 * math.pi - 6.0)
+POSES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.0))
+
+
+@given(POSES, POSES, st.one_of(st.none(), st.tuples(POSES, POSES)), st.floats(0.01, 2.0))
+def test_a_jump_of_the_pose_is_what_the_odometry_does_not_tell_or_what_no_robot_drives(
+    before, after, odometry, seconds
+):
+    """A turn of 1 rad counts as 0.5 m; without odometry 1 m/s and 3 rad/s may have been driven. In complex numbers."""
+    (p, turned_p), (q, turned_q) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in (before, after))
+    moved, turned, spare = 0.0, 1.0, seconds
+    if odometry is not None:
+        (a, turned_a), (b, turned_b) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in odometry)
+        moved, turned, spare = (b - a) / turned_a * turned_p, turned_b / turned_a, 0.0
+    off, angle = abs(q - p - moved), abs(cmath.phase(turned_q / turned_p / turned))
+    found = pose_jump(
+        *(Fix(at, *pose) for at, *pose in zip((10.0, 10.0 + seconds), (before, after), odometry or 2 * [None]))
     )
-    assert pose_jump(before, Fix(11.0, (1.3, 2.4, math.pi / 2), (0.0, 0.0, 0.0))) == pytest.approx(0.5)
-    # without odometry, what a robot may have driven in the time is no jump: 1 m and 3 rad in a second
-    blind = Fix(10.0, (1.0, 2.0, 0.0))
-    assert pose_jump(blind, Fix(11.0, (2.0, 2.0, 3.0))) == pytest.approx(0.0)
-    assert pose_jump(blind, Fix(10.5, (2.0, 2.0, 3.0))) == pytest.approx(0.5 + 0.5 * 1.5)
-
-
-def test_a_clock_that_jumps_back_ends_the_wait_after_a_jump_of_the_pose():
-    gate = Gate(RobotProfile())
-    gate.set_pose((1.0, 1.0, 0.0), 100.0, odometry=(0.0, 0.0, 0.0))
-    assert gate.pose(100.0) == (1.0, 1.0, 0.0)
-    gate.set_pose((4.0, 1.0, 0.0), 100.1, odometry=(0.0, 0.0, 0.0))
-    assert gate.pose(100.1) is None
-    # a simulation or a bag begins again: the hold would last until its old time
-    gate.set_pose((1.0, 1.0, 0.0), 5.0, odometry=(0.0, 0.0, 0.0))
-    assert gate.pose(5.0) == (1.0, 1.0, 0.0)
+    assert found == pytest.approx(max(0.0, off - spare) + 0.5 * max(0.0, angle - 3.0 * spare), abs=1e-9)

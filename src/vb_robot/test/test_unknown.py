@@ -64,26 +64,6 @@ def test_a_robot_of_a_kind_that_is_not_supported_is_refused_in_one_sentence(kind
 
 
 # ------------------------------------------------------------ what each source needs
-def test_a_joystick_needs_the_scanner_and_nothing_else():
-    rig = Rig()
-    rig.silent |= {"state", "pose", "localisation"}
-    rig.arbiter.gate.workspace = None
-    rig.teleop = (0.2, 0.3)
-    assert rig.step(3.0).code == "driving" and rig.commands[-1].v == 0.2
-    rig.silent.add("scan")
-    rig.step(1.0)
-    assert (rig.commands[-1].v, rig.commands[-1].w, rig.commands[-1].code) == (0.0, 0.0, "scan_lost")
-
-
-@pytest.mark.parametrize("never, code", [("scan", "scan_lost"), ("state", "state_lost"), ("pose", "pose_lost")])
-def test_what_never_came_stops_it(never, code):
-    rig = Rig()
-    rig.silent.add(never)
-    rig.navigation = (0.3, 0.2)
-    rig.step(2.0)
-    assert all(command.v == command.w == 0.0 for command in rig.commands) and rig.commands[-1].code == code
-
-
 def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     rig = Rig().drives()
     rig.goal = True
@@ -92,13 +72,6 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     assert rig.commands[-1].code == "stopped" and rig.cancelled == 0
     rig.latch.resume(rig.latch.number)
     assert rig.step(1.0).v == 0.3
-
-
-def test_it_is_never_faster_than_it_may_be():
-    rig = Rig()
-    rig.navigation = (9.0, 0.0)
-    assert rig.step(0.5).code == "speed_limit"
-    assert 0.9 * PROFILE.limits.max_speed < max(command.v for command in rig.commands) <= PROFILE.limits.max_speed
 
 
 # ------------------------------------------------------------ where it is
@@ -121,25 +94,6 @@ def test_amcl_starts_where_a_robot_was_said_to_be_or_the_robot_does_not_know(kno
     assert uncertainty.lost is not known
 
 
-def test_a_localisation_that_slides_away_in_small_steps_is_a_jump_too():
-    rig = Rig().drives(0.0, 0.3)
-    codes = set()
-    for _ in range(9):
-        rig.pose = (rig.pose[0], rig.pose[1] + 0.2, rig.pose[2])  # 1.8 m within 0.45 s
-        codes.add(rig.step().code)
-    assert "pose_jumped" in codes
-
-
-def test_a_jump_over_a_moment_without_a_pose_is_a_jump_too():
-    rig = Rig().drives()
-    rig.arbiter.gate.set_pose(None, rig.now)
-    rig.silent.add("pose")
-    rig.step(0.1)
-    rig.silent.clear()
-    rig.pose = (rig.pose[0], rig.pose[1] - 1.5, 0.0)
-    assert rig.step().code == "pose_jumped"
-
-
 def test_a_state_that_is_not_known_moves_no_robot():
     record = Sightings(mobile_cameras=("robot",))
     record.set_state(state_of("of_a_newer_version"), "a", 0.0)
@@ -149,17 +103,6 @@ def test_a_state_that_is_not_known_moves_no_robot():
 
 
 # ------------------------------------------------------------ contacts
-def test_a_bumper_that_is_released_does_not_release_another_one():
-    rig = Rig().drives()
-    gate = rig.arbiter.gate
-    gate.set_contact(("bumper", 0), "forward")
-    gate.set_contact(("bumper", 1), "forward")
-    gate.set_contact(("bumper", 0), "")
-    assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
-    gate.set_contact(("bumper", 1), "")
-    assert rig.step(0.5).v == 0.3
-
-
 @pytest.mark.parametrize(
     "more, complaint",
     [

@@ -34,7 +34,7 @@ import numpy as np
 from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.blocks import BLOCK, Region
+from vb_laser_detect.detection.background import BLOCK, Region
 from vb_laser_detect.detection.features import ImageTraits, SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import Proposer, SearchedImage

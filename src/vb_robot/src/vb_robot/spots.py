@@ -65,18 +65,16 @@ class Sightings:
         """Changes with every change of interaction or state."""
         return self._interaction, self.state
 
-    def set_state(self, state: State, interaction: str, entered: float) -> bool:
-        """Adopts the interaction's state; returns whether it changed."""
-        changed = (state, interaction) != (self.state, self._interaction)
+    def set_state(self, state: State, interaction: str, entered: float) -> None:
+        """Adopts the interaction's state."""
         if interaction != self._interaction or state == DEFAULT:
             self.stationary_seen = False
             self.first_mobile = None
-        if changed:
+        if (interaction, state) != self.key:
             self._recent.clear()
             self._runs.clear()
             self._follower = None
         self.state, self._interaction, self._entered = state, interaction, entered
-        return changed
 
     def add(self, sighting: Sighting) -> None:
         """Adds a sighting; uncertain ones, those from before this state, and those in which no robot acts do not count."""

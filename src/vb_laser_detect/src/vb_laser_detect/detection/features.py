@@ -19,7 +19,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.blocks import Region, max_channel
+from vb_laser_detect.detection.background import Region, max_channel, relight
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
@@ -153,18 +153,6 @@ def _light_of(
         # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
         "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
     }
-
-
-def relight(background: np.ndarray, image: np.ndarray, widest: float) -> np.ndarray:
-    """Returns a background in the light of an image, of which nothing is taken that is narrower than `widest` [px]."""
-    half = 2 * math.ceil(widest / 4)
-    kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
-    # the places in a Bayer image's pattern are not mixed
-    step = 2 if image.ndim == 2 else 1
-    kernel[::step, ::step] = 1
-    gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
-    gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)
-    return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
 # ------------------------------------------------------------------ colour

@@ -132,8 +132,8 @@ class Gate:
             # the last one stays, however old: also after a pause it must be where the odometry says
             while len(fixes) > 1 and not stamp - JUMP_WINDOW <= fixes[0].stamp <= stamp:
                 fixes.popleft()
-            known_ones = [before for before in (*fixes,)[:: max(1, len(fixes) - 1)] if before.stamp <= stamp]
-            if any(pose_jump(before, fix) > MAX_POSE_JUMP for before in known_ones):
+            known_ones = {fixes[0], fixes[-1]} if fixes else ()
+            if any(before.stamp <= stamp and pose_jump(before, fix) > MAX_POSE_JUMP for before in known_ones):
                 self._jump_hold_until = stamp + POSE_JUMP_HOLD
                 fixes.clear()
             fixes.append(fix)
@@ -229,13 +229,13 @@ class Gate:
         found = [(MAX_SPEED if source in (FOLLOW, ESCAPE) else limits.max_speed, "speed_limit")]
         if v > 0 and self.contacts:
             found.append((0.0, "contact"))
-        blind = self._scan is None or not self.profile.scanner.present
+        blind, delay = self._scan is None or not self.profile.scanner.present, limits.reaction_time
         if not blind:
             assert self._scan is not None
             # what it saw is as old as its scan
-            delay = now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY
-            found.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, delay), "obstacle"))
-            blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, delay))
+            late = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
+            found.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, late), "obstacle"))
+            blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, late))
             if blind and source != TELEOP:
                 found.append((0.0, "floor_not_scanned"))
         if blind:
@@ -244,9 +244,9 @@ class Gate:
         if pose is not None and workspace is not None:
             if source == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
                 found.append((0.0, "inside_border"))
-            found.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits), "border"))
+            found.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits, delay), "border"))
         if pose is not None and self.speed_limits is not None:
-            found.append((limit_around(self.speed_limits, pose[:2], stop_distance(v, limits)), "speed_zone"))
+            found.append((limit_around(self.speed_limits, pose[:2], stop_distance(v, limits, delay)), "speed_zone"))
         return min(found, key=lambda entry: entry[0])
 
     def _age(self, now: float, what: str) -> float:

@@ -13,6 +13,7 @@ from typing import Optional
 import numpy as np
 
 from vb_core import geometry
+from vb_core.grid_layers import crop
 from vb_core.grid_map import GridMap
 from vb_core.poses import Pose, to_base, to_map
 from vb_core.robot_profile import Limits
@@ -33,22 +34,16 @@ class Clearance:
     cells: float
 
 
-def safe_speed(free: float, limits: Limits, delay: float = 0.0) -> float:
-    """Returns the largest speed [m/s] from which the robot stops within a free distance [m].
-
-    Args:
-        delay: [s] from the measurement to the wheels, if that is more than the reaction time.
-    """
-    if free <= 0.0:
-        return 0.0
+def safe_speed(free: float, limits: Limits, delay: float) -> float:
+    """Returns the largest speed [m/s] from which the robot stops within a free distance [m], a delay [s] after a measurement."""
     # v * delay + v^2 / (2 deceleration) = free
-    b, delay = limits.deceleration, max(delay, limits.reaction_time)
+    b, free = limits.deceleration, max(free, 0.0)
     return b * (math.sqrt(delay**2 + 2.0 * free / b) - delay)
 
 
-def stop_distance(v: float, limits: Limits, delay: float = 0.0) -> float:
+def stop_distance(v: float, limits: Limits, delay: float) -> float:
     """Returns the distance [m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
-    return abs(v) * max(delay, limits.reaction_time) + v * v / (2.0 * limits.deceleration)
+    return abs(v) * delay + v * v / (2.0 * limits.deceleration)
 
 
 class Scan:
@@ -74,7 +69,6 @@ class Scan:
         radius: float,
         no_return: str = "inf",
     ) -> None:
-        ranges = np.asarray(ranges, dtype=float)
         if no_return != "inf":
             ranges = np.where(ranges == 0.0 if no_return == "zero" else np.isnan(ranges), np.inf, ranges)
         angles = angle_min + angle_increment * np.arange(len(ranges))
@@ -82,20 +76,21 @@ class Scan:
         with np.errstate(invalid="ignore"):
             near = ranges < range_min
             hit = (ranges >= range_min) & (ranges <= range_max)
-        ends = geometry.apply(mount, ranges[hit, None] * units[hit])[:, :2]
-        ends = ends[np.hypot(ends[:, 0], ends[:, 1]) > max(radius - OWN_MARGIN, 0.5 * radius)]
+        place = geometry.apply(mount, np.zeros(3))
+        beams = (geometry.apply(mount, units) - place)[:, :2]
+        ends = place[:2] + ranges[hit, None] * beams[hit]
+        ends = ends[np.hypot(*ends.T) > radius - OWN_MARGIN]
         # how near is not known: it may touch the robot
-        close = geometry.apply(mount, np.clip(ranges[near, None], 0.0, None) * units[near])[:, :2]
-        directions = units[near, :2] @ mount[:2, :2].T
-        close = np.where(np.hypot(*close.T)[:, None] > radius, close, radius * directions)
+        close = place[:2] + np.maximum(ranges[near, None], 0.0) * beams[near]
+        close = np.where(np.hypot(*close.T)[:, None] > radius, close, radius * beams[near])
         self.points = np.vstack([ends, close])
-        looked = units[~np.isnan(ranges), :2] @ mount[:2, :2].T
-        self._bearings = np.arctan2(looked[:, 1], looked[:, 0])
+        x, y = beams[~np.isnan(ranges)].T
+        self._bearings = np.arctan2(y, x)
         self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
     def covers(self, bearing: float, half: float) -> bool:
         """Returns whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
-        off = (self._bearings - bearing + math.pi) % (2.0 * math.pi) - math.pi
+        off = geometry.wrap_angle(self._bearings - bearing)
         off = np.sort(off[np.abs(off) <= half + self._gap])
         if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
             return False
@@ -103,23 +98,21 @@ class Scan:
 
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
         """Returns how far [m] the robot can drive along the arc of (v, w) [m/s, rad/s] before it comes too near to a point, or inf."""
-        direction = math.copysign(1.0, v)
-        bend = direction * w / abs(v)
-        width = radius + clearance.sides
+        bend, width = w / v, radius + clearance.sides
         along, across = geometry.along_arc(
-            self.points * [direction, 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0
+            self.points * [np.sign(v), 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0
         )
         hit = (np.abs(across) < width) & (along > 0.0)
         if not hit.any():
             return math.inf
         # the front is round: off the centre line an obstacle may be nearer
         nose = np.sqrt(width**2 - across[hit] ** 2)
-        return float(np.maximum(along[hit] - nose, 0.0).min() - clearance.ahead + clearance.sides)
+        return float((along[hit] - nose).min() - clearance.ahead + clearance.sides)
 
     def sees_path(self, v: float, w: float, radius: float, needed: float) -> bool:
         """Returns whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
         reach = max(MIN_ARC_RADIUS, radius + needed)
-        turn = math.copysign(1.0, v) * w / abs(v) * reach / 2.0
+        turn = w / v * reach / 2.0
         bearing = min(max(turn, -math.pi / 2), math.pi / 2)
         if v < 0:
             bearing = math.pi - bearing
@@ -132,13 +125,12 @@ def limit_around(limits: GridMap, place, reach: float) -> float:
     Args:
         limits: the map that map_integrator publishes [cm/s]; 0 is no limit.
     """
-    row, column = limits.world_to_cell(place)[0]
-    half = int(math.ceil(reach / limits.resolution))
-    top, left = max(row - half, 0), max(column - half, 0)
-    part = limits.data[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]
-    rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
-    near = part[((rows - row) ** 2 + (columns - column) ** 2 <= half**2) & (part > 0)]
-    return float(near.min()) / 100.0 if near.size else math.inf
+    x, y = place
+    reach += 2.0 * limits.resolution  # a cell's centre is not its edge
+    near = crop(limits, (x - reach, y - reach, x + reach, y + reach))
+    cells = np.argwhere(near.data > 0)
+    cells = cells[np.hypot(*(near.cell_to_world(cells) - place).T) <= reach]
+    return float(min(near.data[tuple(cells.T)], default=math.inf)) / 100.0
 
 
 @dataclass(frozen=True)

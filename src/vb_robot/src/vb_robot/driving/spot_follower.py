@@ -73,9 +73,8 @@ class SpotFollower:
             self._driving = 1
         elif distance < NEAR_DISTANCE:
             self._driving = -1
-        elif self._driving == 1 and distance <= GOOD_DISTANCE:
-            self._driving = 0
-        elif self._driving == -1 and distance >= BACK_TO_DISTANCE:
+        # it has come to where it should be
+        elif distance <= GOOD_DISTANCE if self._driving == 1 else distance >= BACK_TO_DISTANCE:
             self._driving = 0
         # while it drives it also steers: the spot ahead stays ahead
         v, w = steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05))
