@@ -1,4 +1,4 @@
-"""What happens while somebody draws and is no part of the border: a spot held still, something bright that stays."""
+"""What happens while somebody draws and does not belong to the border: a spot held still, something bright that stays."""
 
 from __future__ import annotations
 

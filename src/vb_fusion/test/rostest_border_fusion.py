@@ -100,7 +100,7 @@ class BorderFusionTest(unittest.TestCase):
     def last(self, **fields) -> bool:
         return bool(self.progress) and all(getattr(self.progress[-1], key) == v for key, v in fields.items())
 
-    def test_a_drawing_that_a_restarted_manager_does_not_know_is_told_to_be_lost(self) -> None:
+    def test_a_drawing_unknown_to_a_restarted_manager_is_reported_lost(self) -> None:
         self.enter(BORDER, "killed")
         self.show(square(20), since=0.01)
         self.wait(lambda: self.last(border_spots=20), "the drawing")
@@ -163,7 +163,7 @@ class BorderFusionTest(unittest.TestCase):
         self.wait(lambda: len(self.told) >= known + 2, "another message of notices")
         return self.told[-1]
 
-    def test_doubts_are_told_when_a_stroke_has_ended_and_until_the_drawing_has(self) -> None:
+    def test_doubts_are_reported_from_stroke_end_to_drawing_end(self) -> None:
         def draw_two() -> None:
             self.show(square(60), since=0.01)
             self.show(square(60) + [0.0, 4.0], since=5.0)
@@ -183,7 +183,7 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(DEFAULT, "", "cancelled")
         self.wait(lambda: not self.told[-1], "the end of the doubt")
 
-    def test_of_a_drawing_that_was_begun_before_the_node_was_started_again_nothing_is_saved(self) -> None:
+    def test_a_drawing_begun_before_the_node_restarted_is_not_saved(self) -> None:
         self.enter(
             BORDER, "three", age=-30.0
         )  # the manager's clock is ahead, as it is of a simulation's that has not come yet

@@ -36,7 +36,7 @@ def test_collects_in_border_and_seed_only():
     assert collector.counts == (1, 1, 2)
 
 
-def test_spots_from_before_the_state_and_without_a_place_or_time_are_ignored_and_counted():
+def test_early_and_non_finite_spots_are_ignored_and_counted():
     collector = in_border(10.0)
     assert collector.add(spot(9.94)) == "before_state"
     assert collector.add(spot(11.0, float("nan"))) == collector.add(spot(float("inf"))) == "not_finite"
@@ -48,7 +48,7 @@ def test_spots_from_before_the_state_and_without_a_place_or_time_are_ignored_and
     assert collector.collection().cameras == ["red", "green", "blue"]
 
 
-def test_a_new_interaction_starts_empty_and_an_old_one_stays_until_then():
+def test_an_interaction_is_kept_until_the_next_which_starts_empty():
     collector = in_border()
     collector.add(spot(1.0))
     collector.set_state(DEFAULT, "", 2.0)
@@ -63,8 +63,41 @@ def test_a_new_interaction_starts_empty_and_an_old_one_stays_until_then():
     assert collector.collection().border_total == 2
 
 
+@pytest.mark.parametrize("spots", [0, 1])
+@pytest.mark.parametrize("drawn_in", [BORDER, SEED])
+@pytest.mark.parametrize("outcome", ["", "saved", "cancelled", "abandoned"])
+def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
+    """A manager that was started again says Default and no outcome; a drawing without spots has nothing to lose."""
+    collector = Collector()
+    collector.set_state(DEFAULT, "", 0.0)
+    collector.set_state(drawn_in, "a", 1.0)
+    assert not collector.lost
+    for number in range(spots):
+        collector.add(spot(1.5 + number))
+    for _ in range(2):  # the state is repeated
+        collector.set_state(DEFAULT, "", 4.0, outcome)
+        lost = spots > 0 and not outcome
+        assert (collector.lost, collector.to_forget) == (lost, lost or outcome not in ("", "saved"))
+    collector.forget()
+    assert (collector.lost, collector.to_forget) == (lost, False)
+    collector.set_state(DEFAULT, "", 4.0, outcome)
+    assert not collector.to_forget
+    collector.set_state(BORDER, "b", 5.0, outcome)
+    assert not collector.lost
+
+
+def test_a_drawing_begun_before_the_collector_is_lost():
+    collector = in_border()
+    collector.set_state(SEED, "a", 1.0)
+    assert collector.lost
+    collector.set_state(DEFAULT, "", 2.0, "cancelled")
+    assert not collector.lost and collector.to_forget
+    collector.set_state(BORDER, "b", 3.0, "cancelled")
+    assert not collector.lost and not collector.to_forget
+
+
 @pytest.mark.parametrize("between, kept", [(PAUSED, 2), (GUIDE, 1), (BORDER, 1)])
-def test_who_enters_seed_again_points_anew_but_a_pause_changes_nothing(between, kept):
+def test_entering_seed_again_discards_spots_except_after_a_pause(between, kept):
     collector, live = in_border(), LiveExtractor(ExtractionParams(), share=1.0)
     collector.add(spot(0.5))
     for number, state in enumerate((SEED, between, SEED), 1):
@@ -80,7 +113,7 @@ def test_who_enters_seed_again_points_anew_but_a_pause_changes_nothing(between, 
 
 
 @pytest.mark.parametrize("count", [1000, 2600])
-def test_memory_is_bounded_and_the_whole_drawing_and_every_camera_stay(count, monkeypatch):
+def test_a_full_store_keeps_the_whole_drawing_and_every_camera(count, monkeypatch):
     monkeypatch.setattr(collecting, "MAX_SPOTS", 200)
     collector = in_border()
     for k in range(count):
@@ -116,7 +149,7 @@ def test_one_old_message_is_no_clock_that_was_set_back():
     assert collector.collection().border[:, 0].tolist() == [110.0, 110.1, 110.2]
 
 
-def test_a_camera_whose_clock_or_frame_is_off_is_left_out_and_named():
+def test_a_camera_with_wrong_clock_or_frame_is_ignored_and_named():
     collector = in_border(1000.0)
     assert collector.add(spot(1001.0), now=1001.1) == ""
     assert collector.add(spot(1001.0 + 86400.0, camera="robot"), now=1001.1) == "clock"

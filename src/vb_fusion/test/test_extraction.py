@@ -1,4 +1,4 @@
-"""extract_border in robust mode: drawn strokes within bounds, the closing rule, and inputs that are no strokes."""
+"""extract_border in robust mode: drawn strokes within bounds, the closing rule, and inputs that are not strokes."""
 
 import numpy as np
 import pytest
@@ -98,7 +98,8 @@ def test_stroke_runs_in_the_direction_it_was_drawn():
 @pytest.mark.parametrize("gap", [0.1, 0.2, 0.3])
 @pytest.mark.parametrize("corners", [3, 60], ids=["triangle", "circle"])
 @pytest.mark.parametrize("begin", [0.0, 0.4, 0.9])
-def test_figures_with_a_gap_of_up_to_a_third_of_their_diagonal_are_meant_closed(gap, corners, begin):
+def test_figures_with_a_gap_of_a_third_of_their_size_are_closed(gap, corners, begin):
+    """A gap of up to a third of the diagonal is meant to be closed."""
     angle = np.linspace(0, 2 * np.pi, corners + 1)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     dense = geometry.resample_chain(ring, 0.01)
@@ -137,13 +138,13 @@ def test_lines_are_open_at_every_scale(line, scale):
 # ----------------------------------------------------------------- no strokes
 
 
-def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing():
+def test_light_that_outstays_a_resting_hand_explains_almost_nothing():
     def explained(seconds):
         stamps = np.arange(0.0, seconds, TIME_BIN)
         return track.floor_gains(np.zeros((len(stamps), 2)), stamps, 0.5).sum()
 
     rest = explained(track.MAX_DWELL)
-    assert rest > 0.5 * track.PLACE_WIDTH
+    assert rest > 0.5 * track.CLUSTER_WIDTH
     assert explained(60.0) < 0.2 * rest
 
 
@@ -168,7 +169,7 @@ def test_refusals(params, points, code):
 
 
 @pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
-def test_rows_without_numbers_far_ones_and_another_cluster_are_left_out(params):
+def test_non_finite_far_and_unconnected_spots_are_left_out(params):
     rng = np.random.default_rng(0)
     line = np.column_stack([np.linspace(0, 2, 300), np.zeros(300)]) + rng.normal(0, 0.01, (300, 2))
     points = np.vstack([line, rng.normal([5, 5], 0.03, (200, 2)), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
@@ -234,14 +235,14 @@ def off_the_axis(chain):
     return np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max()
 
 
-def test_a_robot_that_is_lost_for_a_second_does_not_move_the_border():
+def test_a_robot_lost_for_a_second_does_not_move_the_border():
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     lost = (spots["cameras"] == 1) & (np.abs(spots["stamps"] - 3.5) < 0.5)
     assert off_the_axis(by_robot(spots, points=spots["points"] + 0.12 * lost[:, None] * [0.0, 1.0])) < 0.025
 
 
 @pytest.mark.parametrize("off", [0.12, 0.18])
-def test_what_a_lost_robot_sees_beside_the_line_is_no_second_stroke(off):
+def test_spots_of_a_lost_robot_beside_the_line_are_not_a_stroke(off):
     """The pointer is at one place: it is the line, seen from a wrong pose. A line that is drawn there later is another."""
     spots = line_spots([[0, 0], [3, 0], [3, 2]], cameras=3)
     spots["points"] = spots["points"] + off * (spots["cameras"] == 1)[:, None] * [0.6, 0.8]
@@ -254,7 +255,8 @@ def test_what_a_lost_robot_sees_beside_the_line_is_no_second_stroke(off):
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.10), (0.0, -0.10)])
-def test_what_a_robot_alone_sees_is_placed_as_beside_the_other_cameras(place):
+def test_spots_seen_by_a_robot_alone_keep_its_last_offset(place):
+    """The offset is the one it had beside the other cameras, just before and after."""
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     robot = spots["cameras"] == 1
     spots["points"] = spots["points"] + robot[:, None] * place
@@ -262,7 +264,7 @@ def test_what_a_robot_alone_sees_is_placed_as_beside_the_other_cameras(place):
     assert off_the_axis(by_robot({name: values[seen] for name, values in spots.items()})) < 0.05
 
 
-def test_a_line_that_is_drawn_back_over_itself_ends_where_it_turned():
+def test_a_line_drawn_back_over_itself_ends_where_it_turned():
     distances = []
     for seed in range(12):
         stroke = draw("doorway", BASE.replace(passes=2), np.random.default_rng(seed))
@@ -307,7 +309,7 @@ def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
 
 
 @pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
-def test_a_piece_that_nobody_saw_is_told_and_strays_are_no_way_across(hidden):
+def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
     corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
     for seed in range(5):
         spots = line_spots(corners, speed=0.25, noise=0.012, cameras=2, seed=seed)
@@ -329,7 +331,7 @@ def test_a_robots_clock_that_is_off_costs_no_memory(days):
 
 
 @pytest.mark.parametrize("beside", [0.0, 0.06, 0.1])
-def test_tips_beside_each_other_that_are_passed_soon_after_each_other_are_kept(beside):
+def test_neighbouring_tips_passed_shortly_after_each_other_are_kept(beside):
     """Light that comes back to a place after a second is the pointer: a bright thing would have stayed."""
     for seed in range(4):
         at, parts = 0.0, []
@@ -389,7 +391,8 @@ def test_what_people_do_is_kept_whole(line, spots):
 
 
 @pytest.mark.parametrize("size, noise, refused", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
-def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(size, noise, refused):
+def test_a_ring_is_closed_or_too_small_but_never_a_curve(size, noise, refused):
+    """It is refused if it is too small for its noise."""
     count = 0
     for seed in range(20):
         try:
@@ -419,7 +422,7 @@ def test_a_figure_that_crosses_itself_becomes_one_valid_polygon(way, right, left
 @pytest.mark.parametrize(
     "turn, later, tiny", [(0.7, 0.0, 0.0), (0.0, 1.7e9 + 0.07, 0.0), (0.0, 0.043, 0.0), (0.0, 0.0, 1e-9)]
 )
-def test_the_same_drawing_gives_the_same_border_anywhere_at_any_hour_and_on_every_machine(shape, turn, later, tiny):
+def test_the_border_depends_on_nothing_but_the_drawing(shape, turn, later, tiny):
     """Turned and moved; half a century later; rounded differently, and arriving in any order."""
     stroke = draw(shape, BASE, np.random.default_rng(3))
     stamps = np.round(stroke.stamps * 25.0) / 25.0

@@ -66,7 +66,7 @@ def test_whole_paper_mode_equals_the_transcription(seed):
     assert np.allclose(chain, expected, atol=1e-9)
 
 
-def test_so_many_points_that_their_neighbours_do_not_fit_are_refused():
+def test_points_with_too_many_neighbours_are_refused():
     points = np.random.default_rng(0).normal(0, 0.2, (12000, 2))
     with refused("too_many_spots"):
         extract_border(points, ExtractionParams(mode="paper"))

@@ -95,7 +95,7 @@ for first, last in ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0)):
 
 
 @pytest.mark.parametrize("name", SEEDS)
-def test_the_seed_is_where_the_pointer_dwelt_last_and_a_longer_dwell_is_told(name):
+def test_the_last_dwell_is_the_seed_and_a_longer_one_is_reported(name):
     for number in range(5):
         (seed, parts), other = SEEDS[name], OTHERS.get(name)
         drawn = find(parts, BORDERS.get(name, ()), number)[1]

@@ -79,6 +79,12 @@ def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral,
     }
 
 
+def test_a_triangle_of_four_points_is_closed():
+    corners = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.5], [0.1, 0.1]])
+    found = classify_closure(corners)
+    assert (found.closed, found.code, found.first, found.last) == (True, "closed_gap", 0, 3)
+
+
 @pytest.mark.parametrize("points", [[[1.0, 2.0], [4.0, 6.0]], [[1.0, 2.0]] * 5])
 def test_two_points_or_a_spot_are_open(points):
     found, apart = classify_closure(np.array(points)), math.dist(points[0], points[-1])
@@ -96,7 +102,7 @@ def chained(group, values):
     """Divides a group of indices where sorted values are more than a place's width apart."""
     ordered, parts = sorted(group, key=lambda index: values[index]), []
     for index in ordered:
-        if not parts or values[index] - values[parts[-1][-1]] > track.PLACE_WIDTH:
+        if not parts or values[index] - values[parts[-1][-1]] > track.CLUSTER_WIDTH:
             parts.append([])
         parts[-1].append(index)
     return parts
@@ -107,7 +113,7 @@ def chained(group, values):
 def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
     points, times, cameras = np.array(spots)[:, :2], np.array(spots)[:, 2], np.array(spots)[:, 3].astype(int)
     seen = make_observations(points, times, cameras, None, cameras == 2)
-    found = track.find_places(seen)
+    found = track.find_clusters(seen)
     groups = {}
     for index, moment in enumerate(track.time_bins(seen.stamps).tolist()):
         groups.setdefault(moment, []).append(index)
@@ -124,7 +130,7 @@ def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
         )
         for place in places
     )
-    columns = (*found.points.T, found.stamps, found.cameras, found.mobile)
+    columns = (*found.points.T, found.stamps, found.witnesses, found.mobile)
     assert np.allclose(sorted(zip(*(column.tolist() for column in columns))), wanted)
     assert (np.diff(found.stamps) >= 0).all()
 
@@ -132,14 +138,14 @@ def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
 def test_of_one_moment_the_ten_strongest_places_are_kept():
     points = np.column_stack([np.arange(14.0), np.zeros(14)])
     strong = np.arange(14) % 7 + 1.0
-    found = track.find_places(make_observations(points, np.zeros(14), None, strong / 10.0))
+    found = track.find_clusters(make_observations(points, np.zeros(14), None, strong / 10.0))
     kept = sorted(np.lexsort((points[:, 0], -strong))[:10])
     assert np.allclose(np.sort(found.points[:, 0]), kept)
 
 
 @settings(STEADY, max_examples=60)
 @given(st.lists(st.tuples(st.floats(0.0, 0.6), st.floats(0.0, 0.6), st.floats(0.02, 0.2)), min_size=1, max_size=14))
-def test_the_floor_between_three_places_is_theirs_if_they_are_passed_at_one_speed(steps):
+def test_clusters_passed_at_one_speed_add_the_floor_between_them(steps):
     points, times = np.cumsum(np.array(steps)[:, :2], axis=0), np.cumsum(np.array(steps)[:, 2])
     wanted, dropout = np.zeros(len(points)), 0.35
     for at in range(len(points)):
@@ -158,7 +164,7 @@ def test_the_floor_between_three_places_is_theirs_if_they_are_passed_at_one_spee
     assert track._swept(points, times, dropout) == pytest.approx(wanted)
 
 
-def test_light_that_moves_at_a_node_moved_as_far_as_its_places_lie_apart():
+def test_light_at_a_node_moved_as_far_as_its_clusters_are_apart():
     """An even movement of 0.2 m in 2 s, seen at one node; at another one the light stays."""
     stamps = np.tile(np.linspace(5.0, 7.0, 200), 2)
     points = np.vstack([np.linspace([1.0, 1.0], [1.12, 1.16], 200), np.tile([3.0, 3.0], (200, 1))])
@@ -174,7 +180,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     line = np.column_stack([np.linspace(0.0, 1.0, 11), np.full(11, 0.5)])
     times = np.linspace(0.2, 1.2, 11)
     mobile = np.full(11, line_is_mobile)
-    places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int))
+    places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int), np.ones(11, int))
     order = np.argsort([spot[2] for spot in spots], kind="stable")
     seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
     found = set(track._beside(seen, places, np.arange(11)).tolist())
@@ -194,7 +200,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
         max_size=7,
     )
 )
-def test_what_is_short_beside_a_pause_and_an_unseen_step_is_no_part_of_a_stroke(pieces):
+def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
     """Pieces of (places, [m] from the one before, whether after a pause, whether its places explain the step otherwise)."""
     counts, ways, pauses, wide = (np.array(column) for column in zip(*pieces))
     begin, number = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
@@ -230,10 +236,10 @@ def test_what_is_short_beside_a_pause_and_an_unseen_step_is_no_part_of_a_stroke(
     st.lists(st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 0.6)), min_size=1, max_size=40),
     st.sampled_from([0.3, 1.0]),
 )
-def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_where_light_stays(steps, dropout):
+def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropout):
     points, times = np.array(steps)[:, :2], np.cumsum(np.array(steps)[:, 2])
     nodes = {}  # of a lattice: the places about each, with how much of them is there
-    for place, (x, y) in enumerate(points / track.PLACE_WIDTH):
+    for place, (x, y) in enumerate(points / track.CLUSTER_WIDTH):
         for i, j in ((math.floor(x) + dx, math.floor(y) + dy) for dx in (0, 1) for dy in (0, 1)):
             nodes.setdefault((i, j), {})[place] = (1.0 - abs(x - i)) * (1.0 - abs(y - j))
     still = {}
@@ -246,14 +252,14 @@ def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_wher
             math.sqrt(12.0 / shares.sum() / deviations[0]) * math.hypot(*deviations[1:]) if deviations[0] > 1e-6 else 0
         )
         assume(deviations[0] > 1e-6 or deviations[0] < 1e-12)
-        still[node] = stay * (1.0 - min(1.0, (moved / track.PLACE_WIDTH) ** 2))
+        still[node] = stay * (1.0 - min(1.0, (moved / track.CLUSTER_WIDTH) ** 2))
     swept = track._swept(points, times, dropout)
     found = track.floor_gains(points, times, dropout)
     for place in range(len(points)):
         about = [there for there in nodes.values() if place in there]
         company = sum(there[place] * sum(there.values()) for there in about) / sum(there[place] ** 2 for there in about)
         stay = max(still[node] for node, there in nodes.items() if place in there)
-        gain = max(track.PLACE_WIDTH / max(company / 1.5, 2.0), swept[place])
+        gain = max(track.CLUSTER_WIDTH / max(company / 1.5, 2.0), swept[place])
         assert found[place] == pytest.approx(gain * min(1.0, 2.0 / max(stay, 0.1)) ** 2, abs=2e-4)
 
 
@@ -264,7 +270,7 @@ def test_the_floor_that_a_place_adds_is_shared_by_all_that_see_it_and_fades_wher
     ),
     st.sampled_from([0.05, 1.0]),
 )
-def test_the_best_track_is_that_of_a_search_through_all_places_before(places, flick):
+def test_the_best_track_equals_an_exhaustive_search(places, flick):
     x, y, pauses, gains = np.array([*places, (1.0, 1.0, 0.1, 0.1)]).T
     points, times = np.column_stack([x, y]), np.cumsum(pauses)
     best = []  # (gain, the place before) of each

@@ -90,7 +90,7 @@ def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, 
 
 @settings(STEADY, max_examples=40)
 @given(st.lists(st.tuples(st.floats(-0.3, 1.8), st.floats(-0.3, 1.3)), min_size=2, max_size=5), st.integers(0, 99))
-def test_a_wall_is_what_lies_within_half_its_width_of_its_chains_cells(points, noise):
+def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     resolution = 0.05
     cells = np.where(np.random.default_rng(noise).random((20, 30)) < 0.1, 100, 0).astype(np.int8)
     grid = GridMap(cells, resolution)

@@ -154,7 +154,7 @@ def test_on_a_full_disk_borders_act_and_each_change_is_refused(restart, tmp_path
     assert again(restart) == (borders, []) and not list(tmp_path.glob(".borders*"))
 
 
-def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(tmp_path):
+def test_an_unusable_folder_refuses_borders_but_not_the_map(tmp_path):
     """Borders that could not be kept were taken, and vanished."""
     (tmp_path / "file").write_text("")
     keeper = integrator(tmp_path / "file" / "store")
@@ -185,7 +185,7 @@ def test_a_repair_that_cannot_be_written_is_said_until_it_can(restart, tmp_path,
 
 
 @pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited", "newer"])
-def test_a_damaged_file_is_written_again_from_the_copy_and_reported(restart, tmp_path, damage):
+def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path, damage):
     borders = closed(restart)
     path, content = tmp_path / FILE, (tmp_path / FILE).read_bytes()
     damaged = {
@@ -217,7 +217,7 @@ def days(folder, *dates):
     values.close()
 
 
-def test_with_a_copy_damaged_too_the_newest_sound_one_is_taken_and_the_loss_is_reported(tmp_path):
+def test_the_newest_sound_copy_is_used_and_the_loss_reported(tmp_path):
     """A copy of an empty database with a date in 2036 won over one with 21 borders."""
     days(tmp_path, "2026-01-01", "2036-01-01", "2026-01-02", "2026-01-03")
     for path in (tmp_path / FILE, tmp_path / "copies" / "borders-2026-01-03.jsonl"):
@@ -244,7 +244,7 @@ def test_the_copies_are_those_of_the_last_days(tmp_path, monkeypatch):
     values.close()
 
 
-def test_a_copy_that_was_put_in_the_files_place_counts_more_than_later_ones(tmp_path):
+def test_a_copy_restored_by_hand_outranks_later_copies(tmp_path):
     """A day later the file was damaged, and what had been given up came back instead."""
     days(tmp_path, "2026-01-01", "2026-01-02", "2026-01-02")
     shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-01.jsonl"), str(tmp_path / FILE))
@@ -277,7 +277,7 @@ def test_a_database_of_a_newer_version_is_refused_and_left_alone(restart, tmp_pa
 
 
 @pytest.mark.parametrize("fault", ["deleted", "overwritten"])
-def test_files_that_are_lost_while_it_runs_come_again_with_the_next_change(restart, tmp_path, fault):
+def test_files_lost_at_run_time_return_with_the_next_change(restart, tmp_path, fault):
     """An addition was answered with success, and after a restart no border was there."""
     keeper = restart()
     keeper.add(square(10, 10), 1.0)
@@ -344,8 +344,8 @@ def test_a_file_that_cannot_be_read_now_is_not_damaged(restart, tmp_path, monkey
 
 
 @pytest.mark.parametrize("written", [0, 1, 2])
-def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(restart, monkeypatch, written):
-    """The disk is full after so many writes."""
+def test_an_answer_about_the_place_is_atomic(restart, monkeypatch, written):
+    """The disk is full after `written` writes: the answer is stored as a whole or not at all."""
     keeper = restart()
     keeper.add(square(10, 10), 1.0)
     other = GRID.with_data(np.roll(GRID.data, 1, axis=0))

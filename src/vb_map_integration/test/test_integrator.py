@@ -30,7 +30,8 @@ COMMANDS = st.lists(
 
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(COMMANDS)
-def test_any_history_gives_the_map_of_the_borders_that_are_left_also_after_restarts(commands):
+def test_the_map_shows_the_remaining_borders_after_any_history(commands):
+    """Also after restarts."""
     folder = tempfile.TemporaryDirectory()
     keeper = integrator(Path(folder.name))
     states, undone, given = [()], [], set()
@@ -165,7 +166,7 @@ def test_no_free_space_left_for_the_robot_is_reported():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_regions_in_different_windows_are_compared_and_drawn_cell_by_cell(seed):
+def test_regions_with_different_windows_compare_and_join_by_cell(seed):
     random = np.random.default_rng(seed)
     regions = []
     for _ in range(2):

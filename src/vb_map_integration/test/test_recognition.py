@@ -97,7 +97,7 @@ def test_a_moved_map_is_found(truth, resolution):
     assert found.is_unambiguous and apart < 0.05 and np.degrees(turned) < 1.0
 
 
-def test_another_floor_with_the_same_outer_walls_is_not_taken_for_the_first():
+def test_floors_with_equal_outer_walls_are_not_confused():
     assert not register(flat(), flat(plan=1, seed=1)).is_unambiguous
 
 
@@ -126,7 +126,7 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
 
 
 @pytest.mark.parametrize("column", [60, 61, 62])
-def test_floor_that_one_beam_saw_far_outside_the_walls_does_no_harm(column):
+def test_floor_seen_by_one_beam_far_outside_the_walls_is_harmless(column):
     """A sample of the floor may miss the beam, and what is drawn of the floor then reaches farther than the sample."""
     grid, below = flat(), 600
     data = np.vstack([np.full((below, grid.shape[1]), -1, np.int8), grid.data])

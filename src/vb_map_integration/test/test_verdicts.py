@@ -34,7 +34,7 @@ def closed_at(keeper, x, y):
     return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
 
 
-def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_closed(restart):
+def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
     """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
     partition = ((0.0, 2.4), (3.1, 2.4))
     keeper = restart(with_walls(flat(), partition))
@@ -61,7 +61,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     assert again.in_force.status(again.borders[0]) == (True, "to_be_confirmed")
 
 
-def test_a_line_that_cannot_be_put_on_the_map_keeps_closed_what_it_closed():
+def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
     before = keeper.in_force.area_m2("b1")
@@ -79,7 +79,7 @@ def test_a_line_that_cannot_be_put_on_the_map_keeps_closed_what_it_closed():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_border_in_a_part_of_the_map_that_is_displaced_moves_with_it_or_waits(seed):
+def test_a_border_moves_with_its_part_of_the_map_or_waits(seed):
     """Half a metre off, certain, no notice: in 53 of 108 cases on real maps."""
     old, random = flat(), np.random.default_rng(seed)
     angle = random.uniform(0.0, 2.0 * np.pi)
@@ -98,7 +98,7 @@ def test_a_border_in_a_part_of_the_map_that_is_displaced_moves_with_it_or_waits(
 
 
 @pytest.mark.parametrize("room, asks", [(Transform(6.4, 0.0, 0.0), False), (Transform(), True)])
-def test_the_unique_transform_is_in_force_and_asked_about_only_if_the_walls_round_the_border_disagree(room, asks):
+def test_a_person_is_asked_only_if_walls_near_the_border_disagree(room, asks):
     """In 12 of 27 re-recordings that were asked about the borders were in the wrong place; then 16 of 20 were asked about."""
     truth = Transform(5.0, 4.0, 1.0)
     clutter = [((6.0 + k, 1.0), (6.0 + k, 3.5)) for k in range(3)]
@@ -115,7 +115,7 @@ def test_the_unique_transform_is_in_force_and_asked_about_only_if_the_walls_roun
     assert closed_off(keeper, truth.after(room))
 
 
-def test_an_answer_about_another_map_than_the_current_one_is_refused():
+def test_an_answer_about_a_map_that_is_not_current_is_refused():
     """Another map between question and answer: borders were moved by the wrong transform, certain."""
     keeper = integrator(grid=flat())
     keeper.add(keep_out(), 1.0)
@@ -139,7 +139,7 @@ def test_a_known_map_with_the_name_of_another_place_is_a_question(restart):
     assert keeper.needs_confirmation and closed_off(keeper)
 
 
-def test_a_name_that_nobody_could_read_is_refused_and_nothing_changes():
+def test_an_unreadable_name_is_refused_and_changes_nothing():
     keeper = integrator(grid=flat())
     keeper.add(keep_out(), 1.0)
     revision = keeper.revision
@@ -151,7 +151,7 @@ def test_a_name_that_nobody_could_read_is_refused_and_nothing_changes():
     assert keeper.revision == revision and keeper.map_name == ""
 
 
-def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(restart):
+def test_the_map_of_acceptance_is_kept_as_long_as_its_border(restart):
     keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(seed=50))
@@ -199,7 +199,7 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(restart):
         assert state(keeper) == before
 
 
-def test_a_border_that_was_accepted_where_it_does_not_fit_any_more_waits_and_ends_no_program():
+def test_a_border_that_no_longer_fits_where_accepted_waits():
     """An earlier version could be set to other limits; the database still has what was accepted with them."""
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)

@@ -156,6 +156,11 @@ def chain_length(points: np.ndarray, closed: bool = False) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
+def bounding_diagonal(points: np.ndarray) -> float:
+    """Returns the diagonal [m] of the smallest axis-parallel box round points (N, 2)."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
 def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> np.ndarray:
     """Resamples a chain (N, 2) to points (M, 2) [m] at most `spacing` apart along it; its ends stay.
 

@@ -39,7 +39,7 @@ class FusionParams(Parameters):
 
 
 class BorderFusionNode:
-    """Collects the spots of an interaction and extracts border and seed.
+    """Collects the spots of all cameras, publishes the border as it grows, and hands it over on request.
 
     Subscribed topics:
         /virtual_borders/spots (vb_msgs/LaserSpot): of every camera.
@@ -47,8 +47,8 @@ class BorderFusionNode:
     Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): 8 times a second while spots come in Border and Seed, at
             1 Hz while none come, and on each change of state. After the interaction the last one stays.
-        /virtual_borders/notices (vb_msgs/NoticeArray, latched): any failure; the node continues after all of them. What
-            makes the drawing doubtful is told when a stroke has ended, until the interaction ends.
+        /virtual_borders/notices (vb_msgs/NoticeArray, latched): any failure; the node continues after all of them. Doubts
+            about the drawing are published when a stroke has ended, until the interaction ends.
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the current one. The last interaction is available until the next begins.
@@ -63,17 +63,14 @@ class BorderFusionNode:
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
-        self._dirty = False
-        self._forget = False  # the interaction was cancelled; its spots go once they were shown
-        self._hears_state = False  # whether it has heard of any state yet
-        self._lost = False  # this node or the interaction manager was started again in the middle of an interaction
+        self._new_spots = False  # since the last progress
         self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
-        self._doubts: List[Notice] = []  # about the drawing, told last
+        self._doubts: List[Notice] = []  # about the drawing, as last published
         self._published = -np.inf
 
         self._notices = NoticePublisher()
         self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=5, latch=True)
-        # 4 cameras at 25 Hz fill 400 places in 4 s, longer than any extraction takes
+        # 4 cameras at 25 Hz fill a queue of 400 in 4 s, longer than any extraction takes
         self._state_subscriber = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
         self._spot_subscriber = rospy.Subscriber(
             names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
@@ -88,23 +85,14 @@ class BorderFusionNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.name}")
             return
         with self._lock:
-            before = (self._collector.state, self._collector.interaction_id)
-            drawn = any(self._collector.counts[:2])
-            fresh = self._collector.set_state(state, message.interaction_id, message.entered.to_sec())
+            before, entered = self._collector.state, message.entered.to_sec()
+            fresh = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
             if fresh:
                 self._live.reset()
                 self._failure = None
                 self._doubts = []
-                # begun before this node was there: a border of the rest alone would be another one than was drawn
-                self._lost = not self._hears_state
-            self._hears_state = True
-            if before == (self._collector.state, self._collector.interaction_id):
-                return
-            if state == DEFAULT:
-                # every interaction that ends has an outcome
-                self._lost = drawn and before[0] != DEFAULT and not message.last_outcome
-            self._forget = state == DEFAULT and (self._lost or message.last_outcome not in ("", "saved"))
-        self._changed.set()
+        if fresh or state != before:
+            self._changed.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
@@ -127,7 +115,7 @@ class BorderFusionNode:
         )
         with self._lock:
             if not self._collector.add(spot, rospy.get_time() or np.inf):
-                self._dirty = True
+                self._new_spots = True
 
     # ------------------------------------------------------------ output
     def _work(self) -> None:
@@ -155,13 +143,13 @@ class BorderFusionNode:
         """Publishes notices of what is still wrong."""
         with self._lock:
             problems = [self._failure] if self._failure is not None else []
-            if self._lost:
+            if self._collector.lost:
                 problems.append(CodedError("drawing_lost"))
             problems += [CodedError(code, camera=camera) for code, camera in sorted(self._collector.faults)]
             state = self._collector.state
             if state == DEFAULT:
                 self._doubts = []
-            # what a stroke leaves out or open is known when it has ended; until then what was told stays readable
+            # what a stroke leaves out or open is known when it has ended; until then the last doubts stay readable
             elif state != BORDER or not self._cameras_seeing():
                 self._doubts = self._find_doubts(self._live.drawn)
             doubts = self._doubts
@@ -173,24 +161,24 @@ class BorderFusionNode:
 
     def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:
         """Returns what makes a drawing doubtful."""
-        found = {}
+        doubts = {}
         if drawn.chain is not None and drawn.chain.left_out_spots:
-            found["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
+            doubts["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
         # a right corner behind an unseen piece lies at most half as far from it
         if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._params.extraction.eps:
-            found["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
+            doubts["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
         if drawn.other_dwell is not None:
-            found["seed_held_elsewhere"] = {"seconds": f"{drawn.other_dwell.seconds:.0f}"}
-        return [Notice(code, Severity.WARNING, values=values) for code, values in found.items()]
+            doubts["seed_held_elsewhere"] = {"seconds": f"{drawn.other_dwell.seconds:.0f}"}
+        return [Notice(code, Severity.WARNING, values=values) for code, values in doubts.items()]
 
     def _tick(self, state_changed: bool) -> bool:
         """Extracts and publishes what was drawn so far; returns whether there was a reason to."""
         with self._lock:
             collecting = bool(self._collector.state.collects)
-            new, self._dirty = self._dirty, False
+            new_spots, self._new_spots = self._new_spots, False
             now = time.monotonic()
             due = now - self._published >= SIGN_OF_LIFE
-            if not self._collector.interaction_id or not (state_changed or (collecting and (new or due))):
+            if not self._collector.interaction_id or not (state_changed or (collecting and (new_spots or due))):
                 return False
             collection = self._collector.collection()
         self._published = now
@@ -200,9 +188,8 @@ class BorderFusionNode:
             if collection.interaction_id != self._collector.interaction_id:
                 return True  # another one began meanwhile
             self._progress.publish(self._progress_message(collection, drawn))
-            if self._forget:
+            if self._collector.to_forget:  # now that they were shown
                 self._collector.forget()
-                self._forget = False
         return True
 
     def _progress_message(self, collection, drawn: DrawnBorder) -> BorderProgress:
@@ -235,12 +222,12 @@ class BorderFusionNode:
 
     def _on_get_drawn_border(self, request) -> GetDrawnBorderResponse:
         with self._lock:
-            collection, lost = self._collector.collection(), self._lost
+            collection, lost = self._collector.collection(), self._collector.lost
         response = GetDrawnBorderResponse()
-        wanted = request.interaction_id or collection.interaction_id
+        interaction = request.interaction_id or collection.interaction_id
         try:
-            if not wanted or wanted != collection.interaction_id:
-                raise CodedError("unknown_interaction", interaction=wanted)
+            if not interaction or interaction != collection.interaction_id:
+                raise CodedError("unknown_interaction", interaction=interaction)
             if lost:
                 raise CodedError("drawing_lost")
             drawn = self._live.update(collection, time.monotonic, force=True)
@@ -249,11 +236,11 @@ class BorderFusionNode:
                 raise missing
             chain, seed = drawn.chain, drawn.seed
         except Exception as error:
-            known = isinstance(error, CodedError)
-            failure = error if known else CodedError("extraction_failed", what=repr(error))
+            is_refusal = isinstance(error, CodedError)
+            failure = error if is_refusal else CodedError("extraction_failed", what=repr(error))
             response.code, response.message = failure.code, failure.message
             response.values = values_from_mapping(failure.values)
-            (rospy.loginfo if known else rospy.logerr)("%s: no border: %s", rospy.get_name(), failure)
+            (rospy.loginfo if is_refusal else rospy.logerr)("%s: no border: %s", rospy.get_name(), failure)
             return response
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         response.success, response.code = True, "ok"

@@ -15,7 +15,7 @@ from vb_core.vocabulary import BORDER, DEFAULT, PAUSED, SEED, STATES, State
 MAX_SPOTS = 60_000  # kept of one state: ten minutes of four cameras at 25 Hz
 STAMP_TOLERANCE = 0.05  # [s] how much older than the state a spot may be and still count: one frame of a camera
 CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more say that its clock was set back
-MAX_CLOCK_ERROR = 60.0  # [s] from which on a clock is off; smaller errors are camera_poses' to tell
+MAX_CLOCK_ERROR = 60.0  # [s] from which on a clock is off; camera_poses reports smaller ones
 
 
 @dataclass(frozen=True)
@@ -80,13 +80,16 @@ class Collector:
 
     A change of state arrives late, and so do spots: what counts is the spot's own stamp against the stamps at
     which states were entered. Time is relative: a clock that is set back while somebody draws goes on as if it was not,
-    and a camera whose clock is off is left out and named. Who enters Seed again, but after a pause, points anew.
+    and a camera whose clock is off is left out and named. Entering Seed again discards the seed spots, except after a pause.
     """
 
     def __init__(self) -> None:
         self.interaction_id = ""
         self.state = DEFAULT
+        self.lost = False  # a part of the drawing is missing: its border would be another one than was drawn
+        self.to_forget = False  # the drawing is over and was not saved: `forget` may drop its spots
         self.ignored: Counter = Counter()
+        self._heard_state = False
         self._entered = -math.inf
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
@@ -97,22 +100,29 @@ class Collector:
         self._newest: Dict[str, float] = {}
         self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
-    def set_state(self, state: State, interaction_id: str, entered: float) -> bool:
+    def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
         """Adopts a new state; returns whether a new interaction began.
 
         Args:
             interaction_id: empty in Default. What was collected is kept until another id comes.
             entered: [s] when the state was entered.
+            outcome: of the last interaction that ended.
         """
         fresh = bool(interaction_id) and interaction_id != self.interaction_id
         if fresh:
             self.interaction_id = interaction_id
+            self.lost = not self._heard_state  # it began before this collector was there
             self.ignored = Counter()
             self._cameras = []
             self.faults = set()
             for store in self._stores.values():
                 store.clear()
+        self._heard_state = True
         if state != self.state or fresh:
+            if state == DEFAULT:
+                # every interaction that ends has an outcome, unless the interaction manager was started again in it
+                self.lost = any(self.counts[:2]) and not outcome
+            self.to_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
             if state == SEED and self.state != PAUSED:
                 self._stores[SEED.collects].clear()
             self.state, self._entered = state, entered
@@ -129,7 +139,8 @@ class Collector:
 
         Returns:
             "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted), "clock" (it
-            was seen after it arrives, or long before the camera's last one) or "before_state" (it was seen before the state was entered).
+            was seen after it arrived, or long before the camera's last one) or "before_state" (it was seen before the
+            state was entered).
         """
         reason = self._rejection_reason(spot, now)
         # a jump back of the clock must not leave a camera seeing for ever
@@ -146,13 +157,13 @@ class Collector:
 
     def _find_set_back(self, spot: FloorSpot) -> float:
         """Returns by how much [s] the clock of a spot's camera has been set back since the state was entered."""
-        known = self._set_back.get(spot.camera, 0.0)
+        set_back = self._set_back.get(spot.camera, 0.0)
         back = self._newest.get(spot.camera, -math.inf) - spot.stamp
-        if back - known > CLOCK_STEP:
+        if back - set_back > CLOCK_STEP:
             # clocks of one computer are set back together: the camera that saw the spot last knows by how much
-            known = max([back, *(other for other in self._set_back.values() if abs(other - back) < CLOCK_STEP)])
-            self._set_back[spot.camera] = known
-        return known
+            set_back = max([back, *(other for other in self._set_back.values() if abs(other - back) < CLOCK_STEP)])
+            self._set_back[spot.camera] = set_back
+        return set_back
 
     def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
@@ -174,6 +185,7 @@ class Collector:
 
     def forget(self) -> None:
         """Drops all spots, but stays in the interaction."""
+        self.to_forget = False
         for store in self._stores.values():
             store.clear()
 

@@ -30,7 +30,7 @@ from vb_fusion.line.chain import BorderChain
 from vb_fusion.line.closure import CURLED, Closure, classify_closure
 from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, resample_stroke
-from vb_fusion.paper import bounding_diagonal, run_algorithms
+from vb_fusion.paper import run_algorithms
 from vb_fusion.stroke.observations import (
     TREMOR,
     Observations,
@@ -41,7 +41,7 @@ from vb_fusion.stroke.observations import (
 )
 from vb_fusion.stroke.camera_offsets import remove_offsets
 from vb_fusion.stroke.seed import extract_seed
-from vb_fusion.stroke.track import find_places, find_strokes
+from vb_fusion.stroke.track import find_clusters, find_strokes
 
 __all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 
@@ -99,17 +99,29 @@ def extract_border(
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
     seen = merge_observations(spots)
-    places = find_places(seen)
-    line, others, joined = _join_strokes(seen, find_strokes(seen, places, params.eps), params)
+    clusters = find_clusters(seen)
+    line, others, joined = _join_strokes(seen, find_strokes(seen, clusters, params.eps), params)
     placed = remove_offsets(seen.select(line))
     chain = _make_line(placed, joined, params)
-    # what is between strokes was not seen; an opening is, unless the pointer was lifted from one end to the other
-    began, ended = sorted(placed.stamps[[0, -1]])
-    lifted = not ((began < placed.stamps) & (placed.stamps < ended)).any()
-    unseen = np.hypot(*np.diff(placed.points, axis=0).T)[np.abs(np.diff(placed.stamps)) > find_dropout(places.stamps)]
-    closing = chain.gap if joined and (chain.closed or lifted) else 0.0
-    left_out, spots_left_out = seen.points[others], int(seen.spots[others].sum())
-    return replace(chain, unseen=float(unseen.max(initial=closing)), left_out=left_out, left_out_spots=spots_left_out)
+    return replace(
+        chain,
+        unseen=_longest_unseen_gap(placed, chain, joined, find_dropout(clusters.stamps)),
+        left_out=seen.points[others],
+        left_out_spots=int(seen.spots[others].sum()),
+    )
+
+
+def _longest_unseen_gap(stroke: Observations, chain: BorderChain, joined: bool, dropout: float) -> float:
+    """Returns the longest stretch [m] of the chain that no camera saw.
+
+    The opening between start and end counts only if the chain is closed from several strokes, or if the pointer was lifted
+    from one end to the other.
+    """
+    began, ended = sorted(stroke.stamps[[0, -1]])
+    lifted = not ((began < stroke.stamps) & (stroke.stamps < ended)).any()
+    opening = chain.gap if joined and (chain.closed or lifted) else 0.0
+    steps = np.hypot(*np.diff(stroke.points, axis=0).T)
+    return float(steps[np.abs(np.diff(stroke.stamps)) > dropout].max(initial=opening))
 
 
 def _join_strokes(
@@ -121,8 +133,8 @@ def _join_strokes(
         The indices of the line's observations, in the order in which it runs; those of what is left out; whether the line
         is of several strokes.
     """
-    # what could be a line itself, the widest first: moving back and forth explains much floor, but is no border
-    wide = [(bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
+    # what could be a line itself, the widest first: moving back and forth explains much floor, but is not a border
+    wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
     wide = [(size, stroke) for size, stroke in wide if size > params.min_exp - 2.0 * TREMOR]
     wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= params.min_size]
     others = [stroke for _, stroke in sorted(wide, key=lambda one: -one[0])]
@@ -143,15 +155,15 @@ def _join_strokes(
 
 def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> BorderChain:
     """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
-    tremor, size = estimate_tremor(placed), bounding_diagonal(placed.points)
+    tremor, size = estimate_tremor(placed), geometry.bounding_diagonal(placed.points)
     stroke = resample_stroke(placed.points, placed.weights, tremor)
     closure = classify_closure(stroke.points, tremor)
     if closure.code in CURLED and size < SMALLEST_FIGURE * tremor:
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{SMALLEST_FIGURE * tremor:.2f}")
-    kept = slice(closure.first, closure.last + 1)
-    kept = ResampledStroke(stroke.points[kept], stroke.trust[kept], tremor)
+    within = slice(closure.first, closure.last + 1)
+    trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
     # a gap that was crossed unseen may hide a corner; across a wider one that the hand left the line is straight
-    line = fit_line(kept, closure.closed and (joined or closure.gap <= params.eps))
+    line = fit_line(trimmed, closure.closed and (joined or closure.gap <= params.eps))
     if len(line) < 3:
         closure = classify_closure(line)
     return _make_chain(_simplify(line, closure.closed), closure)

@@ -108,17 +108,17 @@ class LiveExtractor:
             return self.drawn
 
     def _extract(self, collection: Collection, border_new: bool, seed_new: bool) -> None:
-        found = {}
+        changes = {}
         if border_new:
             try:
-                found.update(chain=extract_chain(collection, self._params), no_chain=None)
+                changes.update(chain=extract_chain(collection, self._params), no_chain=None)
             except CodedError as error:
-                found.update(chain=None, no_chain=error)
+                changes.update(chain=None, no_chain=error)
         if seed_new:
             try:
                 rows, before = collection.seed, collection.border[:, 1:3]
-                found.update(dwells=find_dwells(rows[:, 1:3], before=before, **_get_attributes(rows)), no_seed=None)
+                changes.update(dwells=find_dwells(rows[:, 1:3], before=before, **_get_attributes(rows)), no_seed=None)
             except CodedError as error:
-                found.update(dwells=(), no_seed=error)
-        self.drawn = replace(self.drawn, **found)
+                changes.update(dwells=(), no_seed=error)
+        self.drawn = replace(self.drawn, **changes)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
+from vb_core import geometry
 from vb_core.errors import CodedError
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: flo
     clusters = dbscan(pointset_in, eps, min_pts)  # l. 3
     clusters = sorted((c for c in clusters if len(c) >= min_size), key=lambda c: -len(c))  # l. 4
     for c in clusters:  # l. 5
-        if min_exp < bounding_diagonal(pointset_in[c]):  # l. 6
+        if min_exp < geometry.bounding_diagonal(pointset_in[c]):  # l. 6, the expansion
             pointset_out = c  # l. 7
             break  # l. 8
     return pointset_out
@@ -82,11 +83,6 @@ def _tree(points: np.ndarray, radius: float) -> cKDTree:
     if pairs > MAX_PAIRS:
         raise CodedError("too_many_spots", spots=len(points))
     return tree
-
-
-def bounding_diagonal(points: np.ndarray) -> float:
-    """Returns the diagonal [m] of the smallest axis-parallel box round points (N, 2); the paper's expansion."""
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def thin_points(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:

@@ -48,7 +48,7 @@ def import_borders() -> int:
             return 1
         added += answer.success
         print(f"{border.name or 'a border'}: {f'added as {answer.id}' if answer.success else 'refused'}")
-        for found in answer.issues:
-            print(f"    {'error' if found.severity == found.ERROR else 'warning'} [{found.code}]: {found.message}")
+        for issue in answer.issues:
+            print(f"    {'error' if issue.severity == issue.ERROR else 'warning'} [{issue.code}]: {issue.message}")
     print(f"{added} of {len(borders)} added")
     return int(added < len(borders))

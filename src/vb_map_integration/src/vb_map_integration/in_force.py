@@ -142,35 +142,49 @@ def put_in_force(
         before: what was in force on the same map, with the same `locate`: verdicts of borders that are still the same
             are taken from it.
     """
-    known = before.verdicts if before else {}
+    earlier = before.verdicts if before else {}
     verdicts: Dict[str, Verdict] = {}
     for border in borders:
-        verdict = known.get(border.id)
-        is_known = verdict is not None and verdict.stored is border
-        verdicts[border.id] = verdict if is_known else _judge(border, locate(border), grid)
+        verdict = earlier.get(border.id)
+        is_same = verdict is not None and verdict.stored is border
+        verdicts[border.id] = verdict if is_same else _judge(border, locate(border), grid)
     return InForce(grid, verdicts)
 
 
 def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
+    """Decides what of a border is in force, and whether a person has to be asked; in doubt, more of it is in force."""
     border = place.border
     if not border.enabled:
         return Verdict(stored, border)
-    now, why = _region(grid, border)
+    now, error = _region(grid, border)
     if place.accepted_here:
-        code = "" if now else DOES_NOT_FIT
-        return Verdict(stored, border, code, why, now, after=now)
-    before = place.region_before(grid) if _has_a_side(border) else now
-    if not why and not place.is_certain:
-        why = PLACE
-    if not why and before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
-        why = EFFECT
+        return Verdict(stored, border, "" if now else DOES_NOT_FIT, error, now, after=now)
+    # what a closed line or a wall closes off, the line alone decides, wherever it is: the same as before
+    before = now if border.closed or border.wall else place.region_before(grid)
+    why = error or _reason_to_ask(place, before, now)
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
-    if why and before is not None:
-        most = _WITHIN_REASON * before.area_m2
-        possible = [before, *(one for one in possible if one is not None and one.area_m2 <= most)]
-    region = join_regions([one for one in possible if one is not None])
-    code = "" if not why else TO_BE_CONFIRMED if region is not None else DOES_NOT_FIT
-    return Verdict(stored, border, code, why, region, before if why else None, now)
+    if not why:
+        return Verdict(stored, border, region=join_regions(possible), after=now)
+    region = _region_while_waiting(before, possible)
+    return Verdict(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, why, region, before, now)
+
+
+def _reason_to_ask(place: BorderPlace, before: Optional[Region], now: Optional[Region]) -> str:
+    """Returns PLACE, EFFECT, or "" if a border that fits the map needs no confirmation."""
+    if not place.is_certain:
+        return PLACE
+    # they are one object if the line alone decides: then there is nothing to compare
+    if before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
+        return EFFECT
+    return ""
+
+
+def _region_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
+    """Returns what is in force until a person answers: as before, and what is possible now unless that is much more."""
+    if before is None:
+        return join_regions(possible)
+    most = _WITHIN_REASON * before.area_m2
+    return join_regions([before, *(one for one in possible if one is not None and one.area_m2 <= most)])
 
 
 def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
@@ -179,8 +193,3 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
         return integrate(grid, border), ""
     except IntegrationError as error:
         return None, error.code
-
-
-def _has_a_side(border: VirtualBorder) -> bool:
-    """Returns whether walls decide what a border closes off, and not its own line alone."""
-    return not border.closed and not border.wall

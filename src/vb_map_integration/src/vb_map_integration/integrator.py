@@ -114,7 +114,7 @@ class MapIntegrator:
         return self.in_force.map_with_borders
 
     def map_with_borders_for(self, robot: str) -> GridMap:
-        """Returns the physical map with the borders for one robot: those that name it, or none."""
+        """Returns the map for one robot: with the borders that list it and those that list no robot."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
         return put_on_map(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
 
@@ -201,55 +201,52 @@ class MapIntegrator:
         grid, recognition = self.physical, self._recognition
         if map_id and map_id != self.map_id:
             raise CodedError("map_changed")
-        known = self._database.find_map(self.map_id)
+        stored_map = self._database.find_map(self.map_id)
         transform = recognition.transform if same else Transform()
         place = recognition.place if same else 0
         self._database.check_name(name, place)
-        if same and place and known is not None and known.place == place:
+        if same and place and stored_map is not None and stored_map.place == place:
             if name:
                 self._database.rename_place(place, name)
             self._database.remember_place(place)
         else:
-            if not same and known is not None and known.id == known.place and self._database.borders(known.place):
+            drawn_here = stored_map is not None and stored_map.id == stored_map.place
+            if drawn_here and not same and self._database.borders(stored_map.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self.map_id, place, transform, name)
         waiting = self._waiting() if same else []
         self._use(grid, PlaceRecognition(place, transform))
-        if waiting:  # from now on these borders are what they close off here
+        if waiting:  # from now on these borders mean what they close off here
             self._keep_map()
+            accepted = [self._to_place_frame(one.border.replace(map_id=self.map_id)) for one in waiting]
             self._make_change(
-                tuple(
-                    BorderChange(
-                        one.border.id, one.stored, self._to_place_frame(one.border.replace(map_id=self.map_id))
-                    )
-                    for one in waiting
-                )
+                tuple(BorderChange(one.stored.id, one.stored, new) for one, new in zip(waiting, accepted))
             )
 
-    def check(self, border: VirtualBorder, places: Sequence[Sequence[float]] = ()) -> CheckResult:
+    def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> CheckResult:
         """Checks what adding a border, or replacing the one of the same id, would do; changes nothing.
 
         Args:
-            places: (N, 2) [m] where the robots are that it is for.
+            robot_positions: (N, 2) [m] of the robots that it is for.
 
         Raises:
             CodedError: "no_map", "unknown_robot", or as `integrate`.
         """
         self._check_robots(border)
-        found = integrate(self.physical, border, places)
-        regions = [*self.in_force.regions([border.id]), found]
+        integration = integrate(self.physical, border, robot_positions)
+        regions = [*self.in_force.regions([border.id]), integration]
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
         before, after = self._free_parts, count_free_parts(put_on_map(self.physical, regions), self._robot_radius)
-        issues = list(found.issues)
+        issues = list(integration.issues)
         if after > before:
             issues.append(warning("splits_free_space"))
         if after == 0 < before:
             issues.append(warning("no_free_space_left"))
-        return CheckResult(found, tuple(issues), after)
+        return CheckResult(integration, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
-        """Refuses a border for robots that are not known, if any are."""
+        """Refuses a border for unknown robots, if the known ones are configured."""
         unknown = [robot for robot in border.robots if self._robots and robot not in self._robots]
         if unknown:
             raise IntegrationError("unknown_robot", robot=", ".join(unknown), known=", ".join(self._robots))
@@ -260,7 +257,7 @@ class MapIntegrator:
         self,
         border: VirtualBorder,
         now: float,
-        places: Sequence[Sequence[float]] = (),
+        robot_positions: Sequence[Sequence[float]] = (),
         expected: int = 0,
         request_id: str = "",
     ) -> ChangeResult:
@@ -269,23 +266,24 @@ class MapIntegrator:
         Args:
             request_id: a repetition of the same request adds nothing and returns the first one's id.
         """
-        known = self._database.find_border_of_request(request_id)
-        if known:
-            return ChangeResult((known,))
+        earlier = self._database.find_border_of_request(request_id)
+        if earlier:
+            return ChangeResult((earlier,))
         self._expect(expected)
         new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
-        check = self.check(new, places)
+        check = self.check(new, robot_positions)
         self._check_confirmed()
         self._keep_map()
         change = (BorderChange(new.id, None, self._to_place_frame(new)),)
         return self._make_change(change, request_id=request_id, check=check)
 
     def update(
-        self, border: VirtualBorder, now: float, places: Sequence[Sequence[float]] = (), expected: int = 0
+        self, border: VirtualBorder, now: float, robot_positions: Sequence[Sequence[float]] = (), expected: int = 0
     ) -> ChangeResult:
         """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed.
 
-        A border whose points and seed stay as they are is not refused because it does not fit the map.
+        If points and seed are unchanged, the border is not checked against the map again, so an old misfit cannot block
+        a rename.
         """
         in_force = self.in_force
         self._expect(expected)
@@ -300,7 +298,7 @@ class MapIntegrator:
         if border.same_area(in_force.verdicts[border.id].border):
             after = after.replace(points=before.points, seed=before.seed)
         else:
-            check = self.check(border, places)
+            check = self.check(border, robot_positions)
             self._check_confirmed()
             self._keep_map()
             after = self._to_place_frame(after.replace(map_id=self.map_id))
@@ -335,9 +333,9 @@ class MapIntegrator:
         return self._step("redo", request_id)
 
     def _step(self, kind: str, request_id: str) -> ChangeResult:
-        known = self._database.find_border_of_request(request_id)
-        if known:
-            return ChangeResult((known,))
+        earlier = self._database.find_border_of_request(request_id)
+        if earlier:
+            return ChangeResult((earlier,))
         return self._make_change(self._database.prepare(kind, self._recognition.place), kind, request_id)
 
     @property
@@ -380,7 +378,8 @@ class MapIntegrator:
         """Makes a change, all of it or, with a CodedError, nothing.
 
         Args:
-            check: of its only border, drawn on this map; else the result's warnings are about borders that do not act.
+            check: the check of the single border in this change; None for all others, whose warnings are about borders
+                that are not in force.
         """
         physical, place = self.physical, place or self._recognition.place
         self._database.commit(place, change, kind, request_id)

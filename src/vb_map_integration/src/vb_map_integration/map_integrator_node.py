@@ -199,18 +199,18 @@ class MapIntegratorNode:
             raise IntegrationError("unknown_frame", frame=frame, expected=names.MAP_FRAME)
         return border_from_message(request.border)
 
-    def _places(self, border: VirtualBorder) -> List[Tuple[float, float]]:
-        """Returns where the robots are that a border is for, (x, y) [m]."""
-        found = []
+    def _robot_positions(self, border: VirtualBorder) -> List[Tuple[float, float]]:
+        """Returns the positions (x, y) [m] of the robots that a border is for."""
+        positions = []
         for frame, name in itertools.zip_longest(self._params.robot_frames.split(), self._robot_maps):
             if self._transforms is None or frame is None or (border.robots and name and name not in border.robots):
                 continue
             try:
                 pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
             except CodedError:
-                continue  # where a robot is makes a warning at most
-            found.append((float(pose[0, 3]), float(pose[1, 3])))
-        return found
+                continue  # a robot's position causes a warning at most
+            positions.append((float(pose[0, 3]), float(pose[1, 3])))
+        return positions
 
     def _soft_issues(self, border: VirtualBorder) -> Tuple[Notice, ...]:
         """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
@@ -243,8 +243,8 @@ class MapIntegratorNode:
                 revision = self._integrator.revision
         except CodedError as error:
             return self._refused(response, error)
-        for found in outcome.issues:
-            rospy.logwarn("%s: %s [%s]", rospy.get_name(), found.message, found.code)
+        for issue in outcome.issues:
+            rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
         rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(outcome.ids) or "the map's place")
         issues = messages_from_issues(outcome.issues)
         return _fill(response, success=True, code="ok", id="".join(outcome.ids[:1]), issues=issues, revision=revision)
@@ -259,13 +259,13 @@ class MapIntegratorNode:
 
     def _add(self, request: Any, now: float) -> ChangeResult:
         border = self._requested(request).replace(enabled=not request.disabled)
-        places = self._places(border)
-        outcome = self._integrator.add(border, now, places, request.expected_revision, request.request_id)
+        positions = self._robot_positions(border)
+        outcome = self._integrator.add(border, now, positions, request.expected_revision, request.request_id)
         return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
 
     def _update(self, request: Any, now: float) -> ChangeResult:
         border = self._requested(request)
-        outcome = self._integrator.update(border, now, self._places(border), request.expected_revision)
+        outcome = self._integrator.update(border, now, self._robot_positions(border), request.expected_revision)
         return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
 
     def _enable(self, request: Any, now: float) -> ChangeResult:
@@ -283,13 +283,13 @@ class MapIntegratorNode:
         try:
             border = self._requested(request)
             with self._lock:
-                check = self._integrator.check(border, self._places(border))
+                check = self._integrator.check(border, self._robot_positions(border))
         except CodedError as error:
             return self._refused(response, error)
-        found = check.integration
-        region = found.prior.with_data(np.where(found.region, np.int8(100), np.int8(0)))
+        integration = check.integration
+        region = integration.prior.with_data(np.where(integration.region, np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
-        response.area_m2, response.line = found.area_m2, messages.points_from_array(found.line)
+        response.area_m2, response.line = integration.area_m2, messages.points_from_array(integration.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
         response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))

@@ -1,4 +1,4 @@
-"""What people are told about a map and the borders on it."""
+"""The notices about a map and the borders on it."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place: str) -> L
         is_certain: whether it is known which place the map shows.
         place: its name; "" if it has none.
     """
-    found = []
+    notices = []
     waiting = [one.border for one in verdicts if one.can_be_confirmed]
     if not is_certain:
         values = {"count": str(len(verdicts)), **_describe_place(place, [one.border for one in verdicts])}
-        found.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
+        notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
     elif waiting:
         values = {"count": str(len(waiting)), "borders": _names(waiting)}
-        found.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
-    for verdict in verdicts:
-        if verdict.code:
-            found.append(Notice(verdict.code, Severity.WARNING, border_id=verdict.border.id, values=verdict.values))
-    return found
+        notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
+    return notices + [
+        Notice(one.code, Severity.WARNING, border_id=one.border.id, values=one.values) for one in verdicts if one.code
+    ]
 
 
 def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, str]:

@@ -60,12 +60,12 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     first, last, opening = _without_overhang(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
-    kept = geometry.chain_length(cut)
+    length_within = geometry.chain_length(cut)
     # what is enclosed, also where the line crosses itself
-    width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
+    width = 2.0 * make_valid(Polygon(cut)).area / (length_within + gap) if len(cut) > 2 else 0.0
     if opening > MAX_OPENING_RATIO * pdist(cut).max():
         code = "open_apart"
-    elif gap * _closing_turn(cut, 0.1 * kept) > width * 180.0:
+    elif gap * _closing_turn(cut, 0.1 * length_within) > width * 180.0:
         code = "open_wide"
     elif width < tremor:
         code = "open_flat"
@@ -73,7 +73,7 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
         code = "closed_trimmed" if last - first < end else "closed_gap"
     if code.startswith("open"):
         return Closure(False, code, apart, 0, end, _values(apart, length))
-    return Closure(True, code, gap, first, last, _values(gap, kept))
+    return Closure(True, code, gap, first, last, _values(gap, length_within))
 
 
 def _values(gap: float, length: float) -> Dict[str, str]:

@@ -57,10 +57,10 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
         best[end], before[end] = cost[start] + corner[end - 1], starts[start]
         # a side that explains less than a corner here begins where no later one does (PELT, Killick et al. 2012)
         starts = starts[explained <= best[end] + 1e-9]
-    found = [int(before[count])]
-    while found[-1] > 0:
-        found.append(int(before[found[-1]]))
-    return np.array(found[::-1])
+    firsts = [int(before[count])]
+    while firsts[-1] > 0:
+        firsts.append(int(before[firsts[-1]]))
+    return np.array(firsts[::-1])
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:

@@ -49,5 +49,5 @@ def remove_offsets(seen: Observations) -> Observations:
     equations = diags(np.bincount(index).astype(float)) + change.T @ diags(firmness) @ change - in_moment.T @ share
     apart = np.column_stack([np.bincount(index, axis) - share.T @ np.bincount(row, axis) for axis in seen.points.T])
     # in tenths of a millimetre: what was placed before stays where it is while more is seen
-    found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)
-    return replace(seen, points=seen.points - found[index])
+    offsets = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)
+    return replace(seen, points=seen.points - offsets[index])

@@ -27,10 +27,11 @@ class Observations:
     Attributes:
         points: (N, 2) [m].
         stamps: (N,) [s] since the drawing began; zeros for bare points.
-        cameras: (N,) int, index of the camera; of a place, how many cameras saw it.
+        cameras: (N,) int, index of the camera; of a cluster, that of one of them.
         weights: (N,) > 0: how many spots, how confident, seen by which kind of camera.
         mobile: (N,) bool, seen only by cameras that move.
         spots: (N,) how many spots each is made of.
+        witnesses: (N,) int, how many cameras saw it.
     """
 
     points: np.ndarray
@@ -39,6 +40,7 @@ class Observations:
     weights: np.ndarray
     mobile: np.ndarray
     spots: np.ndarray
+    witnesses: np.ndarray
 
     def select(self, rows) -> "Observations":
         """Returns the observations where rows (N,) is true, or those with these indices."""
@@ -50,8 +52,16 @@ class Observations:
         x, y, times = (np.bincount(group, self.weights * one) / weights for one in (*self.points.T, self.stamps))
         cameras = np.empty(len(weights), dtype=int)
         cameras[group] = self.cameras
-        mobile, spots = np.bincount(group, ~self.mobile) == 0, np.bincount(group, self.spots).astype(int)
-        return Observations(np.column_stack([x, y]), times, cameras, weights, mobile, spots)
+        span = int(self.cameras.max()) + 1
+        return Observations(
+            points=np.column_stack([x, y]),
+            stamps=times,
+            cameras=cameras,
+            weights=weights,
+            mobile=np.bincount(group, ~self.mobile) == 0,
+            spots=np.bincount(group, self.spots).astype(int),
+            witnesses=np.bincount(np.unique(group * span + self.cameras) // span),
+        )
 
 
 def time_bins(stamps: np.ndarray) -> np.ndarray:
@@ -78,21 +88,20 @@ def make_observations(
     at any hour.
     """
     array = np.asarray(points, dtype=float).reshape(-1, 2)
-    count = len(array)
-    known = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
-    if known.dtype.kind not in "iu" or (count and not 0 <= known.min() <= known.max() < 256):
-        known = np.unique(known, return_inverse=True)[1]
-    moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
+    ones = np.ones(len(array), dtype=int)
+    numbers = 0 * ones if cameras is None else np.asarray(cameras)
+    if numbers.dtype.kind not in "iu" or (len(array) and not 0 <= numbers.min() <= numbers.max() < 256):
+        numbers = np.unique(numbers, return_inverse=True)[1]
+    moving = ones == 0 if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
-    trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
+    trust = 1.0 * ones if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
     trust = np.where(moving, TREMOR / LOCALIZATION_ERROR, 1.0) * trust
-    times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
+    times = 0.0 * ones if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= MAX_COORDINATE).all(axis=1) & np.isfinite(times)
     began = times[usable].min() if usable.any() else 0.0
-    # in microseconds: a double that counts seconds since 1970 knows them no better
+    # in microseconds: a double that counts seconds since 1970 is no more precise
     times = np.round(times - began, 6)
-    found = Observations(array, times, known, trust, moving, np.ones(count, dtype=int))
-    return found if usable.all() else found.select(usable)
+    return Observations(array, times, numbers, trust, moving, ones, ones).select(usable)
 
 
 def merge_observations(spots: Observations) -> Observations:

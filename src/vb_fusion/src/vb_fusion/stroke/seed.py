@@ -1,7 +1,7 @@
 """The seed point: the last place where the pointer dwelt.
 
-The pointer's track is found as for the border (stroke/track.py): the sequence of places that explains most with the
-least effort. What a place explains is another thing here: the pointer dwells instead of moving, and may be switched off
+The pointer's track is found as for the border (stroke/track.py): the sequence of clusters that explains most with the
+least effort. What a cluster explains is another thing here: the pointer dwells instead of moving, and may be switched off
 on its way. So what counts is light that is new at its place, and a jump costs a blink of it, or little more.
 """
 
@@ -22,10 +22,10 @@ from vb_fusion.stroke.observations import (
     merge_observations,
     time_bins,
 )
-from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
+from vb_fusion.stroke.track import find_best_steps, find_clusters, trace_path
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
-SHORTEST_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for so long
+SHORTEST_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
 LONGEST_STEP = 0.3  # [m] between two sights of a pointer on its way: three images of ten a second at 1 m/s
 LONGEST_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
@@ -50,9 +50,9 @@ class Dwell:
     witnesses: int
 
 
-def extract_seed(points: np.ndarray, **known) -> np.ndarray:
+def extract_seed(points: np.ndarray, **columns) -> np.ndarray:
     """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last, (2,) float64 [m]; arguments as find_dwells."""
-    return choose_seed(find_dwells(points, **known)).point
+    return choose_seed(find_dwells(points, **columns)).point
 
 
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
@@ -96,21 +96,21 @@ def find_dwells(
     if len(seen.points) < MIN_SPOTS:
         raise CodedError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
     seen = merge_observations(seen)
-    places = find_places(seen)
-    at = places.points
+    clusters = find_clusters(seen)
+    at = clusters.points
     spot, earlier = _spots_of_floor(at)
     # balanced trees take longer to make than to ask
     floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
     known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
-    path = trace_path(*find_best_steps(at, places.stamps, find_dropout(places.stamps), gains, NEW_PLACE_GAIN))
+    gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
+    path = trace_path(*find_best_steps(at, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN))
     way, known = at[path], known[path]
     dwells = []
-    for first, last, count in _find_stays(spot[path], time_bins(places.stamps)[path]):
+    for first, last, count in _find_stays(spot[path], time_bins(clusters.stamps)[path]):
         point, seconds = _middle(way, last), TIME_BIN * count
         followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= LONGEST_STEP
         if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
-            # who comes slowly begins a spot of floor at the edge of the place, where a part of what follows is counted
+            # a pointer that comes slowly begins a spot of floor at the edge of the place; part of the dwell counts there
             begun = dwells.pop()
             seconds, followed = seconds + begun.seconds, begun.followed
         there = ~seen.mobile & (np.linalg.norm(seen.points - point, axis=1) <= HAND_RADIUS)
@@ -120,14 +120,14 @@ def find_dwells(
 
 
 def _find_stays(spot: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]]:
-    """Finds where light stayed: flashes that come again at one spot of floor, each for an instant, are no dwell.
+    """Finds where light stayed: flashes that come again at one spot of floor, each for an instant, are not a dwell.
 
     Args:
-        spot, bins: (P,) the spot of floor and the time bin of each place of the pointer's track, in the order of time.
+        spot, bins: (P,) the spot of floor and the time bin of each cluster of the pointer's track, in the order of time.
 
     Returns:
-        (the first place, the last one, how many in the stays) of each spot of floor with a stay of SHORTEST_DWELL, in the
-        order of the last places; if there is none, only the longest stay.
+        (the first cluster, the last one, how many in the stays) of each spot of floor with a stay of SHORTEST_DWELL, in the
+        order of the last clusters; if there is none, only the longest stay.
     """
     order = np.argsort(spot, kind="stable")
     breaks = (np.diff(spot[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > LONGEST_BLINK)
@@ -140,29 +140,29 @@ def _find_stays(spot: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]
     ]
 
 
-def _middle(at: np.ndarray, place: int) -> np.ndarray:
-    """Returns the middle (2,) of the places (P, 2) [m] within a hand's radius of one of them."""
-    middle = at[place]
+def _middle(at: np.ndarray, cluster: int) -> np.ndarray:
+    """Returns the middle (2,) of the clusters (P, 2) [m] within a hand's radius of one of them."""
+    middle = at[cluster]
     for _ in range(5):
         middle = at[np.linalg.norm(at - middle, axis=1) <= HAND_RADIUS].mean(axis=0)
     return middle
 
 
 def _spots_of_floor(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Groups places (P, 2) [m] into spots of floor of HAND_RADIUS.
+    """Groups clusters (P, 2) [m] into spots of floor of HAND_RADIUS.
 
     Returns:
-        (P,) which spot of floor each place belongs to; (P,) how many places were there before it.
+        (P,) which spot of floor each cluster belongs to; (P,) how many clusters were there before it.
     """
     spot, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
     middles, seen = np.full_like(at, np.inf), np.zeros(len(at), dtype=int)  # the next one is nowhere yet
     count = 0
-    for place, point in enumerate(at):
+    for cluster, point in enumerate(at):
         away = np.hypot(*(middles[: count + 1] - point).T)
-        spot[place] = int(np.argmin(away))
-        if away[spot[place]] > HAND_RADIUS:
-            spot[place], middles[count] = count, point
+        spot[cluster] = int(np.argmin(away))
+        if away[spot[cluster]] > HAND_RADIUS:
+            spot[cluster], middles[count] = count, point
             count += 1
-        earlier[place] = seen[spot[place]]
-        seen[spot[place]] += 1
+        earlier[cluster] = seen[spot[cluster]]
+        seen[spot[cluster]] += 1
     return spot, earlier

@@ -1,22 +1,21 @@
 """Stage 1: which spots are the pointer's.
 
-The pointer is one thing that moves through time. What was seen within a moment and close together is one place; the
-track is the sequence of places that explains the most floor with the least effort. In metres:
+The pointer is one thing that moves through time. What was seen within a moment and close together is one cluster; the
+track is the sequence of clusters that explains the most floor with the least effort. In metres:
 
-    gain  = the floor that a place adds: staying and coming back add nothing more, and what is there for longer than
+    gain  = the floor that a cluster adds: staying and coming back add nothing more, and what is there for longer than
             MAX_DWELL counts less and less, unless its place has a trend over time: then it is a slow hand. Places that are
             passed at one speed add the path between them
-    cost  = distance^2 / (time * UNSEEN_SPEED) between places: a gap that was crossed at the speed of a hand is cheap, a
+    cost  = distance^2 / (time * UNSEEN_SPEED) between clusters: a gap that was crossed at the speed of a hand is cheap, a
             pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
             of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
 
-The best track is found by dynamic programming, place by place in the order of time. It takes its moments and its floor
+The best track is found by dynamic programming, cluster by cluster in the order of time. It takes its moments and its floor
 with it; the best track of what is left is the next stroke.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import List, Tuple
 
 import numpy as np
@@ -32,75 +31,74 @@ from vb_fusion.stroke.observations import (
     time_bins,
 )
 
-PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers; a stroke explains at least one
+CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
-MAX_CROWD = 3.0  # places of one moment that count in full: the pointer, a bright thing and a stray
-# places between unseen steps that are more than a stray or a glint, which is seen for a third of a second
+MAX_CROWD = 3.0  # clusters of one moment that count in full: the pointer, a bright thing and a stray
+# clusters between unseen steps that are more than a stray or a glint, which is seen for a third of a second
 LEAST_SEEN = 5
-MAX_SIMULTANEOUS_PLACES = 10  # places of one moment, the strongest ones
-# places among which a predecessor is looked for: further than a dropout, whatever glitters
-LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_PLACES
+MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one moment, the strongest ones
+# clusters among which a predecessor is looked for: further than a dropout, whatever glitters
+LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 
-def find_places(seen: Observations) -> Observations:
-    """Finds the places of each time bin, where cameras saw most, at most MAX_SIMULTANEOUS_PLACES; in the order of time."""
+def find_clusters(seen: Observations) -> Observations:
+    """Finds the clusters of each time bin, where cameras saw most, at most MAX_SIMULTANEOUS_CLUSTERS; in the order of time."""
     group = time_bins(seen.stamps)
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
-        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > PLACE_WIDTH)
+        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > CLUSTER_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
-    witnesses = np.unique(np.column_stack([group, seen.cameras]), axis=0)[:, 0]
-    places = replace(seen.merge(group), cameras=np.bincount(witnesses))
-    y_and_x, moment = places.points.T[::-1], time_bins(places.stamps)
+    clusters = seen.merge(group)
+    y_and_x, moment = clusters.points.T[::-1], time_bins(clusters.stamps)
     # equal weights are sums in another order elsewhere
-    order = np.lexsort((*y_and_x, -np.round(places.weights, 6), moment))
-    order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < MAX_SIMULTANEOUS_PLACES]
-    places = places.select(order)
-    return places.select(np.lexsort((*places.points.T[::-1], places.stamps)))
+    order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), moment))
+    order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < MAX_SIMULTANEOUS_CLUSTERS]
+    clusters = clusters.select(order)
+    return clusters.select(np.lexsort((*clusters.points.T[::-1], clusters.stamps)))
 
 
-def find_strokes(seen: Observations, places: Observations, widest_gap: float) -> List[np.ndarray]:
+def find_strokes(seen: Observations, clusters: Observations, widest_gap: float) -> List[np.ndarray]:
     """Finds the strokes that were drawn; returns the indices of the observations of each, in order of time.
 
     Args:
         seen: in order of time.
-        places: what is at one place in them.
-        widest_gap: [m] that may be missing between two places of one stroke.
+        clusters: of these observations, in order of time.
+        widest_gap: [m] that may be missing between two clusters of one stroke.
     """
-    points, stamps, dropout = places.points, places.stamps, find_dropout(places.stamps)
+    points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
     moment = time_bins(stamps)
     explained = floor_gains(points, stamps, dropout)
     # among many things seen at once, each is the less likely the pointer; and a camera that stands still knows better where
     # it is than one on a robot
     trust = np.minimum(1.0, MAX_CROWD / np.bincount(moment)[moment])
-    trust[places.mobile & (np.bincount(moment, ~places.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
+    trust[clusters.mobile & (np.bincount(moment, ~clusters.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
     floor = explained * trust
     strokes: List[np.ndarray] = []
     free = np.arange(len(points))
-    while floor[free].sum() >= PLACE_WIDTH:
+    while floor[free].sum() >= CLUSTER_WIDTH:
         gain, previous = find_best_steps(points[free], stamps[free], dropout, floor[free], TREMOR)
-        if gain.max() < PLACE_WIDTH:
+        if gain.max() < CLUSTER_WIDTH:
             break
         line = free[trace_path(gain, previous)]
         pieces = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
-        strokes += [_beside(seen, places, piece) for piece in pieces]
+        strokes += [_beside(seen, clusters, piece) for piece in pieces]
         # the pointer is at one place at a time, and floor is explained once
         taken = np.isin(moment[free], moment[line])
-        free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH)]
+        free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
     return strokes
 
 
 def _divide(
     line: np.ndarray, at: np.ndarray, times: np.ndarray, floor: np.ndarray, dropout: float, widest: float
 ) -> List[np.ndarray]:
-    """Divides a track, the indices of its places, into strokes: where nothing was seen over more than `widest` [m].
+    """Divides a track, the indices of its clusters, into strokes: where nothing was seen over more than `widest` [m].
 
-    A step is seen if the floor that its two places explain covers it, within a dropout. What is only a few places
+    A step is seen if the floor that its two clusters explain covers it, within a dropout. What is only a few clusters
     between an unseen step and one after a pause is a stray or a glint, and no stepping stone; a quick hand's rest is not.
     """
-    covered = PLACE_WIDTH + np.where(np.diff(times) > dropout, 0.0, floor[:-1] + floor[1:])
+    covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, floor[:-1] + floor[1:])
     unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
     runs: List[List[np.ndarray]] = []  # of pieces, without a pause between them
     for piece in np.split(np.arange(len(line)), unseen):
@@ -122,27 +120,27 @@ def _divide(
     return [line[stroke] for stroke in strokes]
 
 
-def _beside(seen: Observations, places: Observations, line: np.ndarray) -> np.ndarray:
-    """Returns the indices of what was seen beside a line, the indices of its places, at its own time.
+def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
+    """Returns the indices of what was seen beside a line, the indices of its clusters, at its own time.
 
     The pointer is in one place, so a robot's spot that is off by no more than its localisation error is still the pointer.
     """
-    times = places.stamps[line]
+    times = clusters.stamps[line]
     first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
     x, y, mobile = (
-        np.interp(seen.stamps[first:last], times, column[line]) for column in (*places.points.T, places.mobile)
+        np.interp(seen.stamps[first:last], times, column[line]) for column in (*clusters.points.T, clusters.mobile)
     )
-    reach = PLACE_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, seen.mobile[first:last])
+    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, seen.mobile[first:last])
     off = np.hypot(*(seen.points[first:last] - np.column_stack([x, y])).T)
     return first + np.flatnonzero(off <= reach)
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] that each place adds: all that see the same floor share it.
+    """Returns the floor (P,) [m] that each cluster adds: all that see the same floor share it.
 
     Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
     """
-    scaled = points / PLACE_WIDTH
+    scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
     part = scaled - cell
     cell -= cell.min(axis=0)
@@ -155,20 +153,20 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     first = np.append(True, np.diff(nodes[order]) != 0)
     node = np.empty(len(order), dtype=np.int64)
     node[order] = np.cumsum(first) - 1
-    # how many places there are at each, itself included, wherever it lies between the nodes
+    # how many clusters there are at each, itself included, wherever it lies between the nodes
     company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
         axis=0
     )
-    # along a line, these are on average half as many again as the places in a width: all of them add the line's length
-    new = PLACE_WIDTH / np.maximum(company / 1.5, 2.0)
+    # along a line, these are on average half as many again as the clusters in a width: all of them add the line's length
+    new = CLUSTER_WIDTH / np.maximum(company / 1.5, 2.0)
     # a thing that is not seen for longer than a dropout was not there
     there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
-    moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / PLACE_WIDTH) ** 2)
+    moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / CLUSTER_WIDTH) ** 2)
     still = there * (1.0 - moved)
     stay = still[node].reshape(4, -1).max(axis=0)
     fading = np.minimum(1.0, MAX_DWELL / np.maximum(stay, TIME_BIN)) ** 2
     gains = np.maximum(new, _swept(points, stamps, dropout)) * fading
-    # in tenths of a millimetre, so that equal places are equal on every computer; never quite nothing
+    # in tenths of a millimetre, so that equal clusters are equal on every computer; never quite nothing
     return np.round(gains, 4) + 1e-5
 
 
@@ -184,9 +182,9 @@ def _moved(points: np.ndarray, stamps: np.ndarray, shares: np.ndarray, node: np.
 
 
 def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] between a place and its neighbours in time, where the three are passed at one speed.
+    """Returns the floor (P,) [m] between a cluster and its neighbours in time, where the three are passed at one speed.
 
-    A quick hand is seen so seldom that the places alone are less than the line. Strays do not form such rows.
+    A quick hand is seen so seldom that the clusters alone are less than the line. Strays do not form such rows.
     """
     swept = np.zeros(len(points))
     for back in (1, 2):
@@ -197,7 +195,7 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
             off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
             way = 0.5 * np.hypot(*(points[last] - points[first]).T)
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
-            # two places and one of them again are no row: the middle one is in the middle of the time
+            # two clusters and one of them again are not a row: in a row the middle one is seen in the middle of the time
             row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
             row[(whole > dropout) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
@@ -209,12 +207,12 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
 def find_best_steps(
     points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, flick: float
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Finds the best track that ends at each of the places (P, 2) [m], which are in the order of time.
+    """Finds the best track that ends at each of the clusters (P, 2) [m], which are in the order of time.
 
     The cost of a jump beyond a flick grows with its logarithm.
 
     Returns:
-        (P,) what the track gains [m], and (P,) the place before; -1 where a track begins.
+        (P,) what the track gains [m], and (P,) the cluster before; -1 where a track begins.
     """
     count = len(points)
     earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
@@ -225,17 +223,17 @@ def find_best_steps(
     effort = flick * np.log1p(effort / flick)
     effort[(earlier < 0) | (time <= 0.0)] = np.inf
     best, previous = gains.copy(), np.full(count, -1)
-    for place in range(count):
-        value = best[origin[place]] - effort[place]
+    for cluster in range(count):
+        value = best[origin[cluster]] - effort[cluster]
         chosen = int(value.argmax())
         if value[chosen] > 0.0:
-            best[place] += value[chosen]
-            previous[place] = origin[place, chosen]
+            best[cluster] += value[chosen]
+            previous[cluster] = origin[cluster, chosen]
     return best, previous
 
 
 def trace_path(gain: np.ndarray, previous: np.ndarray) -> np.ndarray:
-    """Returns the indices of the places of the track that gains most."""
+    """Returns the indices of the clusters of the track that gains most."""
     path = [int(gain.argmax())]
     while previous[path[-1]] >= 0:
         path.append(int(previous[path[-1]]))

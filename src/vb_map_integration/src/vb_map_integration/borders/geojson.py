@@ -93,10 +93,10 @@ def border_from_feature(feature: Any) -> VirtualBorder:
     if closed and shape.interiors:
         raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=1 + len(shape.interiors))
     points = shapely.get_coordinates(shape.exterior if closed else shape)  # heights are left out
-    given = feature.get("properties")
-    given = given if isinstance(given, dict) else {}
-    wall = not closed and given.get("kind") == _WALL
-    values = {key: given[key] for key in (*_PROPERTIES, "seed") if key in given}
+    properties = feature.get("properties")
+    properties = properties if isinstance(properties, dict) else {}
+    wall = not closed and properties.get("kind") == _WALL
+    values = {key: properties[key] for key in (*_PROPERTIES, "seed") if key in properties}
     if "seed" not in values:
         if not closed and not wall:
             raise CodedError("bad_border_file", reason="$file_no_seed")

@@ -81,8 +81,9 @@ def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:
     return grid.with_data(cells)
 
 
-def join_regions(regions: Sequence[Region]) -> Optional[Region]:
-    """Returns the region of all cells of some regions, with the value of the first one; None if there is none."""
+def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
+    """Returns the region of all cells of those that are not None, with the value of the first; None if there is none."""
+    regions = [one for one in possible if one is not None]
     if len(regions) < 2:
         return regions[0] if regions else None
     window = tuple(

@@ -53,19 +53,19 @@ class BorderPlace:
         """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
         assert self.accepted is not None and self.accepted_on is not None
         try:
-            found = integrate(self.accepted_on, self.accepted)
+            effect = integrate(self.accepted_on, self.accepted)
         except IntegrationError:  # accepted by an earlier version, with other limits
             return None
         corners = self.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         start, *ends = grid.world_to_grid(self.transform.apply(corners))
         matrix = np.column_stack([*(end - start for end in ends), start])
-        there = found.region.view(np.uint8)
+        there = effect.region.view(np.uint8)
         here = cv2.warpAffine(there, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
         left, top, width, height = cv2.boundingRect(here)
         window = slice(top, top + height), slice(left, left + width)
         free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
         count = int(np.count_nonzero(here[window] & free))
-        return Region(window, here[window] * 255, found.value, False, count * grid.resolution**2) if count else None
+        return Region(window, here[window] * 255, effect.value, False, count * grid.resolution**2) if count else None
 
 
 def choose_place(

@@ -80,10 +80,10 @@ class PlaceRecognizer:
             before: the map before it, while this program has been running.
             recognition: what that was recognised as; decides only where to look first.
         """
-        known = self._database.find_map(map_id)
-        if known is not None:
-            name = self._database.get_name(known.place)
-            return PlaceRecognition(known.place, known.transform, not self._name or name in ("", self._name))
+        stored = self._database.find_map(map_id)
+        if stored is not None:
+            name = self._database.get_name(stored.place)
+            return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
         candidates = self._candidates()
         if not candidates:
             return PlaceRecognition()
@@ -95,11 +95,11 @@ class PlaceRecognizer:
                 return replace(recognition, floor_cells=floor)
             if not recognition.certain and floor < _GROWN * recognition.floor_cells:
                 return recognition
-        found = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
-        if found.likely:
-            self.start_map(grid, map_id, found)
-            found = replace(found, certain=self._is_shown_by_borders())
-        return found
+        recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
+        if recognition.likely:
+            self.start_map(grid, map_id, recognition)
+            recognition = replace(recognition, certain=self._is_shown_by_borders())
+        return recognition
 
     def _is_shown_by_borders(self) -> bool:
         """Returns whether the walls round most borders, of those on floor that the map knows, are where they should be."""
@@ -182,26 +182,26 @@ class PlaceRecognizer:
     def start_map(self, grid: GridMap, map_id: str, recognition: PlaceRecognition) -> None:
         """Prepares `locate` for a map and what it was recognised as."""
         self._current, self._current_id, self._recognition = grid, map_id, recognition
-        self._known = {one.fingerprint: one for one in self._database.maps() if one.place == recognition.place}
+        self._maps = {one.fingerprint: one for one in self._database.maps() if one.place == recognition.place}
         self._current_walls: Optional[WallMap] = None
 
     def locate(self, border: VirtualBorder) -> BorderPlace:
         """Finds where a stored border of the current map's place is on that map."""
         recognition = self._recognition
-        known = self._known.get(border.map_id) or next(iter(self._known.values()), None)
-        if known is None or known.fingerprint == self._current_id:
+        stored = self._maps.get(border.map_id) or next(iter(self._maps.values()), None)
+        if stored is None or stored.fingerprint == self._current_id:
             return BorderPlace(border.moved(recognition.transform))
-        accepted = border.moved(known.transform)
-        start = recognition.transform.after(known.transform.inverse)
+        accepted = border.moved(stored.transform)
+        start = recognition.transform.after(stored.transform.inverse)
         if self._current_walls is None:
             self._current_walls = WallMap(self._current)
-        fit = fit_locally(self._wall_map_of(known), self._current_walls, start, accepted.points)
+        fit = fit_locally(self._wall_map_of(stored), self._current_walls, start, accepted.points)
         here = start.apply(np.concatenate([accepted.points, [accepted.seed]]))
         is_seen = float(self._current_walls.is_known(here).mean()) >= _SEEN
-        found = choose_place(accepted, known.grid, start, fit, is_seen)
+        border_place = choose_place(accepted, stored.grid, start, fit, is_seen)
         if recognition.other is None:
-            return found
-        return replace(found, others=(*found.others, border.moved(recognition.other)))
+            return border_place
+        return replace(border_place, others=(*border_place.others, border.moved(recognition.other)))
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:

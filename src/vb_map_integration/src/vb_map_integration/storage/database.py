@@ -101,13 +101,13 @@ class Database(DurableValues):
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
         """Keeps a map, as a new place (place 0) or as another map of one, which is the last in force; returns its number."""
-        known = self.maps()
+        maps = self.maps()
         number = next(
-            (one.id for one in known if one.fingerprint == map_id), 1 + max((one.id for one in known), default=0)
+            (one.id for one in maps if one.fingerprint == map_id), 1 + max((one.id for one in maps), default=0)
         )
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # their borders are compared with these
-        others = [one for one in known if one.place == place and one.id not in (place, number)]
+        others = [one for one in maps if one.place == place and one.id not in (place, number)]
         changes: Dict[str, Any] = {
             f"maps/{one.fingerprint}": None for one in others[:-MAX_MAPS] if one.fingerprint not in needed
         }
@@ -160,8 +160,8 @@ class Database(DurableValues):
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        found = (border_id for border_id, where in self._places.items() if where == place)
-        return tuple(self.find(border_id)[1] for border_id in sorted(found, key=lambda one: int(one[1:])))
+        ids = (border_id for border_id, where in self._places.items() if where == place)
+        return tuple(self.find(border_id)[1] for border_id in sorted(ids, key=lambda one: int(one[1:])))
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
         """Finds (place, border) of an id, whichever map it belongs to.
@@ -213,14 +213,14 @@ class Database(DurableValues):
                 self._places[entry.id], self._read[entry.id] = place, entry.after
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
-        known = self.of_kind("changes")
+        changes = self.of_kind("changes")
         if kind in ("undo", "redo"):
             number = self._newest(place, kind)
-            return {f"changes/{number}": {**known[number], "undone": kind == "undo"}}
+            return {f"changes/{number}": {**changes[number], "undone": kind == "undo"}}
         entries = [[entry.id, _to_dict(entry.before), _to_dict(entry.after)] for entry in change]
-        gone = [number for number, other in known.items() if other["place"] == place and other["undone"]]
-        gone += list(known)[: 1 - MAX_CHANGES]
-        number = str(1 + max(map(int, known), default=0))
+        gone = [number for number, other in changes.items() if other["place"] == place and other["undone"]]
+        gone += list(changes)[: 1 - MAX_CHANGES]
+        number = str(1 + max(map(int, changes), default=0))
         return {
             **{f"changes/{old}": None for old in gone},
             f"changes/{number}": {"place": place, "undone": False, "entries": entries},
@@ -234,10 +234,10 @@ class Database(DurableValues):
     def _newest(self, place: int, kind: str) -> str:
         """Returns the number of the change that undo reverts, or redo repeats."""
         changes = self.of_kind("changes")
-        found = [key for key, one in changes.items() if one["place"] == place and one["undone"] == (kind == "redo")]
-        if not found:
+        numbers = [key for key, one in changes.items() if one["place"] == place and one["undone"] == (kind == "redo")]
+        if not numbers:
             raise CodedError(f"nothing_to_{kind}")
-        return (max if kind == "undo" else min)(found, key=int)
+        return (max if kind == "undo" else min)(numbers, key=int)
 
     def prepare(self, kind: str, place: int) -> Change:
         """Prepares the change that reverts the last one ("undo"), or that repeats what was undone last ("redo").
