@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from driving_rig import PROFILE, Rig
 from plain_rooms import empty, scan_of, with_border
-from test_arbiter import PROFILE, Rig
 
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN
@@ -67,7 +67,7 @@ def test_the_follower_keeps_its_law_and_begins_again_once_spot_or_pose_was_lost(
 
 # ------------------------------------------------------------ escaping
 class Pinched:
-    """A workspace in which the robot's rim is so far [m] from something, and the nearest place with room is there."""
+    """A workspace whose nearest obstacle is `gap` [m] from the robot's rim, and whose nearest room is at `place`."""
 
     def __init__(self, gap, place=(0.3, 0.0)):
         self.gap, self.place, self.asked = gap, place, []

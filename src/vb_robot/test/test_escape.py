@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from driving_rig import PROFILE, Rig
 from plain_rooms import empty, with_border
-from test_arbiter import PROFILE, Rig
 
 from vb_core.vocabulary import BORDER, DEFAULT
 from vb_robot.driving.escape import FREE, PINCHED_AFTER

@@ -9,8 +9,8 @@ import pytest
 import roslaunch
 import roslib.packages
 
+from driving_rig import DT, PROFILE, Rig
 from plain_rooms import empty, scan_of
-from test_arbiter import DT, PROFILE, Rig
 
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
