@@ -19,7 +19,7 @@ from vb_robot.spots import Sighting, Sightings
 
 
 # ------------------------------------------------------------ who drives
-def test_the_first_that_wants_to_drives():
+def test_the_source_of_highest_priority_drives():
     rig = Rig()
     assert rig.step(4.0).source == "none" and not rig.commands[-1].publish
     rig.navigation = (0.3, 0.1)
@@ -33,7 +33,7 @@ def test_the_first_that_wants_to_drives():
     assert (command.source, command.v, command.publish) == ("stop", 0.0, True)
 
 
-def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
+def test_navigation_goals_are_cancelled_while_the_robot_follows():
     rig = Rig().follows()
     rig.navigation = (0.5, 1.0)
     rig.goal = True
@@ -45,7 +45,7 @@ def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
     assert rig.cancelled - before == 3, "and cancels the goal again each second"
 
 
-def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
+def test_another_publisher_stops_the_robot_and_is_named():
     rig = Rig().drives()
     rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
     assert rig.step().code == "other_cmd_vel_publisher"
@@ -71,7 +71,7 @@ def test_stop_is_latched_until_released(by):
     assert rig.step(0.6).v == 0.3
 
 
-def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(tmp_path):
+def test_a_restarted_driver_stays_stopped(tmp_path):
     HeldStops(tmp_path / "stops")  # it ran before, without a stop
     before = HeldStops(tmp_path / "stops")
     before.hear("a")
@@ -86,7 +86,7 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 
 # ------------------------------------------------------------ the gate
 @pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])
-def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
+def test_the_robot_backs_off_only_where_the_scanner_looks(fov, backs):
     rig = Rig(fov=fov)
     rig.set_state(GUIDE)
     rig.spot = (2.6, 2.5)
@@ -97,7 +97,7 @@ def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
 
 @pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
 @pytest.mark.parametrize("off", [0.0, MIN_UNCERTAINTY])
-def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is_off(who, off):
+def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(who, off):
     for gap in (0.05, 0.15, 0.3):
         rig = Rig()
         rig.off = off
@@ -120,7 +120,7 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
     st.sampled_from([BORDER, SEED, GUIDE]),
     st.lists(st.tuples(st.sampled_from(["red", "robot"]), st.floats(0.0, 1.0)), min_size=1, max_size=30),
 )
-def test_somebody_always_acts_and_never_two(state, seen):
+def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, seen):
     """Driver and dispatcher each keep their own record; both hear the same spots."""
     driver, dispatcher = Sightings(mobile_cameras=["robot"]), Sightings(mobile_cameras=["robot"])
     for record in (driver, dispatcher):
@@ -136,7 +136,7 @@ def test_somebody_always_acts_and_never_two(state, seen):
 
 
 @given(*(st.lists(st.integers(0, 80), min_size=1, max_size=20, unique=True).map(sorted),) * 2)
-def test_all_drivers_agree_on_who_follows_in_whichever_order_they_hear_the_robots_cameras(one, other):
+def test_drivers_agree_on_who_follows_in_any_order_of_sightings(one, other):
     seen = [[Sighting(0.1 * k, (1.0, 1.0), name, True) for k in at] for name, at in (("a", one), ("b", other))]
     drivers = [Sightings(), Sightings()]
     for driver, order in zip(drivers, (seen, seen[::-1])):
@@ -148,7 +148,7 @@ def test_all_drivers_agree_on_who_follows_in_whichever_order_they_hear_the_robot
     assert follows[0] == follows[1] and sum(follows[0]) == 1
 
 
-def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
+def test_guide_leaves_alone_a_robot_that_does_not_see_the_spot():
     far = Rig(pose=(6.0, 2.5, 0.0), camera="robot2", cameras=("robot1", "robot2"))
     far.navigation = (0.3, 0.0)
     far.goal = True
@@ -160,7 +160,7 @@ def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
     assert far.cancelled == 0 and all(command.source == "navigation" for command in far.commands)
 
 
-def test_the_robot_that_has_seen_the_spot_longest_follows_and_stays_so_while_nobody_sees_it():
+def test_a_robot_follows_until_another_one_sees_the_lost_spot():
     rig = Rig(cameras=("robot", "other"))
     rig.follows()
     rig.see((3.0, 2.5), "other")
@@ -208,7 +208,7 @@ DRAGS = {
 
 
 @pytest.mark.parametrize("path, speed", DRAGS.values(), ids=DRAGS)
-def test_spot_stays_in_view(path, speed):
+def test_the_spot_stays_in_view(path, speed):
     start = np.asarray(path, dtype=float)[0]
     run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0))
     assert np.abs(run[:, 2]).max() <= 0.2 + 1e-9 and np.abs(run[:, 3]).max() <= MAX_TURN + 1e-9

@@ -160,7 +160,7 @@ def test_when_a_robot_is_sent_again(phases):
         assert bench.run(then.steps) == then.sent
 
 
-def test_next_candidate_after_failure_and_longer_pauses_after_many():
+def test_each_failure_tries_the_next_place_after_a_longer_pause():
     ada = Robot(*map(place, range(1, 20)))
     bench, tried = Bench(ada=ada), []
     for _ in range(40):
@@ -175,7 +175,7 @@ def test_next_candidate_after_failure_and_longer_pauses_after_many():
 
 
 @pytest.mark.parametrize("seen", [True, False])
-def test_progress_keeps_the_goal_whether_the_spot_is_seen_or_not(seen):
+def test_a_robot_that_makes_progress_keeps_its_goal(seen):
     ada = Robot(place(1), place(2), sees=at(1, 2))
     bench = Bench(ada=ada)
     bench.step()
@@ -185,7 +185,7 @@ def test_progress_keeps_the_goal_whether_the_spot_is_seen_or_not(seen):
         assert ada.goal is ACTIVE
 
 
-def test_what_navigation_says_of_a_goal_ends_it_or_keeps_it_on_its_way():
+def test_a_goals_state_follows_navigations_status():
     for before in (SENT, ACTIVE):
         said = [follow(before, getattr(GoalStatus, name)) for name in "ACTIVE SUCCEEDED PREEMPTED ABORTED".split()]
         assert said == [ACTIVE, REACHED, PREEMPTED, FAILED]
@@ -194,7 +194,7 @@ def test_what_navigation_says_of_a_goal_ends_it_or_keeps_it_on_its_way():
     assert follow(REACHED, GoalStatus.ABORTED) is REACHED
 
 
-def test_a_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
+def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
     ada = Robot(place(1), place(1.2), place(2), place(3), sees=at(1, 2, 3))
     bench = Bench(ada=ada)
     bench.step()
@@ -231,7 +231,7 @@ def drawing_since(stamp):
     return known
 
 
-def test_target_follows_and_a_false_spot_does_not_move_it():
+def test_a_false_spot_does_not_move_the_target():
     known = drawing_since(10.0)
     known.add(seen(10.0, 0.0))
     assert known.target() is None
@@ -242,7 +242,7 @@ def test_target_follows_and_a_false_spot_does_not_move_it():
     assert known.velocity() == pytest.approx((0.25, 0.0), abs=0.03)
 
 
-def test_what_is_remembered_for_how_long():
+def test_a_new_state_or_interaction_resets_the_sightings():
     known = Sightings(mobile_cameras=["robot"])
     known.add(seen(1.0, 0.0))
     assert known.newest() is None and not known.stationary_seen, "Default ignores spots"
@@ -264,7 +264,7 @@ def test_what_is_remembered_for_how_long():
     assert not known.stationary_seen and known.first_mobile is None
 
 
-def test_who_watches_the_spot():
+def test_a_stationary_camera_watches_a_spot_that_it_saw_lately():
     known = drawing_since(0.0)
     known.add(seen(1.0, 0.0))
     known.add(seen(2.5, 0.0, camera="robot", mobile=True))
@@ -278,7 +278,7 @@ def test_who_watches_the_spot():
     assert known.seen_by_stationary(9.0), "the seed stays where it was seen"
 
 
-def test_how_long_nobody_has_seen_the_spot():
+def test_the_time_since_the_spot_was_seen_counts_while_drawing():
     known = drawing_since(0.0)
     assert known.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
     known.add(seen(1.0, 0.0))
@@ -288,7 +288,7 @@ def test_how_long_nobody_has_seen_the_spot():
     assert known.time_since_seen(12.0) == 0.0, "the seed does not move"
 
 
-def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
+def test_a_spots_velocity_points_along_the_end_of_its_line():
     for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
         known, straight = drawing_since(0.0), {}
         for i in range(200):
@@ -302,7 +302,7 @@ def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
         assert len(after) and np.allclose(after, (0.0, 1.0), atol=0.4)
 
 
-def test_a_spot_that_rests_has_no_direction_and_cameras_that_differ_are_no_motion():
+def test_a_resting_spot_has_no_velocity_even_if_cameras_disagree():
     known, rng = drawing_since(0.0), np.random.default_rng(0)
     for i in range(40):
         known.add(seen(1.0 + 0.04 * i, *rng.normal(0.0, 0.005, 2)))
@@ -314,18 +314,18 @@ def test_a_spot_that_rests_has_no_direction_and_cameras_that_differ_are_no_motio
 
 
 # ------------------------------------------------------------------ several robots: ada's places are below 20 m
-def test_the_one_with_the_shorter_path_goes_and_keeps_going():
+def test_the_robot_with_the_shorter_path_goes_and_keeps_going():
     ada = Robot(place(5))
     assert Bench(ada=ada, bob=Robot(place(20, 2.0), sees=at(20)), eve=Robot()).run(40) == [20]
     assert ada.searches == 1, "nothing is worked out while the goal is fit"
 
 
-def test_a_robot_that_sees_the_spot_from_where_it_is_need_not_be_sent():
+def test_a_robot_that_already_sees_the_spot_is_not_sent():
     bench = Bench(ada=Robot(place(1)), bob=Robot(place(20, 2.0), sees=at(9)))
     assert not bench.run(20) and bench.fleet.serving == "bob"
 
 
-def test_a_free_robot_comes_before_one_that_somebody_else_sent():
+def test_a_free_robot_is_sent_before_a_busy_one():
     busy = Robot(place(1), sees=at(1), busy=True)
     assert Bench(ada=busy, bob=Robot(place(20, 6.0), sees=at(20))).run(20) == [20]
     assert Bench(ada=busy).run(20) == [1], "if there is no other, the person comes first"
@@ -342,7 +342,7 @@ def test_a_free_robot_comes_before_one_that_somebody_else_sent():
         ({}, 15.0),  # it is stuck
     ],
 )
-def test_another_takes_over_when_one_fails(fault, limit):
+def test_another_robot_takes_over_when_one_fails(fault, limit):
     ada = Robot(place(1), place(2), sees=at(1, 2))
     bench = Bench(ada=ada, bob=Robot(place(20, 3.0), sees=at(20)))
     assert bench.step() == 1
@@ -351,7 +351,7 @@ def test_another_takes_over_when_one_fails(fault, limit):
     assert bench.run(5) == [20] and bench.fleet.serving == "bob", "at once, or when the time is up"
 
 
-def test_goes_back_to_the_first_when_the_second_fails_too():
+def test_the_first_robot_is_sent_again_when_the_second_fails_too():
     bench, order = Bench(ada=Robot(place(1), place(2), place(3)), bob=Robot(place(20, 3.0))), []
     for _ in range(40):
         goal = bench.step()
@@ -361,7 +361,7 @@ def test_goes_back_to_the_first_when_the_second_fails_too():
     assert order[:3] == [1, 20, 2], "each place is tried once"
 
 
-def test_one_that_has_failed_comes_after_one_that_has_not():
+def test_a_robot_that_failed_comes_after_one_that_did_not():
     ada, bob = Robot(place(1), place(2)), Robot(place(20, 3.0))
     bench = Bench(ada=ada, bob=bob)
     bench.step()
@@ -372,7 +372,7 @@ def test_one_that_has_failed_comes_after_one_that_has_not():
     assert bench.fleet.serving == "bob"
 
 
-def test_two_that_are_about_equally_near_do_not_take_turns():
+def test_two_robots_about_equally_near_do_not_take_turns():
     ada, bob = Robot(), Robot()
     bench, sent = Bench(ada=ada, bob=bob), []
     for i in range(30):
@@ -383,7 +383,7 @@ def test_two_that_are_about_equally_near_do_not_take_turns():
     assert len(sent) > 10 and max(sent) < 20
 
 
-def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
+def test_a_notably_nearer_robot_takes_over_from_another():
     ada, bob = Robot(place(2)), Robot(place(20, 5.0), sees=at(20))
     bench = Bench(ada=ada, bob=bob)
     assert bench.step() == 2
@@ -391,7 +391,7 @@ def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
     assert bench.run(20) == [20] and ada.goal is NONE
 
 
-def test_a_robot_on_its_way_off_the_seeds_side_goes_on_although_another_would_see_the_spot():
+def test_a_robot_leaving_the_seeds_side_is_not_replaced():
     ada, bob = Robot(place(1, sees_spot=False)), Robot()
     bench = Bench(ada=ada, bob=bob)
     assert bench.run(4) == [1]
@@ -401,7 +401,7 @@ def test_a_robot_on_its_way_off_the_seeds_side_goes_on_although_another_would_se
     assert bench.run(8) == [20], "until it is off"
 
 
-def test_all_are_cancelled_when_none_is_wanted():
+def test_all_goals_are_cancelled_when_no_robot_is_wanted():
     ada = Robot(place(2))
     bench = Bench(ada=ada, bob=Robot(place(20)))
     bench.step()
