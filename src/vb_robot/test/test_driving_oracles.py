@@ -151,6 +151,7 @@ def test_a_new_listener_hears_zeros_for_three_seconds():
     def published(*times, listeners=1):
         return [arbiter.step(now, listeners).publish for now in times]
 
+    assert published(9.0, listeners=0) == [False]
     assert published(10.0, 12.9, 13.1) == [True, True, False]
     assert published(14.0, listeners=2) == [True] and published(14.5, 17.1) == [True, False], "one of them left"
     assert published(20.0, listeners=2) == [True]
@@ -255,14 +256,21 @@ def along_y(y):
 
 
 @pytest.mark.parametrize(
-    "distance, radius, counts",
-    [(0.16, 0.18, True), (0.14, 0.18, False), (7.9, 0.18, True), (8.1, 0.18, False), (0.225, 0.25, True)]
-    + [(0.215, 0.25, False)],
+    "radius, distances, counts",
+    [
+        (0.18, [0.16, 7.7], True),
+        (0.18, [0.14, 7.9], False),
+        (0.25, [0.225], True),
+        (0.25, [0.215], False),
+        (0.05, [0.022], True),
+        (0.05, [0.015], False),
+        (0.02, [0.001], True),  # a robot smaller than the margin takes no echo for a part of its own
+    ],
 )
-def test_an_echo_counts_in_range_and_outside_the_robots_own_parts(distance, radius, counts):
-    found = scan_of([distance + 0.02], 0.0, 0.01, along_y(-0.02), radius).points
-    assert (len(found) == 1) is counts
-    assert not len(found) or found[0] == pytest.approx([0.0, distance])
+def test_an_echo_counts_in_range_and_outside_the_robots_own_parts(radius, distances, counts):
+    for distance in distances:
+        points = scan_of([distance + 0.2], 0.0, 0.01, along_y(-0.2), radius).points
+        assert points == pytest.approx(np.array([[0.0, distance]] if counts else np.zeros((0, 2))))
 
 
 @pytest.mark.parametrize("at, point", [(0.0, 0.18), (0.3, 0.35)])
