@@ -1,4 +1,4 @@
-"""Who drives, and whether it may; and the closed loop of following, on a unicycle without ROS."""
+"""Which source drives a robot, and whether it may; and the closed loop of following, on a unicycle without ROS."""
 
 import math
 

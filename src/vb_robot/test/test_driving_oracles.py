@@ -81,7 +81,7 @@ class Pinched:
 
 
 def ask(escape, workspace, *times, goal=True, moves=False):
-    """Whether it is helped at each of these times [s]."""
+    """Returns for each of these times [s] whether the robot is helped."""
     return [escape.compute_request(now, (0.0, 0.0, 0.0), workspace, goal, moves) is not None for now in times]
 
 
@@ -281,7 +281,7 @@ def test_an_echo_too_near_to_measure_touches_robot_or_scanner(at, point):
 
 
 # ------------------------------------------------------------ the gate
-def known(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limits=None):
+def knowing_gate(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limits=None):
     """A gate that knows everything at 10 s."""
     gate = Gate(profile)
     gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
@@ -298,7 +298,7 @@ def known(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limi
 @settings(STEADY)
 @given(st.floats(0.0, 0.48), st.floats(0.05, 0.3), st.floats(-3.0, 3.0), st.sampled_from(["scan", "state", "pose"]))
 def test_the_brakes_can_end_a_command_before_an_input_is_too_old(age, v, w, what):
-    gate, limits = known(), PROFILE.limits
+    gate, limits = knowing_gate(), PROFILE.limits
     for other in {"scan", "state", "pose"} - {what}:
         gate.stamps[other] = 10.0 + age
     left = 0.5 - 1.0 / 20.0 - 0.02 - age
@@ -321,7 +321,7 @@ def test_a_missing_input_is_named_and_a_joystick_needs_only_the_scan():
         (lambda gate: gate.stamps.pop("state"), "state_lost"),
         (lambda gate: gate.stamps.update(spot=8.0), "driving"),
     ):
-        gate = known()
+        gate = knowing_gate()
         lose(gate)
         assert gate.limit(10.0, NAVIGATION, wish)[2] == code
         assert gate.limit(10.0, TELEOP, wish) == (0.1, 0.0, "driving")
@@ -347,7 +347,7 @@ def test_a_missing_input_is_named_and_a_joystick_needs_only_the_scan():
 )
 def test_each_source_keeps_its_own_clearances(source, ahead, sides, cells):
     def drives(point, border=9.0):
-        gate = known()
+        gate = knowing_gate()
         gate._scan.points = np.array([point])
         floor = empty(resolution=0.01)
         gate.workspace = Workspace(with_border(floor, border, 0.0, 8.0, 5.0), floor, RADIUS)
@@ -367,32 +367,32 @@ BLIND = RobotProfile(scanner=Scanner(present=False))
 @pytest.mark.parametrize(
     "source, gate, wish, found",
     [
-        (NAVIGATION, known(), (0.3, 0.2), (0.3, 0.2, "driving")),
+        (NAVIGATION, knowing_gate(), (0.3, 0.2), (0.3, 0.2, "driving")),
         # what is too fast is slower on its arc
-        (NAVIGATION, known(), (9.0, 0.9), (0.5, 0.05, "speed_limit")),
-        (FOLLOW, known(), (0.4, 0.2), (0.2, 0.1, "speed_limit")),
-        (ESCAPE, known(), (-0.4, 0.2), (-0.2, 0.1, "speed_limit")),
-        (NAVIGATION, known(speed_limits=SLOW), (0.4, 0.4), (0.2, 0.2, "speed_zone")),
-        (TELEOP, known(speed_limits=SLOW), (0.1, 0.4), (0.1, 0.4, "driving")),
-        (TELEOP, known(), (0.0, -7.0), (0.0, -1.0, "driving")),
+        (NAVIGATION, knowing_gate(), (9.0, 0.9), (0.5, 0.05, "speed_limit")),
+        (FOLLOW, knowing_gate(), (0.4, 0.2), (0.2, 0.1, "speed_limit")),
+        (ESCAPE, knowing_gate(), (-0.4, 0.2), (-0.2, 0.1, "speed_limit")),
+        (NAVIGATION, knowing_gate(speed_limits=SLOW), (0.4, 0.4), (0.2, 0.2, "speed_zone")),
+        (TELEOP, knowing_gate(speed_limits=SLOW), (0.1, 0.4), (0.1, 0.4, "driving")),
+        (TELEOP, knowing_gate(), (0.0, -7.0), (0.0, -1.0, "driving")),
         # without a scanner it drives slowly, by its map alone
-        (NAVIGATION, known(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
-        (TELEOP, known(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
+        (NAVIGATION, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
+        (TELEOP, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
         # below 2 cm/s it only turns
-        (NAVIGATION, known(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
-        (NAVIGATION, known(ranges=RADIUS + 0.0448), (0.2, 0.0), (0.03, 0.0, "obstacle")),
+        (NAVIGATION, knowing_gate(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
+        (NAVIGATION, knowing_gate(ranges=RADIUS + 0.0448), (0.2, 0.0), (0.03, 0.0, "obstacle")),
         # a contact lets it only back up and turn, another one not even that, and none is released by another one
-        (TELEOP, known(touched="forward"), (0.1, 0.2), (0.0, 0.2, "contact")),
-        (TELEOP, known(touched="forward"), (-0.1, 0.2), (-0.1, 0.2, "driving")),
-        (TELEOP, known(touched="all"), (-0.1, 0.0), (0.0, 0.0, "contact")),
-        (TELEOP, known(touched="all"), (0.0, 0.5), (0.0, 0.0, "contact")),
+        (TELEOP, knowing_gate(touched="forward"), (0.1, 0.2), (0.0, 0.2, "contact")),
+        (TELEOP, knowing_gate(touched="forward"), (-0.1, 0.2), (-0.1, 0.2, "driving")),
+        (TELEOP, knowing_gate(touched="all"), (-0.1, 0.0), (0.0, 0.0, "contact")),
+        (TELEOP, knowing_gate(touched="all"), (0.0, 0.5), (0.0, 0.0, "contact")),
         # numbers that are none
-        (TELEOP, known(), (math.nan, 0.0), (0.0, 0.0, "bad_command")),
-        (TELEOP, known(), (0.1, math.inf), (0.0, 0.0, "bad_command")),
+        (TELEOP, knowing_gate(), (math.nan, 0.0), (0.0, 0.0, "bad_command")),
+        (TELEOP, knowing_gate(), (0.1, math.inf), (0.0, 0.0, "bad_command")),
         # within a border only navigation may not drive
-        (NAVIGATION, known(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
-        (TELEOP, known(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
-        (FOLLOW, known(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
+        (NAVIGATION, knowing_gate(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
+        (TELEOP, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
+        (FOLLOW, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
     ],
 )
 def test_the_gate_limits_a_command_and_names_the_reason(source, gate, wish, found):
@@ -439,7 +439,7 @@ def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps):
     st.sampled_from([-0.6, -0.4, -0.1, 0.02, 0.1, 0.3, 0.7]),
 )
 def test_an_inputs_age_is_reduced_by_its_usual_period(messages, later):
-    """A pause is no period; what is dated a little ahead is as new as the last command."""
+    """A pause does not count as a period; a stamp a little ahead is as new as the last command."""
     gate, now, stamps, periods = Gate(PROFILE), 10.0, [], []
     for seconds, ahead in messages:
         now += seconds

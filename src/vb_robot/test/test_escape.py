@@ -16,7 +16,7 @@ EDGE = 4.0  # [m] where the border begins, along x
 
 
 def beside(gap, yaw=0.3):
-    """A robot with a goal that navigation does not move, so far [m] from a border on its left or right, or ahead."""
+    """A robot with a goal that navigation does not move, `gap` [m] from a border on its left or right, or ahead."""
     rig = Rig(grid=with_border(empty(), EDGE, 0.0, 8.0, 5.0), pose=(EDGE - RADIUS - gap, 2.5, yaw))
     rig.goal = True
     return rig

@@ -153,7 +153,7 @@ def test_a_robot_is_inside_where_only_a_border_forbids_it():
     physical = with_border(plain, 0.0, 1.5, 8.0, 2.0, -1)
     places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
     assert [is_inside(borders, physical, place) for place in places] == [True, True, False, False, False]
-    assert not is_inside(borders, physical, (0.03, 2.0)), "a wall is no border"
+    assert not is_inside(borders, physical, (0.03, 2.0)), "a wall is not a border"
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))

@@ -41,13 +41,13 @@ def test_safe_speed_stops_in_time(free, delay):
     assert stop_distance(v, LIMITS, delay) == pytest.approx(v * delay + v * v / 3.0)
 
 
-@pytest.mark.parametrize("said, told", [(0.0, "zero"), (math.nan, "nan")])
-def test_a_profile_says_which_range_means_no_echo(said, told):
-    ranges = np.full(360, said)
-    assert scan_of(ranges, no_return=told).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-    assert scan_of(ranges, no_return=told).sees_path(0.2, 0.0, RADIUS, 0.05)
-    untold = scan_of(ranges)
-    assert untold.free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0 or not untold.sees_path(0.2, 0.0, RADIUS, 0.05)
+@pytest.mark.parametrize("reading, no_return", [(0.0, "zero"), (math.nan, "nan")])
+def test_a_profile_says_which_range_means_no_echo(reading, no_return):
+    ranges = np.full(360, reading)
+    assert scan_of(ranges, no_return=no_return).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan_of(ranges, no_return=no_return).sees_path(0.2, 0.0, RADIUS, 0.05)
+    by_default = scan_of(ranges)
+    assert by_default.free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0 or not by_default.sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

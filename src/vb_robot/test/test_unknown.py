@@ -77,7 +77,7 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
 # ------------------------------------------------------------ where it is
 @pytest.mark.parametrize("known", [True, False])
 def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
-    """Without a pose AMCL itself takes (0, 0, 0), with variances of 0.25 m^2: that is no knowledge."""
+    """Without a pose AMCL itself takes (0, 0, 0), with variances of 0.25 m^2: the robot does not know where it is."""
     launch = (Path(roslib.packages.get_pkg_dir("vb_bringup")) / "launch" / "navigation.launch").read_text()
     file = tmp_path / "navigation.launch"
     file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # they ask whether AMCL is installed
@@ -205,7 +205,7 @@ def lose(what, who, seed):
 @pytest.mark.parametrize("who", ["follow", "navigation"])
 @pytest.mark.parametrize("what", FAULTS)
 def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(what, who):
-    """Twenty moments each; a base whose brakes can follow, and it goes on when what was lost is back."""
+    """At twenty moments each. A base's brakes can follow, and the robot goes on when the input is back."""
     _, code, latest = FAULTS[what]
     for seed in range(20):
         took, rig, meanwhile = lose(what, who, seed)
