@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""check_lab beside a newcomer's lab: real nodes tell what is wrong with it, and every mistake in it is named."""
+"""check_lab in a newcomer's lab: real nodes report its faults, and check_lab names every mistake."""
 
 import json
 import subprocess
@@ -45,11 +45,11 @@ class CheckLab(unittest.TestCase):
         cls.images.publish(image)
         cls.infos.publish(CameraInfo(height=48, width=64))
 
-    def told(self):
+    def reported(self):
         return {(notice.code, notice.camera) for notice in self.notices.current()}
 
     def wait(self, arrived):
-        wait_until(arrived, lambda: f"what is not in {self.told()}")
+        wait_until(arrived, lambda: f"a notice that is not in {self.reported()}")
 
     def check(self, *arguments):
         done = subprocess.run(
@@ -60,19 +60,21 @@ class CheckLab(unittest.TestCase):
         )
         return done.returncode, done.stdout
 
-    def test_each_fault_is_told_by_the_node_that_has_it_and_is_a_line_for_programs(self):
+    def test_each_fault_is_reported_by_its_node_and_printed(self):
         expected = {
             ("camera_no_lens", "north"),
             ("camera_not_calibrated", "north"),
             ("camera_not_calibrated", "south"),
             ("detector_missing", "south"),
         }
-        self.wait(lambda: expected <= self.told())
+        self.wait(lambda: expected <= self.reported())
         status, text = self.check("--json")
         self.assertEqual(status, 1)
         lines = {(line["subject"], line["code"]): line for line in json.loads(text)}
-        wanted = {(f"camera {camera}", code) for code, camera in expected}
-        self.assertLessEqual({*wanted, ("nodes", "lab_node_missing"), ("map", "lab_map_without_borders")}, set(lines))
+        of_cameras = {(f"camera {camera}", code) for code, camera in expected}
+        self.assertLessEqual(
+            {*of_cameras, ("nodes", "lab_node_missing"), ("map", "lab_map_without_borders")}, set(lines)
+        )
         self.assertNotIn(("camera north", "camera_silent"), lines)
         self.assertIn("1 of 2", lines["borders", "lab_borders_ok"]["message"])
         # each node logged it once, with its code

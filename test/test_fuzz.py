@@ -1,9 +1,8 @@
 """Whatever comes from outside is taken or refused with a code: examples drawn from the inputs' own schemas.
 
-The idea: no list of attacks. A message's strategy follows its definition (genpy's slots), a parameter
-class's its fields, a file's the bytes of a good one with some of them
-changed; a new field or argument is in the examples by itself. FUZZ_EXAMPLES says how many per test: few in
-`make test`, thousands before a release.
+The idea: no list of attacks. The strategy of a message follows from its definition (genpy's slots), that of a parameter
+class from its fields, that of a file from the bytes of a good one, some of them changed; so a new field or argument is in
+the examples by itself. FUZZ_EXAMPLES says how many per test: few in `make test`, thousands before a release.
 """
 
 import dataclasses
@@ -139,7 +138,7 @@ CONVERSIONS = {
 
 
 @pytest.mark.parametrize("what", CONVERSIONS)
-def test_messages(what):
+def test_messages_are_taken_or_refused_with_a_code(what):
     convert, examples = CONVERSIONS[what]
 
     @bounded()
@@ -162,7 +161,7 @@ def parameter_classes():
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_parameters():
+def test_parameters_are_taken_or_refused_with_their_key():
     classes = parameter_classes()
     assert len(classes) > 30
 
@@ -210,7 +209,7 @@ READERS = {
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_files(name, tmp_path):
+def test_files_are_taken_or_refused_with_a_code(name, tmp_path):
     read, good = READERS[name]
 
     @bounded(0.3 if name == "world.yaml" else 1.0)
@@ -222,7 +221,7 @@ def test_files(name, tmp_path):
     check()
 
 
-def test_map_files(tmp_path):
+def test_map_files_are_read_or_refused_as_bad_map_files(tmp_path):
     random = np.random.default_rng(1)
     files = write_map(tmp_path / "map", GridMap(random.choice(np.array([-1, 0, 100], np.int8), (12, 9)), 0.05))
     good = {path: path.read_bytes() for path in files}

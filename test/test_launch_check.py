@@ -1,4 +1,4 @@
-"""What cannot work is refused before roslaunch starts anything, in one sentence."""
+"""A launch that cannot work is refused in one sentence, before roslaunch starts anything."""
 
 import os
 import re
@@ -56,7 +56,7 @@ def run(*words, uri):
     )
 
 
-def test_a_mistyped_argument_is_refused_with_the_one_that_was_meant_or_all_of_them():
+def test_a_mistyped_argument_is_refused_with_a_suggestion():
     with refused("launch_mistyped_argument") as caught:
         check_arguments(["camera"], ["cameras", "robot"])
     assert caught.value.values["nearest"] == "cameras"
@@ -146,7 +146,7 @@ def test_each_argument_is_judged_by_its_kind(files, argument, value, code):
     assert code_of(check_values, {argument: value.replace("@", f"{files}/")}) == code
 
 
-def test_a_misspelt_parameter_is_named_with_its_file_and_all_known_ones(files):
+def test_a_misspelt_parameter_is_named_with_its_file(files):
     (files / "n.yaml").write_text("imaeg: x")
     with pytest.raises(CodedError) as caught:
         check_values({"configs": f"north={files}/n.yaml"})
@@ -161,7 +161,7 @@ def test_every_argument_that_has_a_kind_is_judged(name):
     assert judged == set(KINDS) & set(declared_arguments([path]))
 
 
-def test_what_is_not_installed_is_refused():
+def test_missing_programs_are_refused():
     assert code_of(check_installed, ["no_such_navigation"]) == "launch_not_installed"
 
 
@@ -187,7 +187,7 @@ def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
     assert "process[" not in done.stdout  # which roslaunch prints for each node
 
 
-def test_what_starts_nothing_on_that_master_is_not_refused(lab):
+def test_calls_that_start_nothing_there_are_not_refused(lab):
     """A test has a master of its own, whatever the environment says; and one may ask what a launch file holds."""
     assert run(sys.executable, "-m", "vb_bringup.launch_check", "lab", uri=lab).returncode == 0
     asked = run("roslaunch", "--nodes", LAUNCH / "lab.launch", "cameras:=none", uri=lab)

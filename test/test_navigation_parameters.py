@@ -1,6 +1,6 @@
-"""What borders need of the navigation stack is set, by the names that it reads.
+"""The parameters that borders need are set, under the names that the navigation stack reads.
 
-The real stack takes a misspelt parameter in silence and goes on with its default, which for borders is the wrong one.
+The real stack ignores a misspelt parameter in silence and uses its default, which for borders is the wrong one.
 """
 
 import re
@@ -21,32 +21,32 @@ PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots
 
 def merged(below, above):
     """Merges nested parameters as the parameter server does when both are set, the second one last."""
-    found = dict(below)
+    result = dict(below)
     for key, value in above.items():
-        found[key] = merged(found.get(key, {}), value) if isinstance(value, dict) else value
-    return found
+        result[key] = merged(result.get(key, {}), value) if isinstance(value, dict) else value
+    return result
 
 
 def load(name, profile="turtlebot2"):
     """Loads a file's parameters, and for move_base's own what follows from the robot's profile."""
-    found = yaml.safe_load((CONFIG / name).read_text())
-    derived = navigation_parameters(PROFILES[profile])
+    parameters = yaml.safe_load((CONFIG / name).read_text())
     if name == "move_base.yaml":
-        found = merged(found, {key: value for key, value in derived.items() if key == "DWAPlannerROS"})
-    return found
+        planner = navigation_parameters(PROFILES[profile])["DWAPlannerROS"]
+        parameters = merged(parameters, {"DWAPlannerROS": planner})
+    return parameters
 
 
 def costmap(name, profile="turtlebot2"):
-    found = {**load("costmap_common.yaml"), **load(f"{name}_costmap.yaml")}
-    return merged(found, navigation_parameters(PROFILES[profile])[f"{name}_costmap"])
+    parameters = {**load("costmap_common.yaml"), **load(f"{name}_costmap.yaml")}
+    return merged(parameters, navigation_parameters(PROFILES[profile])[f"{name}_costmap"])
 
 
 @pytest.mark.parametrize("name", sorted(PROFILES))
-def test_what_follows_from_the_robot_is_the_robots(name):
+def test_robot_parameters_follow_from_the_profile(name):
     profile = PROFILES[name]
-    found = merged(load("move_base.yaml", name), {})
-    assert found["DWAPlannerROS"]["max_vel_x"] == found["DWAPlannerROS"]["max_vel_trans"] == profile.limits.max_speed
-    assert found["DWAPlannerROS"]["min_vel_x"] >= 0.0, "many scanners do not look back"
+    planner = load("move_base.yaml", name)["DWAPlannerROS"]
+    assert planner["max_vel_x"] == planner["max_vel_trans"] == profile.limits.max_speed
+    assert planner["min_vel_x"] >= 0.0, "many scanners do not look back"
     for which in ("global", "local"):
         settings = costmap(which, name)
         # paths keep more than the controller needs
@@ -61,11 +61,11 @@ def test_what_follows_from_the_robot_is_the_robots(name):
 
 @pytest.mark.parametrize("name", ["global", "local"])
 def test_borders_act_in_both_costmaps_below_inflation(name):
-    found = costmap(name)
-    kinds = [plugin["type"].split("::")[1] for plugin in found["plugins"]]
+    settings = costmap(name)
+    kinds = [plugin["type"].split("::")[1] for plugin in settings["plugins"]]
     # an obstacle layer above the static one keeps its obstacles: it takes the larger value
     assert kinds == ["StaticLayer", "StaticLayer", "ObstacleLayer", "InflationLayer"]
-    static, keep_out = found["static_layer"], found["keep_out_layer"]
+    static, keep_out = settings["static_layer"], settings["keep_out_layer"]
     assert static["map_topic"] == "/virtual_borders/map" and keep_out["map_topic"] == "robot_driver/keep_out"
     assert keep_out["use_maximum"] is True, "it adds to the layer below"
     for layer in (static, keep_out):
@@ -74,14 +74,14 @@ def test_borders_act_in_both_costmaps_below_inflation(name):
 
 
 def test_plans_keep_to_borders():
-    found = load("move_base.yaml")
-    assert found["planner_frequency"] >= 1.0
-    assert found["make_plan_clear_costmap"] is False and found["make_plan_add_unreachable_goal"] is False
-    assert found["NavfnROS"]["allow_unknown"] is False and found["NavfnROS"]["default_tolerance"] == 0.0
+    settings = load("move_base.yaml")
+    assert settings["planner_frequency"] >= 1.0
+    assert settings["make_plan_clear_costmap"] is False and settings["make_plan_add_unreachable_goal"] is False
+    assert settings["NavfnROS"]["allow_unknown"] is False and settings["NavfnROS"]["default_tolerance"] == 0.0
     # obstacle_layer.cpp takes the costmap's track_unknown_space, whose default makes unknown cells free
     assert costmap("global")["track_unknown_space"] is True and costmap("global")["global_frame"] == "map"
     for name in ("conservative_reset", "aggressive_reset"):
-        assert found[name]["layer_names"] == ["obstacle_layer"]
+        assert settings[name]["layer_names"] == ["obstacle_layer"]
 
 
 def test_the_launch_file_gives_each_node_its_map():

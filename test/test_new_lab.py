@@ -63,7 +63,7 @@ def test_cameras_with_and_without_a_source(tmp_path, monkeypatch):
         ({"a": ""}, "", Path("rooom.yaml"), "bad_map_file"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_is_written(tmp_path, profiles, cameras, robot, room, code):
+def test_bad_labs_are_refused_before_anything_is_written(tmp_path, profiles, cameras, robot, room, code):
     with refused(code):
         write_lab(tmp_path / "lab", cameras, robot, room, profiles)
     assert not (tmp_path / "lab").exists()

@@ -121,4 +121,4 @@ def _depth(view: Any, snapshot: DisturbedSnapshot) -> Tuple[np.ndarray, CameraMo
 
 def floor_place(spot: Any) -> np.ndarray:
     """Returns where a spot was found on the floor, (2,) [mm]."""
-    return 1e3 * spot.place.position[:2]
+    return 1e3 * spot.floor_point.position[:2]

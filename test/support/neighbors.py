@@ -24,7 +24,7 @@ def point(x, y):
 
 
 class StubNeighbors:
-    """border_fusion and map_integrator, as far as this package needs them."""
+    """border_fusion and map_integrator, as far as tests need them."""
 
     def __init__(self) -> None:
         self.candidate = GetDrawnBorderResponse(success=True, code="ok")

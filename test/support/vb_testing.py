@@ -53,16 +53,20 @@ def process_of(node):
 
 
 class Newest:
-    """Keeps the messages of a topic. When it is made there is none, whatever else the node already answers."""
+    """Keeps the messages of a topic. When it is made there is none, whatever else the node already answers.
 
-    def __init__(self, topic, message_type):
+    Args:
+        keep: how many messages at the most.
+    """
+
+    def __init__(self, topic, message_type, keep=100_000):
         self.all, self.count = [], 0  # what was kept, how many ever came
-        self.topic = topic
+        self.topic, self._keep = topic, keep
         self.subscriber = rospy.Subscriber(topic, message_type, self._take, queue_size=100, buff_size=2**22)
 
     def _take(self, message):
         self.all.append(message)
-        del self.all[:-100_000]
+        del self.all[: -self._keep]
         self.count += 1  # last: a test that counts it can see it
 
     @property

@@ -20,14 +20,14 @@ def test_points_behind_the_camera_have_no_pixel():
     "camera",
     [
         (0, 480, np.eye(3), np.zeros(5)),
-        (640, 480, np.zeros((3, 3)), np.zeros(5)),
+        *((640, 480, np.diag(focal), np.zeros(5)) for focal in ([0.0, 1.0, 1.0], [1.0, 0.0, 1.0])),
         (640, 480, np.full((3, 3), np.nan), np.zeros(5)),
         (640, 480, np.eye(3), np.zeros(3)),
         (640, 480, np.eye(3), np.full(5, np.inf)),
         (640, 480, np.eye(3), [0.1, 0.2, 0.3, 0.4, 0.01], True),  # a fisheye has four coefficients
     ],
 )
-def test_what_cannot_be_a_camera_is_refused(camera):
+def test_impossible_cameras_are_refused(camera):
     with refused("bad_camera_info"):
         CameraModel(*camera)
 
@@ -41,7 +41,7 @@ LENSES = {
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_rays_of_wide_lenses_are_exact_to_the_corner_and_end_where_the_model_does(lens):
+def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
     distortion, focal = LENSES[lens]
     matrix = np.array([[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]])
     camera = CameraModel(640, 480, matrix, np.array(distortion))
@@ -69,7 +69,7 @@ def test_rays_of_wide_lenses_are_exact_to_the_corner_and_end_where_the_model_doe
 @pytest.mark.parametrize(
     "k, end", [([0.0] * 4, 90.0), ([0.05, -0.01, 0.002, 0.0], 90.0), ([-0.2, 0.0, 0.0, 0.0], 73.97)]
 )
-def test_a_fisheye_follows_its_polynomial_of_the_angle_up_to_where_that_turns_back(k, end):
+def test_a_fisheye_follows_its_polynomial_up_to_its_limit(k, end):
     camera = CameraModel(1280, 960, CameraModel.ideal(1280, 960, 300.0).matrix, np.array(k), fisheye=True)
     off = np.radians(np.linspace(0.0, min(0.99 * end, 85.0), 50))
     points = np.column_stack([0.6 * np.tan(off), 0.8 * np.tan(off), np.ones(50)])
@@ -84,14 +84,14 @@ def test_a_fisheye_follows_its_polynomial_of_the_angle_up_to_where_that_turns_ba
 
 
 @pytest.mark.parametrize("camera", [WIDE, CameraModel.ideal(640, 480, 577.0), CameraModel(8, 6, np.eye(3), [], True)])
-def test_nothing_is_projected_to_nothing(camera):
+def test_empty_arrays_stay_empty(camera):
     assert camera.project(np.zeros((0, 3))).shape == (0, 2) and camera.rays(np.zeros((0, 2))).shape == (0, 3)
 
 
 @pytest.mark.parametrize(
     "given", [[0.1], [0.1, 0.2, 0.3, 0.4], [0.1, 0.2, 0.3, 0.4, 0.0], [0.1, 0.2, 0.3, 0.4, *[0.0] * 4]]
 )
-def test_a_fisheye_has_four_coefficients_and_zeros_behind_them_are_none(given):
+def test_a_fisheye_ignores_zeros_after_four_coefficients(given):
     assert CameraModel(8, 6, np.eye(3), given, True).distortion.tolist() == [*given, 0.0, 0.0, 0.0][:4]
 
 
@@ -105,7 +105,7 @@ def test_a_fisheye_has_four_coefficients_and_zeros_behind_them_are_none(given):
         ([0.02, 0, 0, 0], True),
     ],
 )
-def test_a_camera_with_two_focal_lengths_and_its_middle_elsewhere_is_exact_both_ways(distortion, fisheye):
+def test_projection_and_rays_agree_with_opencv(distortion, fisheye):
     matrix = np.array([[900.0, 0.0, 500.0], [0.0, 1300.0, 700.0], [0.0, 0.0, 1.0]])
     camera = CameraModel(1400, 1200, matrix, np.array(distortion), fisheye)
     points = np.random.default_rng(8).uniform([-0.3, -0.3, 0.8], [0.5, 0.3, 1.4], (100, 3))
@@ -118,9 +118,10 @@ def test_a_camera_with_two_focal_lengths_and_its_middle_elsewhere_is_exact_both_
     half = camera.scaled_to(350, 600)
     shares = (camera.project(points) + 0.5) / (1400, 1200)
     assert np.allclose((half.project(points) + 0.5) / (350, 600), shares) and half.fisheye is fisheye
+    assert half.matrix[2].tolist() == [0, 0, 1]
 
 
-def test_an_image_contains_what_is_within_its_outer_edges():
+def test_an_image_contains_the_pixels_within_its_edges():
     camera = CameraModel.ideal(4, 3, 5.0)
     columns, rows = np.meshgrid(np.arange(-1.0, 5.0, 0.25), np.arange(-1.0, 4.0, 0.25))
     pixels = np.column_stack([columns.ravel(), rows.ravel()])

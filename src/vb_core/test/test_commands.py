@@ -1,4 +1,4 @@
-"""Giving commands: each has an id and an end, a lost answer is asked for once more, and stop waits for nothing."""
+"""Commands: each has an id and expires, a lost answer is asked for once more, and stop waits for nothing."""
 
 import re
 import threading
@@ -14,8 +14,8 @@ from vb_msgs.msg import InteractionState
 from vb_msgs.srv import CommandResponse
 
 
-def test_no_comment_is_part_of_a_constant():
-    """In messages all that follows a string constant's = is its value."""
+def test_no_message_constant_contains_a_comment():
+    """In a message definition, everything after the = of a string constant is its value."""
     found = [
         f"{path.name}: {line}"
         for path in Path(__file__).resolve().parents[2].glob("vb_msgs/*/*.[ms]*")
@@ -78,7 +78,7 @@ def no_answer(cause):
     return error
 
 
-def test_every_command_has_an_id_of_its_own_and_an_end(sender, monkeypatch):
+def test_every_command_has_a_unique_id_and_expires(sender, monkeypatch):
     sender()
     first, second = (commands.make_request("save", "test", 5.0, uncertain) for uncertain in (False, True))
     assert first.id and second.id and first.id != second.id
@@ -104,7 +104,7 @@ def test_a_service_that_hangs_or_is_absent_is_not_asked_again(sender, error):
     assert len(manager.asked) == 1
 
 
-def test_a_command_names_the_newest_stop_that_was_known_when_it_was_given(sender):
+def test_a_command_names_the_newest_stop_its_sender_knew(sender):
     orders, manager, now = sender()
     for now[0], number in ((10.0, "a"), (11.0, "a"), (12.0, "b")):
         orders._on_state(InteractionState(stop_number=number))
@@ -114,7 +114,7 @@ def test_a_command_names_the_newest_stop_that_was_known_when_it_was_given(sender
     assert sorted(request.seen_stop for request, *_ in manager.wait_for(4)) == ["", "a", "b", "shown"]
 
 
-def test_a_command_expires_from_when_it_was_given(sender):
+def test_a_commands_age_counts_from_when_it_was_given(sender):
     orders, manager, now = sender()
     now[0] = 100.0
     orders.put("save", given=98.0)
@@ -139,7 +139,7 @@ def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
     assert manager.asked[-1].command == "resume"
 
 
-def test_what_another_node_carries_out_waits_for_its_turn_too(sender):
+def test_commands_to_other_nodes_wait_their_turn_too(sender):
     orders, manager, _ = sender("stop")
     orders.put("stop")
     orders.put("switch_border", carry_out=lambda request: [*manager.asked, request.command])
@@ -150,7 +150,7 @@ def test_what_another_node_carries_out_waits_for_its_turn_too(sender):
     assert [request.command for request in manager.asked] == ["stop", "resume"]
 
 
-def test_a_person_with_too_many_commands_waiting_is_told_so_and_neither_others_nor_a_stop_are_touched(sender):
+def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
     orders, manager, _ = sender("save")
     assert [orders.put("save") for _ in range(11)] == [True] * 10 + [False]
     assert orders.put("undo", source="somebody else") and orders.put("stop")

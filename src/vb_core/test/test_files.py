@@ -15,7 +15,7 @@ def test_files_are_written_together_or_none_is(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "file", "folder"]
 
 
-def test_a_private_file_is_its_owners(tmp_path):
+def test_only_its_owner_can_read_a_private_file(tmp_path):
     for private, mode in ((True, 0o600), (False, 0o644)):
         write_atomically(tmp_path / "a", b"1", private)
         assert (tmp_path / "a").stat().st_mode & 0o777 == mode

@@ -24,7 +24,7 @@ def test_rotations_agree_with_scipy(roll, pitch, yaw):
 
 
 @pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (math.inf, 0, 0, 1)])
-def test_a_quaternion_that_is_no_rotation_is_refused(quaternion):
+def test_invalid_quaternions_are_refused(quaternion):
     with pytest.raises(ValueError):
         geometry.rotation_from_quaternion(quaternion)
 
@@ -70,7 +70,7 @@ def test_rays_meet_the_floor_or_nothing():
 
 
 @given(st.floats(-3.0, 3.0), st.floats(0.0, 0.9), st.floats(-0.2, 0.2))
-def test_along_an_arc_is_as_far_as_one_drives_along_it(curvature, share, left):
+def test_distances_along_an_arc_match_driving_along_it(curvature, share, left):
     length = share * math.pi / max(abs(curvature), 0.5)
     yaw, end = 0.0, np.array([length, 0.0])
     if abs(curvature) >= 1e-3:

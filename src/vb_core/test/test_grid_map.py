@@ -24,7 +24,8 @@ def test_cells_and_points_are_inverse(x, y, yaw, resolution):
 def test_row_zero_is_the_lowest_y():
     data = np.zeros((4, 3), np.int8)
     data[0, 2] = 100
-    grid = GridMap(data, 0.5, (-1.0, 2.0, 0.0))
+    grid = GridMap(data.tolist(), 0.5, (-1.0, 2.0, 0.0))
+    assert grid.data.dtype == np.int8
     assert np.allclose(grid.cell_to_world([[0, 2]]), [[0.25, 2.25]])
     assert sample(grid, grid.data, [[0.25, 2.25], [0.25, 2.75], [9.0, 9.0]], UNKNOWN).tolist() == [100, 0, UNKNOWN]
     assert np.allclose(grid.corners(), [[-1, 2], [0.5, 2], [0.5, 4], [-1, 4]])
@@ -51,12 +52,12 @@ def test_far_points_do_not_overflow():
         (np.zeros((2, 2), np.int8), 0.1, (0, math.inf, 0)),
     ],
 )
-def test_what_cannot_be_a_map_is_refused(data, resolution, origin):
+def test_impossible_maps_are_refused(data, resolution, origin):
     with refused("bad_map"):
         GridMap(data, resolution, origin)
 
 
-def test_distances_are_those_of_every_pair_and_the_same_every_time():
+def test_distances_are_exact_and_reproducible():
     rng = np.random.default_rng(4)
     marked = rng.random((31, 47)) < 0.01
     cells = np.argwhere(np.ones(marked.shape, bool))
@@ -68,11 +69,11 @@ def test_distances_are_those_of_every_pair_and_the_same_every_time():
         assert (distance_to(marked) == expected).all()
 
 
-def test_nothing_marked_is_infinitely_far():
+def test_distances_are_infinite_if_nothing_is_marked():
     assert np.isinf(distance_to(np.zeros((3, 4), bool))).all()
 
 
-def test_maps_of_another_resolution_size_or_place_have_another_geometry():
+def test_geometries_differ_by_resolution_size_and_origin():
     cells = np.zeros((4, 5), np.int8)
     first = GridMap(cells, 0.05, (1.0, 2.0, 0.0))
     assert first.same_geometry(first.with_data(cells + 1))

@@ -47,7 +47,7 @@ def test_names_cannot_leave_the_folder(tmp_path, name):
         ("negate: true\n", [[-1, 100, 100], [0, 100, 100]]),
     ],
 )
-def test_modes(tmp_path, extra, expected):
+def test_each_mode_is_read_as_map_server_reads_it(tmp_path, extra, expected):
     image = np.array([[0, 254, 205], [100, 254, 254]], np.uint8)
     (tmp_path / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + image.tobytes())
     (tmp_path / "map.yaml").write_text(DESCRIPTION.replace("negate: 0\n", "") + extra)
@@ -55,7 +55,7 @@ def test_modes(tmp_path, extra, expected):
     assert grid.data.tolist() == expected and grid.origin == (1.0, 2.0, 0.0)
 
 
-def test_a_transparent_pixel_is_unknown_where_shades_count(tmp_path):
+def test_transparent_pixels_are_unknown_in_scale_mode(tmp_path):
     image = np.array([[[150, 150, 150, 255], [150, 150, 150, 0]]], np.uint8)
     cv2.imwrite(str(tmp_path / "map.png"), image)
     (tmp_path / "map.yaml").write_text(DESCRIPTION.replace(".pgm", ".png") + "mode: scale\n")
@@ -80,7 +80,7 @@ def test_a_transparent_pixel_is_unknown_where_shades_count(tmp_path):
         (DESCRIPTION, "[", "YAML"),
     ],
 )
-def test_bad_files_are_refused_and_the_key_is_named(tmp_path, old, new, key):
+def test_a_refused_map_file_names_its_key(tmp_path, old, new, key):
     (tmp_path / "map.pgm").write_bytes(b"P5\n1 1\n255\n\xfe")
     (tmp_path / "map.yaml").write_text(DESCRIPTION.replace(old, new))
     with pytest.raises(CodedError, match=key) as caught:

@@ -1,4 +1,4 @@
-"""Notices: each node's list replaces its last one; what a silent node said is forgotten."""
+"""Notices: each node's list replaces its last one; those of a silent node expire."""
 
 from types import SimpleNamespace
 
@@ -21,11 +21,11 @@ INSIDE = [Notice("robot_inside", robot="r1")]
 
 
 @pytest.mark.parametrize("silent, expected", [(EXPIRY_TIME, [("robot_inside", "r1")]), (EXPIRY_TIME + 0.1, [])])
-def test_what_a_silent_node_said_is_forgotten(silent, expected):
+def test_the_notices_of_a_silent_node_expire(silent, expected):
     assert held([("monitor", 1.0, INSIDE)], 1.0 + silent) == expected
 
 
-def test_a_node_takes_back_by_saying_less_and_the_most_severe_comes_first():
+def test_a_nodes_newest_notices_replace_its_former_ones():
     said = [
         ("monitor1", 1.0, [*INSIDE, Notice("goal_inside", robot="r1")]),
         (
@@ -38,13 +38,13 @@ def test_a_node_takes_back_by_saying_less_and_the_most_severe_comes_first():
     assert held(said, 2.0) == [("y", ""), ("x", ""), ("goal_inside", "r1"), ("robot_inside", "r2")]
 
 
-def test_a_stop_of_all_robots_is_not_said_again_of_each_one():
+def test_a_stop_of_all_robots_replaces_that_of_each():
     of_one = ("driver", 0.0, [Notice("robot_stopped", robot="r1")])
     assert held([of_one], 0.0) == [("robot_stopped", "r1")]
     assert held([of_one, ("manager", 0.0, [Notice("stopped")])], 0.0) == [("stopped", "")]
 
 
-def test_that_a_camera_has_no_pose_is_told_once_if_its_calibration_says_why():
+def test_the_reason_replaces_a_missing_pose_of_its_camera():
     unplaced = [Notice("camera_no_pose", Severity.ERROR, camera=name) for name in ("north", "south")]
     why = [Notice("camera_not_calibrated", Severity.ERROR, camera="north")]
     found = held([("a_detector", 10.0, unplaced), ("camera_poses", 10.0, why)], 10.0)
@@ -52,7 +52,7 @@ def test_that_a_camera_has_no_pose_is_told_once_if_its_calibration_says_why():
 
 
 @pytest.mark.parametrize("other", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
-def test_nothing_else_about_a_camera_hides_that_it_is_silent(other):
+def test_no_other_notice_hides_a_silent_camera(other):
     # what two cameras saw minutes ago says nothing about the cable
     silent = [Notice("camera_silent", Severity.ERROR, camera="north")]
     said = [

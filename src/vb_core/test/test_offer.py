@@ -1,4 +1,4 @@
-"""What is offered where what is connected: all combinations."""
+"""What is offered, in every combination of connections."""
 
 import itertools
 from dataclasses import replace
@@ -36,61 +36,61 @@ def labs():
             yield Connections((ada, bob), cameras, cameras)
 
 
-def test_every_lab_is_offered_what_has_an_effect_and_nothing_else():
+def test_every_lab_is_offered_exactly_what_has_an_effect():
     count = 0
     for lab in labs():
         count += 1
-        found = offer(lab)
-        # Stop stops something; what it does not stop is told of that robot
-        assert ("stop" in found.commands) == any(robot.driver or robot.obeys_stop for robot in lab.robots)
-        assert ("resume" in found.commands) == ("stop" in found.commands)
+        offered = offer(lab)
+        # Stop stops something; of a robot that it does not stop, a line says so
+        assert ("stop" in offered.commands) == any(robot.driver or robot.obeys_stop for robot in lab.robots)
+        assert ("resume" in offered.commands) == ("stop" in offered.commands)
         laser = {"define_border", "define_seed", "save", "cancel"}
-        assert laser & set(found.commands) == (laser if lab.cameras else set())
-        assert ("guide_robot" in found.commands) == (lab.cameras and any(robot.driver for robot in lab.robots))
-        told = {(line.robot, line.code): line.severity for line in found.lines}
+        assert laser & set(offered.commands) == (laser if lab.cameras else set())
+        assert ("guide_robot" in offered.commands) == (lab.cameras and any(robot.driver for robot in lab.robots))
+        told = {(line.robot, line.code): line.severity for line in offered.lines}
         for robot in lab.robots:
-            kept = [zone for zone in ZONES if robot.name not in found.ignored_by[zone]]
+            kept = [zone for zone in ZONES if robot.name not in offered.ignored_by[zone]]
             # nobody claims a zone that neither plan nor driver keeps, or for a robot that is lost
             assert ("keep_out" in kept) == (robot.localized and (robot.plans_round_borders or robot.driver))
             assert ("slow" in kept) == (robot.localized and (robot.driver or robot.obeys_speed))
             assert ("avoid" in kept) == (robot.localized and robot.plans_round_borders)
-            # nobody is sent through borders
-            assert (robot.name in found.goes) == (robot.localized and robot.plans_round_borders)
+            # no robot is sent through borders
+            assert (robot.name in offered.goes) == (robot.localized and robot.plans_round_borders)
             lost = not robot.plans_round_borders and not robot.driver
             assert (told.get((robot.name, "robot_ignores_borders")) is Severity.ERROR) == lost
             assert ((robot.name, "robot_not_localized") in told) == (not robot.localized)
             says_stop = {"robot_has_driver", "robot_obeys_by_navigation", "robot_obeys_stop_only"}
             assert bool(says_stop & {code for name, code in told if name == robot.name}) == robot.stops
-        assert set(found.zones) == {zone for zone in ZONES if any(robot.keeps(zone) for robot in lab.robots)}
-        assert ("go" in found.commands) == bool(found.goes)
-        assert found.state in (READY, UNREADY) and (found.state == READY) == all(
+        assert set(offered.zones) == {zone for zone in ZONES if any(robot.keeps(zone) for robot in lab.robots)}
+        assert ("go" in offered.commands) == bool(offered.goes)
+        assert offered.state in (READY, UNREADY) and (offered.state == READY) == all(
             robot.keeps("keep_out") for robot in lab.robots
         )
-        for line in found.lines:
+        for line in offered.lines:
             for language in sentences.languages():
                 assert sentences.catalog(language)[line.code].format_map(line.values)
     assert count == 2 * (16 + 16 * 16)
 
 
-def test_a_lab_without_a_robot_alarms_nobody():
-    found = offer(Connections((ConnectedRobot(""),), cameras=True, interaction=True))
-    assert found.state == NO_ROBOT and found.notices() == []
-    assert [line.code for line in found.lines] == ["robot_not_connected"]
-    assert unkept(found, "keep_out", ()) == ("border_without_robot", {})
+def test_a_lab_without_a_robot_has_no_warnings():
+    offered = offer(Connections((ConnectedRobot(""),), cameras=True, interaction=True))
+    assert offered.state == NO_ROBOT and offered.notices() == []
+    assert [line.code for line in offered.lines] == ["robot_not_connected"]
+    assert unkept(offered, "keep_out", ()) == ("border_without_robot", {})
 
 
 def test_commands_without_an_effect_are_not_offered():
-    found = offer(Connections((ConnectedRobot("", driver=True, localized=True),), interaction=True))
-    assert effective(found, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
+    offered = offer(Connections((ConnectedRobot("", driver=True, localized=True),), interaction=True))
+    assert effective(offered, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
 
 
-def test_a_border_says_which_of_its_robots_does_not_keep_it():
+def test_a_border_names_its_robots_that_do_not_keep_it():
     wired = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
-    found = offer(Connections((wired, replace(wired, name="bob", plans_round_borders=False))))
-    assert unkept(found, "keep_out", ()) == ("border_unkept_keep_out", {"who": "bob"})
-    assert unkept(found, "keep_out", ("ada",)) is None
-    assert unkept(found, "slow", ()) == ("border_unkept_slow", {"who": "ada, bob"})
-    assert "bob" in sentences.translate(*unkept(found, "keep_out", ("bob",)))
+    offered = offer(Connections((wired, replace(wired, name="bob", plans_round_borders=False))))
+    assert unkept(offered, "keep_out", ()) == ("border_unkept_keep_out", {"who": "bob"})
+    assert unkept(offered, "keep_out", ("ada",)) is None
+    assert unkept(offered, "slow", ()) == ("border_unkept_slow", {"who": "ada, bob"})
+    assert "bob" in sentences.translate(*unkept(offered, "keep_out", ("bob",)))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_each_fault_is_a_notice_that_names_its_robot(changes, code):
     assert notices[0].robot == "ada" and "ada" in notices[0].sentence()
 
 
-def test_a_robot_that_plans_on_the_map_of_all_says_that_it_keeps_the_others_borders_too():
+def test_a_robot_on_the_common_map_keeps_all_borders():
     common = ConnectedRobot("ada", navigation=True, plans_round_borders=True, maps=("/virtual_borders/map",))
     own = replace(common, maps=("/ada/virtual_borders/map",))
     alone = replace(common, name="")

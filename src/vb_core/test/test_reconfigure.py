@@ -29,7 +29,7 @@ class Params(Parameters):
             raise ParameterError("low", f"must be at most high = {self.high}, got {self.low}")
 
 
-def test_description_is_made_of_the_fields():
+def test_the_description_follows_from_the_fields():
     description = reconfigure.describe(Params(low=2.0), fixed=("fixed",))
     entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
     assert list(entries) == ["low", "high", "count", "switch"]

@@ -45,7 +45,7 @@ def test_previews_round_trip_byte_for_byte():
     assert (messages.BorderPreviewArray().deserialize(sent).region.data == 100).all()
 
 
-def test_a_map_whose_size_is_a_lie_is_refused():
+def test_a_map_of_the_wrong_size_is_refused():
     message = messages.message_from_grid(GridMap(np.zeros((3, 4), np.int8), 0.1), rospy.Time(0))
     message.info.width = 5
     with refused("bad_map"):
@@ -90,14 +90,14 @@ def test_images_are_read_as_cv_bridge_reads_them(encoding, is_bigendian):
     assert pixels.dtype == expected.dtype.newbyteorder("=") and np.array_equal(pixels, expected)
 
 
-def test_padding_at_the_end_of_rows_is_no_part_of_the_image():
+def test_padding_at_the_end_of_rows_is_ignored():
     pixels = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
     padded = np.pad(pixels.reshape(2, 9), ((0, 0), (0, 5))).tobytes()
     message = Image(height=2, width=3, encoding="bgr8", step=14, data=padded)
     assert (images.array_from_image(message) == pixels).all()
 
 
-def test_messages_of_a_node_without_images_load_no_opencv():
+def test_nodes_without_images_do_not_load_opencv():
     code = (
         "import sys; from vb_core.ros import messages, node, parameters, transforms; from vb_core import grid_map;"
         " from vb_core.ros.messages import OccupancyGridArray; print(sorted({'cv2', 'cv_bridge', 'scipy'} & set(sys.modules)))"
@@ -116,7 +116,7 @@ def test_images_that_cannot_be_read_are_refused(name, value):
         images.array_from_image(image)
 
 
-def test_what_is_no_picture_is_refused():
+def test_bytes_that_are_not_a_picture_are_refused():
     with refused("bad_image"):
         images.array_from_compressed_image(CompressedImage(data=b"not a picture"))
 

@@ -19,7 +19,7 @@ def test_the_newest_item_wins_and_the_others_are_counted():
     assert (mailbox.received, mailbox.dropped) == (5, 4)
 
 
-def test_closing_wakes_the_one_who_waits():
+def test_closing_a_mailbox_wakes_its_reader():
     mailbox = Mailbox()
     taken = []
     thread = threading.Thread(target=lambda: taken.append(mailbox.get()))
@@ -29,7 +29,7 @@ def test_closing_wakes_the_one_who_waits():
     assert taken == [None] and not thread.is_alive()
 
 
-def test_a_source_that_has_no_hurry_waits_until_its_item_is_taken_or_the_mailbox_closed():
+def test_a_source_can_wait_until_its_item_is_taken():
     mailbox, taken = Mailbox(), []
 
     def fill():
@@ -55,7 +55,7 @@ def test_a_queue_keeps_the_order_and_says_when_it_is_full():
     assert [queue.get(), queue.get()] == [7, None]
 
 
-def test_a_beat_comes_by_itself_or_when_something_is_announced():
+def test_a_timer_wakes_after_its_period_or_an_announcement():
     assert WakeTimer(0.001).get() is False
     timer = WakeTimer(3600.0)
     timer.set()
@@ -84,7 +84,7 @@ class FakeClock:
 
 
 @pytest.mark.parametrize("pace, expected", [(4.0, 0.25), (1.0, 1.0), (0.5, 1.0), (0.0, 1.0)])
-def test_a_beat_follows_the_quicker_of_wall_and_simulated_time(monkeypatch, pace, expected):
+def test_a_timer_follows_the_faster_of_wall_and_simulated_time(monkeypatch, pace, expected):
     timer = WakeTimer(1.0)
     clock = FakeClock(monkeypatch, timer, pace)
     assert timer.get() is False  # learns how fast time runs
@@ -150,7 +150,7 @@ print([error.code for error in node._failures], lines[-1])
 """
 
 
-def test_a_node_that_waits_says_for_what_and_gives_up():
+def test_a_waiting_node_logs_why_and_gives_up():
     assert run(WAITING).stdout == "['input_timeout'] input_timeout\n"
 
 
@@ -180,13 +180,12 @@ print(before, len(asked))
 """
 
 
-def test_a_node_that_logs_while_it_ends_does_not_end_its_successor():
-    # each line logged was a registration under the node's name, upon which the master ended the other node with that
-    # name
+def test_logging_while_ending_does_not_end_the_successor():
+    # rospy registered the node at each logged line, upon which the master ended the newer node of the same name
     assert run(LOGGING).stdout == "1 1\n"
 
 
-def test_help_tells_a_nodes_interface_without_a_ros_master():
+def test_help_prints_the_interface_without_a_ros_master():
     program = """
 from __future__ import annotations
 import sys
@@ -209,7 +208,7 @@ node.run("lamp", build)
     assert "Switches a lamp." in done.stdout and "/lamp/wanted" in done.stdout
 
 
-def test_what_a_nodes_start_has_made_is_not_searched_for_garbage():
+def test_objects_made_at_start_are_not_searched_for_garbage():
     made = [[number] for number in range(1000)]
     node._keep_for_good()
     try:

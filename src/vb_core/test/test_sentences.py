@@ -50,13 +50,14 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
         # a border that nobody named is numbered in the reader's language
         ("robot_caught_in_border", {"who": "ada", "border": "'border 3'"}, "de", "ada ist in 'Grenze 3' "),
         ("border_restored", {"borders": "border 3, wall 4, Rug"}, "de", "Wieder in der Karte: Grenze 3, Wand 4, Rug."),
+        ("border_restored", {"borders": "border 3, Rug"}, "en", "In the map again: Border 3, Rug."),
     ],
 )
-def test_a_sentence_has_its_values_as_the_reader_says_them(code, values, language, beginning):
+def test_values_are_in_the_readers_language(code, values, language, beginning):
     assert sentences.translate(code, values, language).startswith(beginning)
 
 
-def test_a_code_that_is_not_known_leaves_the_messages_own_sentence():
+def test_an_unknown_code_shows_the_messages_own_sentence():
     assert sentences.translate("of_a_newer_version", {}, "de", "Please update.") == "Please update."
 
 
@@ -65,8 +66,3 @@ def test_an_error_carries_its_values():
     assert (error.code, error.values) == ("no_response", {"who": "map_integrator"})
     assert str(error) == "map_integrator is not responding. [no_response]"
     assert CodedError("no_response", "in words of its own").message == "in words of its own"
-
-
-def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
-    assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
-    assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""

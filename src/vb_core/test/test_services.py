@@ -39,7 +39,7 @@ def test_nothing_was_sent_to_an_absent_neighbour(monkeypatch):
     assert not sent and "the integrator is not running" in str(caught.value)
 
 
-def test_a_hanging_neighbour_is_left(monkeypatch):
+def test_a_hanging_neighbour_is_given_up(monkeypatch):
     release = threading.Event()
     fake(monkeypatch, present, lambda request: release.wait(30))
     with refused("no_response"):
@@ -47,7 +47,7 @@ def test_a_hanging_neighbour_is_left(monkeypatch):
     release.set()
 
 
-def test_a_lost_connection_is_no_answer(monkeypatch):
+def test_a_lost_connection_counts_as_no_response(monkeypatch):
     fake(monkeypatch, present, raising(rospy.ServiceException("transport error")))
     with refused("no_response") as caught:
         services.call("/s", object, 1, "the integrator")

@@ -22,7 +22,7 @@ def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     assert latch.resume(latch.number) and not latch.stopped
 
 
-def test_one_press_that_comes_twice_is_one_stop_even_after_it_was_released():
+def test_a_press_that_comes_twice_is_one_stop():
     latch = StopLatch()
     assert latch.stop("a", "page") and not latch.stop("a", "page")
     assert latch.resume(latch.number)
@@ -56,7 +56,7 @@ def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
     assert latch.resume(latch.number) and not latch.stopped and not latch.store()
 
 
-def test_a_stop_that_finds_the_disk_full_outlives_the_program_and_is_written_once_there_is_room(tmp_path, monkeypatch):
+def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
     path = tmp_path / "stop"
     latch = StopLatch(path)
     assert latch.store()
@@ -256,7 +256,7 @@ class Lab:
 
 
 @pytest.mark.parametrize("part", range(10))
-def test_whatever_happens_no_stop_is_released_by_an_older_command_and_none_is_lost(part, monkeypatch):
+def test_no_stop_is_lost_or_released_by_an_older_command(part, monkeypatch):
     files, full = {}, set()
 
     def write(path, content):

@@ -40,7 +40,7 @@ def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
     assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(np.eye(4))
 
 
-def test_missing_transforms_and_loops_are_refused_with_tfs_reason(lookup):
+def test_missing_transforms_and_loops_are_refused_with_a_reason(lookup):
     with refused("no_transform") as raised:
         lookup.lookup("map", "camera", rospy.Time(0), 0.0)
     assert "camera" in str(raised.value) and "calibrated" in str(raised.value)
@@ -53,7 +53,7 @@ def test_missing_transforms_and_loops_are_refused_with_tfs_reason(lookup):
     assert "loop" in str(raised.value)
 
 
-def test_a_time_that_is_not_known_is_refused(lookup):
+def test_an_unknown_time_is_refused(lookup):
     place(lookup, "camera", static=False, stamp=5)
     place(lookup, "camera", static=False, stamp=6)
     assert lookup.lookup("map", "camera", rospy.Time(5.5), 0.0) == pytest.approx(CAMERA)
@@ -61,7 +61,7 @@ def test_a_time_that_is_not_known_is_refused(lookup):
         lookup.lookup("map", "camera", rospy.Time(9), 0.0)
 
 
-def test_where_a_frame_is_on_the_map_is_known_as_long_as_somebody_tells_it(lookup):
+def test_a_frames_pose_on_the_map_expires(lookup):
     assert lookup.pose_on_map("base", 3.0) is None
     place(lookup, "base", geometry.transform_from_pose2d(1.0, 2.0, 0.5), stamp=8, static=False)  # it is 10 s now
     assert lookup.pose_on_map("base", 3.0) == pytest.approx((1.0, 2.0, 0.5))

@@ -10,13 +10,13 @@ from vb_core.zones import KEEP_OUT, ZONES, zone_of
 from vb_msgs.msg import VirtualBorder
 
 
-def test_a_state_that_is_not_known_makes_nothing_happen():
+def test_nothing_is_done_in_an_unknown_state():
     assert all(state_of(name) is state for name, state in STATES.items())
     unknown = state_of("of_a_newer_version")
     assert unknown not in STATES.values() and not unknown.robots_act and not unknown.collects
 
 
-def test_rows_that_a_reader_must_tell_apart_differ():
+def test_rows_can_be_told_apart():
     for column in ("color", "tone"):
         assert len({getattr(state, column) for state in STATES.values()}) == len(STATES)
     lit = [state.led for state in STATES.values() if state.robots_act]
@@ -37,7 +37,7 @@ def test_the_message_names_the_same_zones():
     assert numbers == {zone.name.upper(): zone.number for zone in ZONES.values()}
 
 
-def test_robots_keep_out_of_a_zone_that_is_not_known():
+def test_robots_keep_out_of_an_unknown_zone():
     assert all(zone_of(zone.number) is zone for zone in ZONES.values()) and zone_of(77) is KEEP_OUT
 
 

@@ -261,7 +261,7 @@ class DisplayMarkersTest(unittest.TestCase):
                 self.assertIsNone(node.poll(), "a required node that ends would end the whole lab")
             finally:
                 node.terminate()
-                node.wait(30)
+                node.wait(120)
         self.assertIn("8420", sentences.translate("no_rviz"))
 
     def test_5_a_newcomer_gets_everything(self):

@@ -134,7 +134,7 @@ class ProjectorTest(unittest.TestCase):
             region = message_from_grid(GridMap(cells, 0.05), rospy.Time.now())
             preview.publish(BorderPreviewArray(interaction_id="i", available=True, success=True, region=region))
             wait_until(lambda: self.shown()[75:120, 105:195].any(), "what save would restrict")
-            # the same again is no new picture, an end is
+            # the same message again draws nothing new; the end of the drawing does
             before = len(self.pictures)
             self.assertLess(before - count, 12)
             state.publish(InteractionState(name="default"))

@@ -100,8 +100,8 @@ class ImageDetector(SpotDetector):
         geometry: of all images.
     """
 
-    def __init__(self, params=None, judge=None, bayer=False, geometry=None):
-        super().__init__(params, judge)
+    def __init__(self, params=None, classifier=None, bayer=False, geometry=None):
+        super().__init__(params, classifier)
         self.bayer, self.geometry = bayer, geometry
 
     def detect(self, image, stamp):

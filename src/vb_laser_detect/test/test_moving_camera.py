@@ -10,7 +10,7 @@ import pytest
 
 from scenes import ImageDetector
 from vb_laser_detect.detector import DetectorParams
-from vb_laser_detect.detection.image_registration import ImageRegistration
+from vb_laser_detect.detection.proposals import ImageRegistration
 
 PALE = np.array([0.86, 1.0, 0.84], np.float32)
 WIDE, HIGH = 400, 300

@@ -14,8 +14,8 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams
-from vb_laser_detect.detection.blocks import block_maxima, blocks_around, find_regions, max_channel
-from vb_laser_detect.detection.proposals import Background
+from vb_laser_detect.detection.background import Background, block_maxima, max_channel, relight
+from vb_laser_detect.detection.proposals import blocks_around, find_regions
 from vb_laser_detect.detection.projection import ProjectionParams
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 
@@ -54,7 +54,7 @@ def test_a_background_in_new_light_keeps_its_texture_and_takes_no_spot_in(bayer)
     before, place = scene.render(bayer=bayer), (120, 60)
     scene.floor[:, 60:] *= 1.8
     lit = scene.render(bayer=bayer).astype(int)
-    relit = features.relight(before, scene.render([place], bayer=bayer), 20.0)
+    relit = relight(before, scene.render([place], bayer=bayer), 20.0)
     # the lowest ratio near by is taken, which rounding makes a little less than the true one
     assert np.abs(relit.astype(int) - lit)[10:-10, 75:-10].max() < 10
     # on its dark side, too

@@ -17,7 +17,12 @@ GREEN, WHITE = np.array([0.1, 1.0, 0.1]), np.array([1.0, 1.0, 1.0])
 def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
     """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
     return Spot(
-        500 * x, 500 * y, 8.0, confidence, tint=tint, place=FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0)
+        500 * x,
+        500 * y,
+        8.0,
+        confidence,
+        tint=tint,
+        floor_point=FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0),
     )
 
 
@@ -26,13 +31,13 @@ class Film:
 
     def __init__(self, rate=25.0, mosaic=False, **changes):
         self.tracker = SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes}))
-        self.camera = ImageTraits(800.0, mosaic)
+        self.traits = ImageTraits(800.0, mosaic)
         self.period, self.now, self.images = 1.0 / rate, 0.0, -1
 
     def see(self, *sightings):
         self.now += self.period
         self.images += 1
-        self.expected = self.tracker.begin(self.now, self.camera, None)
+        self.expected = self.tracker.begin(self.now, self.traits, None)
         told = []
         for track in self.tracker.update([replace(one, stamp=self.now) for one in sightings]):
             earlier = [round(one.stamp / self.period) - 1 for one in track.unpublished if track.published]
@@ -120,11 +125,11 @@ def test_where_it_is_expected():
     for i in range(30):
         film.see(sighting(0.008 * i))
     film.now += film.period
-    (ahead,) = film.tracker.begin(film.now, film.camera, None)
+    (ahead,) = film.tracker.begin(film.now, film.traits, None)
     assert ahead.u == pytest.approx(500 * 0.008 * 30)
     near, far = (int(ahead.u) + 8, 0, int(ahead.u) + 24, 8), (int(ahead.u) - 48, 0, int(ahead.u) - 30, 8)
     assert ahead.overlaps(near) and not ahead.overlaps(far)
     # the camera turns by 40 px
     film.tracker.update([sighting(0.008 * 30)])
-    shifted = film.tracker.begin(film.now + film.period, film.camera, np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]]))
+    shifted = film.tracker.begin(film.now + film.period, film.traits, np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]]))
     assert shifted[0].u == pytest.approx(500 * 0.008 * 31 + 40.0)

@@ -108,7 +108,7 @@ class MqttTest(unittest.TestCase):
         self.assertTrue(rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=identity, source="test").success)
 
     # ------------------------------------------------------------------ what is shown
-    def test_the_lab_is_there_with_all_its_states(self):
+    def test_the_hub_shows_a_border_and_the_map(self):
         identity = self.add_border("Nursery")
         key = f"border_{identity}"
         config = self.hub.wait(f"homeassistant/switch/home/{key}/config", lambda _: True, "the switch")
@@ -129,7 +129,7 @@ class MqttTest(unittest.TestCase):
         wait_until(lambda: not self.hub.messages.get(f"homeassistant/switch/home/{key}/config"), "the switch to go")
         wait_until(lambda: not self.hub.messages.get(f"home/{key}"), "its state to go")
 
-    def test_a_border_is_switched_once_by_a_message_that_comes_twice(self):
+    def test_a_repeated_message_switches_a_border_once(self):
         identity = self.add_border("Nursery")
         self.wait(f"border_{identity}", lambda value: value["enabled"], "the border")
         off = {"border": f"border_{identity}", "enabled": False, "at": time.time(), "id": "off"}
@@ -146,7 +146,7 @@ class MqttTest(unittest.TestCase):
         self.remove_border(identity)
 
     # ------------------------------------------------------------------ the same rules as for everybody
-    def test_save_is_asked_about_and_only_then_done(self):
+    def test_save_waits_for_an_answer_if_there_is_doubt(self):
         before = len(self.heard[names.BORDERS].borders)
         self.assertEqual(self.give("save")["code"], "nothing_to_save")
         self.give("define_border")
@@ -195,7 +195,7 @@ class MqttTest(unittest.TestCase):
         self.assertEqual(self.give("resume", seen_stop=newest)["code"], "resumed")
         self.wait("stopped", lambda value: not value["stopped"], "robots that may drive")
 
-    def test_what_was_kept_or_is_old_does_nothing(self):
+    def test_retained_and_old_messages_do_nothing(self):
         self.assertEqual(self.give("define_border", at=time.time() - 60.0)["code"], "expired")
         # what the broker keeps comes with the next connection, and is not kept after that
         self.node.kill()
@@ -213,7 +213,7 @@ class MqttTest(unittest.TestCase):
         self.assertEqual(self.heard[names.STATE].name, "default")
         self.assertFalse(self.heard[names.STATE].stopped)
 
-    def test_a_border_that_goes_while_nobody_looks_is_taken_back_later(self):
+    def test_a_border_removed_meanwhile_disappears_from_the_hub(self):
         identity = self.add_border("Nursery")
         topic = f"homeassistant/switch/home/border_{identity}/config"
         self.hub.wait(topic, lambda _: True, "the switch")
@@ -223,7 +223,7 @@ class MqttTest(unittest.TestCase):
         self.node.start()
         wait_until(lambda: not self.hub.messages.get(topic), "the switch to go")
 
-    def test_a_flood_is_refused_and_stop_gets_through(self):
+    def test_a_stop_gets_through_a_flood(self):
         for number in range(2000):
             self.hub.send("home/command", {"command": "cancel", "at": time.time(), "id": f"f{number}"}, qos=0)
             if number % 10 == 0:
@@ -241,7 +241,7 @@ class MqttTest(unittest.TestCase):
         )
 
     # ------------------------------------------------------------------ a broker that dies
-    def test_a_broker_killed_with_commands_in_between(self):
+    def test_commands_are_done_once_whenever_the_broker_dies(self):
         """Nothing is done twice, nothing old is done late; and what is given while all are there is done."""
         done, stopped = collections.defaultdict(list), collections.defaultdict(list)  # times by id
 

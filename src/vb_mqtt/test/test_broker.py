@@ -35,7 +35,7 @@ def server(tmp_path):
     server.kill()
 
 
-def test_a_broker_that_comes_back_gets_the_newest_states_and_nothing_older(server):
+def test_a_restarted_broker_gets_the_newest_states_only(server):
     broker, hub = connect(server.port), Hub(server.port)
     broker.put("lab/state", b"one")
     wait_until(lambda: hub.messages.get("lab/state") == b"one" and hub.messages.get(WILL[0]) == b"online", "the state")
@@ -62,7 +62,7 @@ def test_a_broker_that_comes_back_gets_the_newest_states_and_nothing_older(serve
     hub.close()
 
 
-def test_a_command_says_whether_the_broker_had_kept_it_and_a_fault_is_reported(server):
+def test_retained_commands_are_marked_and_faults_reported(server):
     hub = Hub(server.port)
     hub.send("lab/command", b"kept", retain=True).wait_for_publish(5.0)
     received, faults = [], []
@@ -105,7 +105,7 @@ def guarded(tmp_path, authority):
     server.kill()
 
 
-def test_over_tls_with_a_password(guarded, authority):
+def test_the_connection_can_use_tls_and_a_password(guarded, authority):
     known = {"tls": True, "ca_file": str(authority / "ca.crt"), "username": "home"}
     broker = connect(guarded.port, Connection(password="secret", **known))
 
@@ -124,7 +124,7 @@ def test_over_tls_with_a_password(guarded, authority):
 
 
 @pytest.mark.parametrize("host, ca_file", [("127.0.0.1", "other.crt"), ("127.0.0.1", ""), ("localhost", "ca.crt")])
-def test_a_broker_that_cannot_prove_who_it_is_gets_no_password(guarded, authority, host, ca_file):
+def test_a_broker_without_a_valid_certificate_gets_no_password(guarded, authority, host, ca_file):
     tried = []
     known = Connection(username="home", password="secret", tls=True, ca_file=ca_file and str(authority / ca_file))
     broker = Broker(f"{host}:{guarded.port}", known, "lab", WILL, {}, tried.append)
@@ -135,7 +135,7 @@ def test_a_broker_that_cannot_prove_who_it_is_gets_no_password(guarded, authorit
     broker.close()
 
 
-def test_the_file_with_the_password_is_its_owners_only(tmp_path):
+def test_only_its_owner_can_read_the_password_file(tmp_path):
     path = tmp_path / "mqtt.yaml"
     assert read_connection(path) == Connection()
     path.write_text("username: home\npassword: secret\ntls: true\n")
@@ -156,7 +156,7 @@ def test_the_file_with_the_password_is_its_owners_only(tmp_path):
     "given, address",
     [("hub", "hub:1883"), ("hub:1884", "hub:1884"), ("[fd00::5]", "fd00::5:1883"), ("[fd00::5]:1884", "fd00::5:1884")],
 )
-def test_addresses(given, address):
+def test_addresses_with_and_without_a_port_are_read(given, address):
     assert Broker(given, Connection(), "lab", WILL, {}, print).address == address
 
 

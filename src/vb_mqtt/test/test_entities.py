@@ -1,4 +1,4 @@
-"""What Home Assistant is told, and that the messages its buttons make of it are understood."""
+"""Descriptions for Home Assistant, and the messages that its buttons make from them."""
 
 from datetime import datetime, timezone
 
@@ -26,12 +26,12 @@ def config_of(key, lab=LAB):
     return next(config for topic, config in describe(lab).items() if key_in(topic) == key)
 
 
-def test_everything_is_one_device_and_nothing_has_the_name_of_something_else():
-    found = describe(LAB)
-    assert len({config["unique_id"] for config in found.values()}) == len(found)
-    assert {tuple(config["device"]["identifiers"]) for config in found.values()} == {("lab1",)}
-    assert all(config["name"] for config in found.values())
-    for topic, config in found.items():
+def test_all_entities_are_one_device_with_unique_ids():
+    configs = describe(LAB)
+    assert len({config["unique_id"] for config in configs.values()}) == len(configs)
+    assert {tuple(config["device"]["identifiers"]) for config in configs.values()} == {("lab1",)}
+    assert all(config["name"] for config in configs.values())
+    for topic, config in configs.items():
         prefix, platform, device, key, last = topic.split("/")
         assert (prefix, device, last) == ("homeassistant", "lab1", "config")
         assert key.replace("_", "").replace("-", "").isalnum() and key.isascii()
@@ -44,7 +44,7 @@ def test_everything_is_one_device_and_nothing_has_the_name_of_something_else():
         assert config["availability"][0] == {"topic": "lab1/availability"} and config["availability_mode"] == "all"
 
 
-def test_each_thing_of_the_lab_is_there():
+def test_every_part_of_the_lab_has_its_entity():
     kinds = {key_in(topic): topic.split("/")[1] for topic in describe(LAB)}
     assert {key for key, kind in kinds.items() if kind == "button"} == {*COMMANDS, "confirm"}
     assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", key_of("border", "ü/#+")]
@@ -65,16 +65,16 @@ def test_names_are_in_the_households_language(language):
     assert shown["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
 
 
-def test_resume_names_the_stop_that_its_own_button_shows():
+def test_resume_names_the_stop_that_its_button_shows():
     config = config_of("resume")
-    found = pressed(config, {"stop_number": "12ab", "stopped": True})
-    assert (found.command, found.seen_stop, found.age) == ("resume", "12ab", 1.0)
+    request = pressed(config, {"stop_number": "12ab", "stopped": True})
+    assert (request.command, request.seen_stop, request.age) == ("resume", "12ab", 1.0)
     # nothing was shown yet: the manager then refuses, as it does for everybody
     assert pressed(config, {}).seen_stop == "" and pressed(config, {"stop_number": None}).seen_stop == ""
     assert config["json_attributes_topic"] == "lab1/stopped"
 
 
-def test_stop_is_there_as_long_as_there_is_a_broker_and_the_rest_while_it_has_an_effect():
+def test_stop_needs_only_a_broker_and_other_commands_an_effect():
     assert len(config_of("stop")["availability"]) == 1
     assert config_of("save")["availability"][1]["value_template"] == "{{ value_json.save }}"
     assert config_of("border_b1")["availability"][1]["value_template"] == "{{ value_json.integrator }}"
@@ -84,21 +84,21 @@ def test_yes_answers_the_question_that_is_shown():
     assert pressed(config_of("confirm"), {"answer": "yes_save", "stop_number": "12ab"}).command == "yes_save"
 
 
-def test_switches_name_their_border_and_each_press_has_an_id_of_its_own():
-    found = pressed(config_of(key_of("border", "ü/#+")), {}, value="false")
-    assert (found.border, found.enabled) == (key_of("border", "ü/#+"), False)
+def test_a_switch_names_its_border_and_each_press_has_a_new_id():
+    request = pressed(config_of(key_of("border", "ü/#+")), {}, value="false")
+    assert (request.border, request.enabled) == (key_of("border", "ü/#+"), False)
     assert pressed(config_of("border_b1"), {}, value="true").enabled
     assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
 
 
-def test_each_template_of_a_button_works_in_the_hubs_sandbox():
+def test_templates_stay_within_the_limits_of_the_hubs_sandbox():
     # its range() refuses more than 100,000
     for config in describe(LAB).values():
         template = config.get("command_template", "")
         assert all(int(part.split(")")[0]) <= 100_000 for part in template.split("range(")[1:])
 
 
-def test_what_an_earlier_process_described_is_taken_back_once_it_is_known_to_be_gone():
+def test_leftover_descriptions_are_those_of_known_kinds():
     fewer = Lab("lab1", "en", ("red",), ("ada",), {})
     seen = list(describe(LAB))
     gone = {key_in(topic) for topic in leftovers(fewer, seen)}

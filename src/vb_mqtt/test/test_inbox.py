@@ -1,4 +1,4 @@
-"""What arrives by MQTT: taken once, never when it is old or was kept by the broker, and nothing raises."""
+"""Messages by MQTT are taken once, and refused if they are old or retained; whatever arrives, nothing else is raised."""
 
 import json
 
@@ -28,14 +28,14 @@ def code_of(inbox, payload, retained=False, now=NOW):
     return caught.value.code
 
 
-def test_a_command_comes_with_its_id_its_age_and_the_stop_that_was_seen(inbox):
-    found = inbox.take(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
-    assert found == Request("mqtt:a1", "a1", "resume", "12ab", age=1.5)
-    found = inbox.take(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
-    assert (found.command, found.border, found.enabled) == ("", "border_b7", False)
+def test_a_request_has_its_id_its_age_and_the_stop_that_was_seen(inbox):
+    request = inbox.take(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
+    assert request == Request("mqtt:a1", "a1", "resume", "12ab", age=1.5)
+    request = inbox.take(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
+    assert (request.command, request.border, request.enabled) == ("", "border_b7", False)
 
 
-def test_what_is_delivered_twice_is_taken_once(inbox):
+def test_a_message_delivered_twice_is_taken_once(inbox):
     for fields in ({"id": "a1"}, {}):
         payload = packed(command="save", at=NOW, **fields)
         assert inbox.take(payload, False, NOW) is not None
@@ -44,13 +44,13 @@ def test_what_is_delivered_twice_is_taken_once(inbox):
     assert inbox.take(packed(command="save", at=NOW + 0.5), False, NOW + 1.0) is not None
 
 
-def test_what_the_broker_kept_is_not_taken_and_not_even_a_stop(inbox):
+def test_retained_messages_are_refused_even_a_stop(inbox):
     for payload in (packed(command="save", at=NOW), packed(command="stop", at=NOW), b"stop"):
         assert code_of(inbox, payload, retained=True) == "mqtt_retained"
     assert inbox.take(b"", True, NOW) is None
 
 
-def test_what_is_old_from_the_future_or_without_a_time_is_not_taken(inbox):
+def test_old_future_and_undated_commands_are_refused(inbox):
     assert code_of(inbox, packed(command="save", at=NOW - MAX_AGE - 0.01)) == "expired"
     assert code_of(inbox, packed(command="save", at=NOW + MAX_AGE + 0.01)) == "mqtt_clock"
     assert code_of(inbox, packed(border="border_1", enabled=True, at=NOW - 60.0)) == "expired"
@@ -62,13 +62,13 @@ def test_what_is_old_from_the_future_or_without_a_time_is_not_taken(inbox):
     assert code_of(inbox, b"save") == "mqtt_bad_message"
 
 
-def test_what_was_given_before_the_start_may_have_been_done_already():
+def test_commands_from_before_the_start_are_refused():
     inbox = Inbox(started=NOW)
     assert code_of(inbox, packed(command="save", at=NOW - 0.1), now=NOW + 1.0) == "expired"
     assert inbox.take(packed(command="save", at=NOW + 0.1), False, NOW + 1.0) is not None
 
 
-def test_a_stop_is_taken_in_any_form_at_any_age_and_as_often_as_it_is_given(inbox):
+def test_every_stop_is_taken_in_any_form_at_any_age(inbox):
     for payload in (b"stop", b" STOP\n", packed(command="stop"), packed(command="stop", at=1.0, id="x", more=[1])):
         assert inbox.take(payload, False, NOW).command == "stop"
     for _ in range(1000):
@@ -81,7 +81,7 @@ def test_a_stop_is_taken_in_any_form_at_any_age_and_as_often_as_it_is_given(inbo
     assert inbox.take(same, False, NOW).id == inbox.take(same, False, NOW).id
 
 
-def test_too_many_at_once_are_refused_and_more_are_taken_later(inbox):
+def test_too_many_commands_at_once_are_refused(inbox):
     taken = 0
     for number in range(100):
         try:
@@ -95,7 +95,7 @@ def test_too_many_at_once_are_refused_and_more_are_taken_later(inbox):
 
 
 @pytest.mark.parametrize(
-    "given",
+    "message",
     [
         {"command": "launch", "at": NOW},
         {"command": "", "at": NOW},
@@ -111,21 +111,21 @@ def test_too_many_at_once_are_refused_and_more_are_taken_later(inbox):
         *(b"\xff\xfe", b"[" * 2000, b"{" * 2000, b'"', b"5", b"null", b"a" * (MAX_BYTES + 1)),
     ],
 )
-def test_what_is_not_as_agreed_is_refused(inbox, given):
-    assert code_of(inbox, given if isinstance(given, bytes) else packed(**given)) == "mqtt_bad_message"
+def test_malformed_messages_are_refused(inbox, message):
+    assert code_of(inbox, message if isinstance(message, bytes) else packed(**message)) == "mqtt_bad_message"
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 values = st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=5)
 keys = st.sampled_from(["command", "border", "enabled", "at", "id", "seen_stop"]) | st.text()
 messages = st.dictionaries(keys, st.sampled_from([*KNOWN, NOW, True]) | values).map(
-    lambda found: json.dumps(found).encode()
+    lambda fields: json.dumps(fields).encode()
 )
 
 
 @settings(max_examples=400, deadline=None)
 @given(st.lists(st.tuples(st.binary() | messages, st.booleans()), max_size=5))
-def test_nothing_that_arrives_raises_anything_but_a_refusal_with_a_sentence(arriving):
+def test_every_message_is_taken_or_refused_with_a_sentence(arriving):
     inbox = Inbox(started=NOW - 60.0)
     for payload, retained in arriving:
         try:

@@ -1,4 +1,4 @@
-"""What entities show."""
+"""Messages and notices become the states of entities."""
 
 import cv2
 import numpy as np
@@ -22,18 +22,18 @@ def asked(seconds_ago, code="confirm_save"):
 
 
 def test_a_question_is_open_until_it_is_too_old():
-    found = states.question_value(asked(5), "en")
-    assert (found["command"], found["answer"], found["asked"]) == ("save", "yes_save", "home_assistant")
-    assert "yes save" in found["question"] and found["stop_number"] == "1a"
+    question = states.question_value(asked(5), "en")
+    assert (question["command"], question["answer"], question["asked"]) == ("save", "yes_save", "home_assistant")
+    assert "yes save" in question["question"] and question["stop_number"] == "1a"
     assert states.question_value(asked(31), "en")["question"] == states.NOBODY_ASKS
     assert states.question_value(asked(5, "saved"), "en")["answer"] == ""
 
 
 def test_a_borders_state_has_its_name_area_and_zone():
     border = VirtualBorder(name="Rug", enabled=True, area_m2=2.345, zone=VirtualBorder.SLOW, reason="disabled")
-    found = states.border_value(border)
-    assert (found["border"], found["enabled"], found["in_force"], found["area_m2"]) == ("Rug", True, False, 2.35)
-    assert (found["zone"], found["reason"]) == ("slow", "disabled")
+    state = states.border_value(border)
+    assert (state["border"], state["enabled"], state["in_force"], state["area_m2"]) == ("Rug", True, False, 2.35)
+    assert (state["zone"], state["reason"]) == ("slow", "disabled")
     assert states.border_value(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
 
 

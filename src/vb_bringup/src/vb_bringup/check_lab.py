@@ -33,20 +33,21 @@ def print_table(lines: List[CheckLine], language: str, console: Console) -> None
 
 
 def print_camera(camera: str) -> None:
-    """Prints what people should send if a camera that its detector reads itself does not work; takes some seconds."""
+    """Prints the report to send if a camera that its detector reads itself does not work; takes some seconds."""
     from vb_laser_detect.camera.report import describe
     from vb_laser_detect.camera.source import CaptureParams
 
-    found = rospy.get_param(f"/spot_detector_{camera}", {}) if camera else {}
-    if found.get("source"):
+    parameters = rospy.get_param(f"/spot_detector_{camera}", {}) if camera else {}
+    if parameters.get("source"):
         print(f"\nIf the camera {camera} does not work at all, report this with the lines above:")
-        print("\n".join(describe(str(found["source"]), CaptureParams.from_mapping(found.get("capture"), "capture"))))
+        capture = CaptureParams.from_mapping(parameters.get("capture"), "capture")
+        print("\n".join(describe(str(parameters["source"]), capture)))
 
 
 def to_json(lines: List[CheckLine], language: str) -> str:
-    """Formats the lines for programs: subject, state, code, values, and the sentence for people, of each."""
-    named = [{**vars(line), "state": _STATES[line.state], "message": line.sentence(language)} for line in lines]
-    return json.dumps(named, indent=1, ensure_ascii=False, default=str)
+    """Formats the lines for programs: of each its subject, state, code, values, and the sentence for people."""
+    rows = [{**vars(line), "state": _STATES[line.state], "message": line.sentence(language)} for line in lines]
+    return json.dumps(rows, indent=1, ensure_ascii=False, default=str)
 
 
 def run(arguments: Optional[List[str]] = None) -> int:

@@ -1,9 +1,9 @@
-"""Judges whether a lab is ready: what its nodes tell, and what no node can know. No ROS.
+"""Judges whether a lab is ready: what its nodes report, and what no node can know. No ROS.
 
-The idea: each fault has one owner, the node that has it, and that tells it as a notice for as long as it lasts: a
-detector that its camera is silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives
-through borders. `lines_from_notices` makes a line of each. Left for this module is what shows from outside only: a node
-that does not run, topics that do not meet, a map that was read wrongly.
+The idea: each fault belongs to one node, which reports it in a notice as long as it lasts: a detector reports that its
+camera is silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders.
+`lines_from_notices` makes a line of each. This module checks what shows only from outside: a node that does not run,
+topics that do not meet, a map that was read wrongly.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _HARDLY_ANY = 0.01  # share of unknown cells; shades between may be left where a
 
 @dataclass(frozen=True)
 class CheckLine:
-    """The result of one check, or what a node of the lab tells people. A `state` of INFO is what is as it should be."""
+    """The result of one check, or a notice of one of the lab's nodes; a `state` of INFO: nothing is wrong."""
 
     subject: str
     state: Severity
@@ -37,8 +37,8 @@ class CheckLine:
 
 
 def lines_from_notices(notices: Iterable[Notice], others: Iterable[CheckLine] = ()) -> List[CheckLine]:
-    """Makes lines of what the lab's nodes tell people; what another line says already is left out."""
-    known = {(line.subject, line.code) for line in others}
+    """Makes a line of each notice, unless one of the other lines has the same subject and code."""
+    present = {(line.subject, line.code) for line in others}
     lines = []
     for notice in notices:
         subject = "lab"
@@ -48,7 +48,7 @@ def lines_from_notices(notices: Iterable[Notice], others: Iterable[CheckLine] = 
             subject = f"robot {notice.robot}".strip()
         elif notice.border_id or notice.code.startswith("borders_"):
             subject = "borders"
-        if (subject, notice.code) not in known:
+        if (subject, notice.code) not in present:
             lines.append(CheckLine(subject, Severity(notice.severity), notice.code, notice.values, notice.message))
     return lines
 
@@ -61,13 +61,14 @@ def check_camera(
     rate: float = 0.0,
     no_delay: bool = False,
 ) -> CheckLine:
-    """Checks how a camera's images come to its detector; whether they can be used the detector tells.
+    """Checks how a camera's images reach its detector; the detector itself reports whether they can be used.
 
     Args:
-        topic: of its images; "" if the detector reads the camera itself.
-        publishers: nodes that publish it; others: topics of images beside it that its driver does publish.
-        rate: [1/s] of images that are searched.
-        no_delay: it is a network camera whose delay nobody has measured.
+        topic: the topic of its images; "" if the detector reads the camera itself.
+        publishers: nodes that publish it.
+        others: topics of images that its driver publishes instead.
+        rate: [1/s] searched images per second.
+        no_delay: whether it is a network camera whose delay nobody has measured.
     """
 
     def line(state: Severity, code: str, **values: Any) -> CheckLine:
@@ -88,24 +89,25 @@ def check_camera(
 def check_robot(
     name: str, keeps_margin: bool, scan_topic: str, scan_deg: Optional[float], clears_plans: bool
 ) -> List[CheckLine]:
-    """Checks the scanner of a robot of somebody's own, and its navigation's costmaps and parameters.
+    """Checks the scanner of a lab's own robot, and the costmaps and parameters of its navigation.
 
     Args:
-        name: "" for the only one; keeps_margin: whether it plans on the driver's keep_out.
+        name: "" for the only robot.
+        keeps_margin: whether it plans on the driver's keep_out.
         scan_deg: [deg] what the scan of a robot with a driver covers; 0: no scan arrived, None: it has no driver.
         clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
-    found = []
+    faults = []
     if scan_deg is not None and not keeps_margin:
-        found.append((Severity.WARNING, "lab_robot_without_margin", {}))
+        faults.append((Severity.WARNING, "lab_robot_without_margin", {}))
     if scan_deg == 0.0:
-        found.append((Severity.WARNING, "lab_robot_no_scan", {"topic": scan_topic}))
+        faults.append((Severity.WARNING, "lab_robot_no_scan", {"topic": scan_topic}))
     elif scan_deg is not None and scan_deg < MIN_SCAN_DEG:
-        found.append((Severity.WARNING, "lab_robot_narrow_scan", {"degrees": f"{scan_deg:.0f}"}))
+        faults.append((Severity.WARNING, "lab_robot_narrow_scan", {"degrees": f"{scan_deg:.0f}"}))
     if clears_plans:
-        found.append((Severity.ERROR, "lab_robot_clears_plans", {}))
+        faults.append((Severity.ERROR, "lab_robot_clears_plans", {}))
     subject, who = f"robot {name}".strip(), {"robot": sentences.robot_value(name)}
-    return [CheckLine(subject, state, code, {**who, **values}) for state, code, values in found]
+    return [CheckLine(subject, state, code, {**who, **values}) for state, code, values in faults]
 
 
 def check_map(
@@ -115,8 +117,9 @@ def check_map(
 
     Args:
         size: (width, height) [m] of /map; None: no map arrived.
-        publishers: nodes that publish /map; with_borders: whether there is /virtual_borders/map.
-        file: what the lab was given as its map; "" if nothing.
+        publishers: nodes that publish /map.
+        with_borders: whether there is /virtual_borders/map.
+        file: the map file that the lab was given, or "".
         all_known: see `is_all_known`.
     """
     if size is None:
@@ -135,7 +138,7 @@ def check_map(
 def is_all_known(cells: np.ndarray) -> bool:
     """Returns whether a map (H, W) int8 has hardly any unknown cell although free floor reaches its edge.
 
-    No robot records such a map: what it has not seen was read as free, for instance a pixel of 205 with free_thresh 0.25.
+    No robot records such a map: its unknown cells were read as free, as pixels of 205 are with a free_thresh of 0.25.
     """
     edges = np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])
     return bool((edges == 0).any()) and float((cells < 0).mean()) < _HARDLY_ANY

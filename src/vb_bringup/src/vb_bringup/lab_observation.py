@@ -1,4 +1,4 @@
-"""Observes the running lab for some seconds: what its nodes tell people, which run, and how topics are connected."""
+"""Observes the running lab for some seconds: its nodes, their notices, and how topics are connected."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import os
 import shutil
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -17,7 +17,7 @@ from vb_bringup.lab_checks import lines_from_notices
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
-from vb_core.notices import Severity
+from vb_core.notices import Notice, Severity
 from vb_core.offer import offer
 from vb_core.ros.graph import read_graph
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
@@ -27,18 +27,45 @@ from vb_core.ros.robots import connections_from_message
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
 _DETECTOR = "/spot_detector_"
-# those that a lab is meant to have if its launch has set their parameters; detectors are camera_poses' business
+# nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors
 _NODES = ("/map_integrator", "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
-_CONNECTION_TIMEOUT = 5.0  # [s] a publisher that cannot be reached by then is one of the faults to report
+_CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within it is a fault to report
 _IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 
 
 def observe_lab(seconds: float) -> List[CheckLine]:
     """Listens to the nodes for some seconds, looks at everything else, and judges it."""
     graph = read_graph()
-    listener = NoticeListener()
-    statuses: Dict[str, DetectorStatus] = {}
+    newest, statuses, notices = _listen(seconds)
+    running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
+    lines = check_nodes(
+        [node for node in _NODES if node not in running and (node == _NODES[0] or rospy.has_param(node))]
+    )
+    if rospy.has_param("/border_fusion") and not statuses:
+        lines.append(CheckLine("cameras", Severity.WARNING, "lab_no_cameras"))
+    for camera, status in sorted(statuses.items()):
+        line = _check_camera(graph, camera, status)
+        if line.state is Severity.ERROR:  # the line says why the camera is silent
+            notices = [one for one in notices if (one.code, one.camera) != ("camera_silent", camera)]
+        if line.state is not Severity.INFO or all(one.camera != camera for one in notices):
+            lines.append(line)
+    lines += _check_map(graph, newest)
+    if names.BORDERS in newest:
+        borders = newest[names.BORDERS].borders
+        values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
+        lines.append(CheckLine("borders", Severity.INFO, "lab_borders_ok", values))
+    if names.ROBOTS in newest:
+        lines += lines_from_notices(offer(connections_from_message(newest[names.ROBOTS])).lines)
+        for robot in newest[names.ROBOTS].robots:
+            lines += _check_robot(robot, newest.get(_scan(robot.robot)))
+    lines += _check_computer(running)
+    return lines + lines_from_notices(notices, lines)
+
+
+def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], List[Notice]]:
+    """Returns the newest message of each topic, the newest status of each camera, and the notices that hold."""
     newest: Dict[str, Any] = {}
+    statuses: Dict[str, DetectorStatus] = {}
     topics = {
         names.PHYSICAL_MAP: OccupancyGridArray,
         names.MAP_WITH_BORDERS: OccupancyGridArray,
@@ -50,40 +77,11 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         rospy.Subscriber(name, kind, lambda message, name=name: newest.update({name: message}), queue_size=1)
         for name, kind in topics.items()
     ]
-    subscribers.append(
-        rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda one: statuses.update({one.camera: one}))
-    )
-    wait_for_publishers([listener.subscriber, *subscribers], _CONNECTION_TIMEOUT)
+    detectors = rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda one: statuses.update({one.camera: one}))
+    notices = NoticeListener()
+    wait_for_publishers([notices.subscriber, detectors, *subscribers], _CONNECTION_TIMEOUT)
     rospy.rostime.wallsleep(seconds)
-
-    running = graph.nodes | read_graph().nodes  # one that was just being started again has no name for a moment
-    lines = check_nodes(
-        [node for node in _NODES if node not in running and (node == _NODES[0] or rospy.has_param(node))]
-    )
-    if rospy.has_param("/border_fusion") and not statuses:
-        lines.append(CheckLine("cameras", Severity.WARNING, "lab_no_cameras"))
-    notices = listener.current()
-    for camera, status in sorted(statuses.items()):
-        line = _check_camera(graph, camera, status)
-        if line.state is Severity.ERROR:  # which says why it is silent
-            notices = [one for one in notices if (one.code, one.camera) != ("camera_silent", camera)]
-        if line.state is not Severity.INFO or all(one.camera != camera for one in notices):
-            lines.append(line)
-    lines += _check_map(graph, newest)
-    if names.BORDERS in newest:
-        borders = newest[names.BORDERS].borders
-        values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
-        lines.append(CheckLine("borders", Severity.INFO, "lab_borders_ok", values))
-    if names.ROBOTS in newest:
-        connected = offer(connections_from_message(newest[names.ROBOTS]))
-        lines += lines_from_notices(connected.lines)
-        for robot in newest[names.ROBOTS].robots:
-            lines += _check_robot(robot, newest.get(_scan(robot.robot)))
-    lines += _check_computer(running)
-    for subscriber in subscribers:
-        subscriber.unregister()
-    listener.close()
-    return lines + lines_from_notices(notices, lines)
+    return dict(newest), dict(statuses), notices.current()
 
 
 def _scan(robot: str) -> str:
@@ -94,8 +92,8 @@ def _check_camera(graph: NodeGraph, camera: str, status: DetectorStatus) -> Chec
     node = _DETECTOR + camera
     parameters = _parameters(node)
     source = str(parameters.get("source", ""))
-    found = [topic for topic in graph.subscriptions(node, list(_IMAGES)) if "depth" not in topic]
-    topic = "" if source or not found else found[0]
+    images = [topic for topic in graph.subscriptions(node, list(_IMAGES)) if "depth" not in topic]
+    topic = "" if source or not images else images[0]
     beside = f"/{topic.strip('/').split('/')[0]}/"
     return check_camera(
         camera,
@@ -112,14 +110,14 @@ def _check_camera(graph: NodeGraph, camera: str, status: DetectorStatus) -> Chec
 
 
 def _check_robot(status: RobotStatus, scan: Optional[LaserScan]) -> List[CheckLine]:
-    found = _parameters(status.move_base) if status.move_base else {}
+    navigation = _parameters(status.move_base) if status.move_base else {}
     covered = 0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min))
     return check_robot(
         status.robot,
         not status.plans_round_borders or any(name.endswith(names.MAP_WITH_MARGIN) for name in status.maps),
         _scan(status.robot),
         covered if status.driver else None,
-        bool(found.get("make_plan_clear_costmap", True)) and "global_costmap" in found,
+        bool(navigation.get("make_plan_clear_costmap", True)) and "global_costmap" in navigation,
     )
 
 
@@ -127,7 +125,7 @@ def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[CheckLine]:
     physical, size, all_known = newest.get(names.PHYSICAL_MAP), None, False
     if physical is not None:
         size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
-        with contextlib.suppress(CodedError):  # a map that says other than it carries: the map integrator tells it
+        with contextlib.suppress(CodedError):  # the map integrator reports a map of the wrong size
             all_known = is_all_known(grid_from_message(physical).data)
     publishers, file = graph.publishers.get(names.PHYSICAL_MAP, []), str(rospy.get_param("/map_server/map_yaml", ""))
     return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, all_known)
@@ -148,5 +146,5 @@ def _check_computer(running: Any) -> List[CheckLine]:
 
 
 def _parameters(node: str) -> Mapping[str, Any]:
-    found = rospy.get_param(node, {})
-    return found if isinstance(found, dict) else {}
+    values = rospy.get_param(node, {})
+    return values if isinstance(values, dict) else {}

@@ -1,7 +1,7 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-The idea: an argument of the stack's launch files is of a kind, and is judged by it where a mistake costs one sentence
-instead of several nodes that die again and again. The launch files begin with `<param command="python3 -m
+The idea: each argument of the stack's launch files has a kind, and a wrong value is refused in one sentence, before
+several nodes start and die again and again. The launch files begin with `<param command="python3 -m
 vb_bringup.launch_check ...">`; roslaunch runs that command while it still reads the file.
 
     launch_check lab cameras:="north south" robot:=false      what lab.launch and borders_only.launch ask
@@ -32,19 +32,19 @@ from vb_core.errors import CodedError
 from vb_core.robot_profile import RobotProfile
 
 STARTED, REFUSED = 0, 1
-ANSWER_TIMEOUT = 3.0  # [s] a node that runs tells its process within it
+ANSWER_TIMEOUT = 3.0  # [s] within it a running node answers with its process id
 UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
 _CALLER = "/launch_check"
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # of a camera, a robot or a computer
 
 
-def check_arguments(given: Iterable[str], declared: Sequence[str]) -> None:
+def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
     """Refuses arguments that the launch files lack: roslaunch would ignore them without a word.
 
     Raises:
         CodedError: "launch_mistyped_argument" if one is much like a declared one, else "launch_unknown_argument".
     """
-    for name in given:
+    for name in arguments:
         if name not in declared:
             nearest = difflib.get_close_matches(name, declared, 1)
             if nearest:
@@ -61,7 +61,7 @@ def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
 
 def check_names(argument: str, value: str) -> None:
     """Raises CodedError "launch_bad_names" unless it is names separated by spaces; none is fine too."""
-    wrong = [name for name in value.split() if not _NAME.fullmatch(name)]
+    wrong = [name for name in value.split() if not NAME.fullmatch(name)]
     if wrong:
         raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(wrong))
 
@@ -72,11 +72,11 @@ def parse_pairs(argument: str, value: str) -> Dict[str, str]:
     Raises:
         CodedError: "launch_bad_pairs"
     """
-    found = [word.partition("=") for word in value.split()]
-    wrong = ["".join(parts) for parts in found if not (_NAME.fullmatch(parts[0]) and parts[2])]
+    pairs = [word.partition("=") for word in value.split()]
+    wrong = ["".join(parts) for parts in pairs if not (NAME.fullmatch(parts[0]) and parts[2])]
     if wrong:
         raise CodedError("launch_bad_pairs", argument=argument, wrong=" ".join(wrong))
-    return {name: what for name, _, what in found}
+    return {name: what for name, _, what in pairs}
 
 
 def check_file(argument: str, value: str) -> None:
@@ -130,6 +130,14 @@ def check_detectors(argument: str, value: str) -> None:
         check_detector(argument, path)
 
 
+def find_profile(robot: str, folder: Path) -> Path:
+    """Returns the file of a robot type; raises CodedError "unknown_robot_type" if the folder has none."""
+    known = sorted(path.stem for path in folder.glob("*.yaml"))
+    if robot not in known:
+        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
+    return folder / f"{robot}.yaml"
+
+
 def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
     """Reads robot types or paths of profiles, separated by spaces.
 
@@ -139,15 +147,12 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
     import rospkg
 
     folder = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
-    known = sorted(path.stem for path in folder.glob("*.yaml"))
-    found = []
+    profiles = []
     for name in value.split():
-        if "/" not in name and name not in known:
-            raise CodedError("unknown_robot_type", robot=name, known=", ".join(known))
-        path = name if "/" in name else str(folder / f"{name}.yaml")
-        check_file(argument, path)
-        found.append(RobotProfile.load(Path(path)))
-    return found
+        path = Path(name) if "/" in name else find_profile(name, folder)
+        check_file(argument, str(path))
+        profiles.append(RobotProfile.load(path))
+    return profiles
 
 
 Kind = Callable[[str, str], Any]
@@ -185,7 +190,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
         raise CodedError("launch_navigation_without_robot")
 
 
-# ------------------------------------------------------------ what is there
+# ------------------------------------------------------------ what is installed, and what runs
 def declared_arguments(files: Iterable[Path]) -> List[str]:
     """Lists the arguments that launch files declare and leave open; included files do not count."""
     names = []
@@ -210,15 +215,15 @@ def check_installed(programs: Iterable[str]) -> None:
 
     for program in programs:
         try:
-            found = find_node(program, program)
+            executables = find_node(program, program)
         except rospkg.ResourceNotFound:
-            found = []
-        if not found:
+            executables = []
+        if not executables:
             raise CodedError("launch_not_installed", program=program)
 
 
 def check_alone(master_uri: str) -> None:
-    """Refuses a second lab on one ROS master: each would end the other's nodes, and start its own again, for ever.
+    """Refuses a second lab on one ROS master: each would end the other's nodes and restart its own, for ever.
 
     Raises:
         CodedError: "lab_already_running"
@@ -226,10 +231,10 @@ def check_alone(master_uri: str) -> None:
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(ANSWER_TIMEOUT)
     try:
-        there = rosgraph.Master(_CALLER, master_uri).lookupNode(UNIQUE_NODE)
-        process = xmlrpc.client.ServerProxy(there).getPid(_CALLER)[2]
+        address = rosgraph.Master(_CALLER, master_uri).lookupNode(UNIQUE_NODE)
+        process = xmlrpc.client.ServerProxy(address).getPid(_CALLER)[2]
     except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
-        return  # no master, no lab, or one that died without a word
+        return  # no master, no lab, or a lab that was killed
     finally:
         socket.setdefaulttimeout(before)
     raise CodedError("lab_already_running", node=UNIQUE_NODE, process=process)
@@ -251,9 +256,9 @@ def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
     if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
         return [], [], ""
     files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(rest) if os.path.isfile(name)]
-    given = [word.split(":=")[0] for word in rest if ":=" in word and not word.startswith("_")]
+    arguments = [word.split(":=")[0] for word in rest if ":=" in word and not word.startswith("_")]
     uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()
-    return given if files else [], files, uri
+    return arguments if files else [], files, uri
 
 
 def run() -> int:
@@ -266,8 +271,8 @@ def run() -> int:
     chosen, process = parser.parse_args(), os.getppid()
     files: List[Path] = []
     try:
-        given, files, master_uri = launch_of(process)
-        check_arguments(given, declared_arguments(files))
+        arguments, files, master_uri = launch_of(process)
+        check_arguments(arguments, declared_arguments(files))
         if chosen.what == "navigation":
             check_installed(chosen.words)
         else:

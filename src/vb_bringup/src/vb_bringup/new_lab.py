@@ -6,7 +6,6 @@ The stack itself is unchanged, so that a newer version never touches a lab's set
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import sys
 from pathlib import Path
@@ -14,11 +13,11 @@ from typing import Dict, List, Mapping, Optional
 
 import yaml
 
+from vb_bringup.launch_check import NAME, find_profile
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 
 CREATED, REFUSED = 0, 1
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 _LAUNCH = """\
 <launch>
@@ -76,7 +75,7 @@ _README = """\
 
 | file | what it says |
 |---|---|
-| `lab.launch` | which cameras, map and robot; everything that the stack is told |
+| `lab.launch` | which cameras, map and robot; all arguments of the stack |
 | `cameras.launch` | drivers of cameras that have no `source` |
 | `lenses/` | one file per camera: its lens, from calibrate_camera |
 | `calibration/` | one file per camera: where it hangs, from calibrate_camera |
@@ -113,17 +112,15 @@ def write_lab(
         profiles: folder of the robot types.
 
     Raises:
-        CodedError: "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file", nothing was
-            written then; or "cannot_write_lab".
+        CodedError: "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file" before anything is
+            written; or "cannot_write_lab".
     """
-    known = sorted(path.stem for path in profiles.glob("*.yaml"))
     if folder.exists() and any(folder.iterdir()):
         raise CodedError("folder_not_empty", folder=folder)
-    wrong = [name for name in cameras if not _NAME.fullmatch(name)]
+    wrong = [name for name in cameras if not NAME.fullmatch(name)]
     if wrong:
         raise CodedError("bad_camera_name", name=", ".join(wrong))
-    if robot and robot not in known:
-        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
+    profile = find_profile(robot or "template", profiles)
     if map_file is not None:
         read_map(map_file)
     files: Dict[str, str] = {
@@ -151,7 +148,7 @@ def write_lab(
             written.append(folder / name)
         if map_file is not None:
             written += _copy_map(map_file, folder)
-        shutil.copyfile(str(profiles / f"{robot or 'template'}.yaml"), str(folder / "robot.yaml"))
+        shutil.copyfile(str(profile), str(folder / "robot.yaml"))
         written.append(folder / "robot.yaml")
     except OSError as error:
         raise CodedError("cannot_write_lab", folder=folder, error=error.strerror) from None
@@ -165,12 +162,12 @@ def parse_cameras(text: str) -> Dict[str, str]:
         CodedError: "bad_camera_name" if two have the same name.
     """
     words = [word.partition("=")[::2] for word in text.split()]
-    found = dict(words)
-    if len(found) != len(words):
+    cameras = dict(words)
+    if len(cameras) != len(words):
         raise CodedError("bad_camera_name", name=", ".join(name for name, _ in words))
     return {
         name: source if not source or "://" in source else str(Path(source).expanduser().absolute())
-        for name, source in found.items()
+        for name, source in cameras.items()
     }
 
 

@@ -3,8 +3,8 @@
     make try CAMERA=0        a webcam; also a device, an address (rtsp://, http://), or a video file
     make try                 plays a video of ours, by itself
 
-A page shows the camera's picture, and asks for the corners. They tell where the camera is; that is written as the folder
-of a lab like any other, which is started: the same detector, fusion, integration and page.
+A page shows the camera's picture and asks for the corners. From them follows where the camera is. That is written as the
+folder of a lab like any other, which is then started: the same detector, fusion, integration and page.
 """
 
 from __future__ import annotations
@@ -107,13 +107,13 @@ class CornerPage:
         self.view: Optional[FloorView] = None
         self._shot: Optional[Shot] = None
         self.error = ""  # why there is no picture
-        self._source = CameraSource(source, CaptureParams(), self._take, self._tell)
+        self._source = CameraSource(source, CaptureParams(), self._take, self._show_error)
         self._source.start()
 
     def _take(self, shot: Shot) -> None:
         self._shot = shot
 
-    def _tell(self, error: Optional[CodedError]) -> None:
+    def _show_error(self, error: Optional[CodedError]) -> None:
         self.error = "" if error is None else CodedError(error.code, **{**error.values, "camera": "1"}).message
         if error is not None:
             print(f"  {self.error}", flush=True)
@@ -145,11 +145,11 @@ class CornerPage:
         shot = self._shot
         return None if shot is None else shot.picture().pixels
 
-    def judge(self, given: Dict[str, Any], start: bool) -> Dict[str, Any]:
-        """Answers what four corners mean; raises CodedError "bad_rectangle"."""
+    def judge(self, request: Dict[str, Any], start: bool) -> Dict[str, Any]:
+        """Returns what four corners mean for the page; raises CodedError "bad_rectangle"."""
         picture = self.picture()
-        corners = np.array(given["corners"], float).reshape(4, 2)
-        size = float(given["width"]), float(given["depth"])
+        corners = np.array(request["corners"], float).reshape(4, 2)
+        size = float(request["width"]), float(request["depth"])
         image = picture.shape[1], picture.shape[0]
         view = view_rectangle(corners, size, image)
         floor = seen_floor(view)
@@ -214,7 +214,7 @@ class TryLab:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         borders = [border_from_message(border) for border in message.borders]
-        new = [border for border in borders if border.id not in {known.id for known in self.borders}]
+        new = [border for border in borders if border.id not in {old.id for old in self.borders}]
         if borders != self.borders:
             write_atomically(self._file, borders_to_geojson(borders).encode("utf-8"))
         self.borders = borders
@@ -234,8 +234,8 @@ class TryLab:
         self._wait(lambda: self._quiet(_BETWEEN))
         for command in ("define_border", "define_seed"):
             self._give(command)
-            seen = self._spots
-            self._wait(lambda seen=seen: self._spots > seen + 5 and self._quiet(_PAUSE))
+            before = self._spots
+            self._wait(lambda before=before: self._spots > before + 5 and self._quiet(_PAUSE))
         if self._give("save") == "confirm_save":  # what was drawn is not quite certain
             self._give("save")
         self._wait(lambda: bool(self.borders))
@@ -259,7 +259,7 @@ class TryLab:
 
 
 def parse_camera(text: str) -> str:
-    """Returns what a camera's number, device, address or file is for `source`."""
+    """Converts a camera's number, device, address or file to a detector's parameter `source`."""
     if text.isdigit():
         return f"/dev/video{text}"
     return text if is_network(text) else str(Path(text).expanduser().absolute())
@@ -276,16 +276,16 @@ def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
 
 def run(arguments: Optional[List[str]] = None) -> int:
     """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; 0 unless something failed."""
-    given = _arguments(arguments)
+    options = _arguments(arguments)
     import rospkg
 
     package = Path(rospkg.RosPack().get_path("vb_bringup"))
-    if given.camera:
-        source, truth = parse_camera(given.camera), None
+    if options.camera:
+        source, truth = parse_camera(options.camera), None
     else:
         source = str(package / "try/room.mp4")
         truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
-    out, port = given.out.expanduser().resolve(), free_port(given.port)
+    out, port = options.out.expanduser().resolve(), free_port(options.port)
     address = f"http://127.0.0.1:{port}/"
     if truth is None:
         print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
@@ -299,13 +299,13 @@ def run(arguments: Optional[List[str]] = None) -> int:
     print("Starting the detector, the map and the page ...", flush=True)
     lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros, rviz=False, page_port=port)
     try:
-        return _follow(out, address, truth is not None, given.once, lab)
+        return _follow(out, address, truth is not None, options.once, lab)
     finally:
         lab.stop()
 
 
 def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
-    """Follows the running lab; `plays`: gives the commands to our own video."""
+    """Follows the running lab; if it `plays`, gives the commands that belong to our own video."""
     end = time.monotonic() + _START_TIMEOUT
     with contextlib.suppress(OSError):  # roslaunch brings the master
         while lab.running and time.monotonic() < end and not rosgraph.is_master_online():

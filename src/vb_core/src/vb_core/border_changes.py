@@ -1,4 +1,4 @@
-"""What happened to borders, told by two lists of them; no ROS."""
+"""What happened to borders, found by comparing two lists of them; no ROS."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ ADDED, REMOVED, RENAMED, ENABLED, DISABLED, CHANGED = "added", "removed", "renam
 
 
 def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[Tuple[str, Any]]:
-    """Compares two lists of borders, vb_msgs/VirtualBorder by id; returns what happened to which, one thing for each."""
-    found = [(REMOVED, border) for key, border in before.items() if key not in after]
+    """Compares two lists of borders, vb_msgs/VirtualBorder by id; returns at most one change of each, with the border."""
+    changes = [(REMOVED, border) for key, border in before.items() if key not in after]
     for key, border in after.items():
         old = before.get(key)
         if old is None:
-            found.append((ADDED, border))
+            changes.append((ADDED, border))
         elif old.enabled != border.enabled:
-            found.append((ENABLED if border.enabled else DISABLED, border))
+            changes.append((ENABLED if border.enabled else DISABLED, border))
         elif old.name != border.name:
-            found.append((RENAMED, border))
+            changes.append((RENAMED, border))
         elif _drawn(old) != _drawn(border):
-            found.append((CHANGED, border))
-    return found
+            changes.append((CHANGED, border))
+    return changes
 
 
 def _drawn(border: Any) -> Tuple:
     """Lists what a person can change about a border, apart from its name and its switch.
 
-    Places to a centimetre: as a map grows a border is found again by the walls round it, and moves by less.
+    Places are rounded to a centimetre: on a map that has grown, a border is placed anew by its walls and moves by less.
     """
     places = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
     return places, border.zone, border.max_speed

@@ -16,8 +16,8 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_EXACT_PX = 1e-6  # [px] a ray's pixel is so near to the one that was asked for
-_STEPS = 12  # of Newton's method, which doubles the digits with each
+_EXACT_PX = 1e-6  # [px] the largest distance between a pixel and the projection of its ray
+_STEPS = 12  # of Newton's method, each of which doubles the correct digits
 _ORIGIN = np.zeros(3)
 _FLAT = 1e9  # tangent of 90 degrees
 
@@ -90,17 +90,17 @@ class CameraModel:
             return result
         if len(pixels) == 0:
             return result
-        # OpenCV is fast, and right near the axis; how far, each of its results tells by its own pixel
+        # OpenCV is fast, but right only near the axis: each result is projected again to see whether it is right
         if self.fisheye:
-            found = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
+            plane = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
         else:
             criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-            found = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)[:, 0]
-        wrong = self._wrong(found, pixels)
+            plane = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)[:, 0]
+        wrong = self._wrong(plane, pixels)
         if wrong.any():
-            found[wrong] = self._invert(pixels[wrong])
-            found[self._wrong(found, pixels)] = np.nan
-        result[:, :2] = found
+            plane[wrong] = self._invert(pixels[wrong])
+            plane[self._wrong(plane, pixels)] = np.nan
+        result[:, :2] = plane
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
@@ -114,12 +114,10 @@ class CameraModel:
         if self.distorted:
             project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
             pixels = project(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
-            seen = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self._within * points[:, 2])
-            pixels[~seen] = np.nan
+            visible = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self.limit * points[:, 2])
+            pixels[~visible] = np.nan
             return pixels
-        depths = points[:, 2:]
-        if not depths.min() > 0:
-            depths = np.where(depths > 0, depths, np.nan)
+        depths = np.where(points[:, 2:] > 0, points[:, 2:], np.nan)
         focal, middle = self._pinhole
         return points[:, :2] * (1.0 / depths) * focal + middle
 
@@ -136,8 +134,6 @@ class CameraModel:
     @cached_property
     def limit(self) -> float:
         """Tangent of the angle from the axis at which the model ends: farther out the image would fold back."""
-        if not self.distorted:
-            return math.inf
         k = np.concatenate([self.distortion, np.zeros(8)])
         odd, one = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
         square = odd * odd
@@ -146,17 +142,13 @@ class CameraModel:
         else:
             above = odd * (one + k[0] * square + k[1] * square**2 + k[4] * square**3)
             below = one + k[5] * square + k[6] * square**2 + k[7] * square**3
-        # where the image's radius stops to rise, or has no value at all
+        # where the radius in the image stops growing, or has no value at all
         ends = [(above.deriv() * below - above * below.deriv()).roots(), below.roots()]
         ends = [float(root.real) for roots in ends for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
         if not self.fisheye:
-            return min(ends, default=math.inf)
+            return min(ends, default=_FLAT)
         angle = min(ends, default=math.pi)
-        return math.tan(angle) if angle < math.pi / 2 else math.inf
-
-    @cached_property
-    def _within(self) -> float:
-        return min(self.limit, _FLAT)
+        return math.tan(angle) if angle < math.pi / 2 else _FLAT
 
     def _wrong(self, normalized: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         """Returns which of normalised coordinates (N, 2) are not those of the pixels (N, 2), (N,) bool."""
@@ -167,26 +159,26 @@ class CameraModel:
     def _invert(self, pixels: np.ndarray) -> np.ndarray:
         """Undoes the distortion by Newton's method, from within the model's limit; returns (N, 2)."""
         focal, middle = self._pinhole
-        wanted = (pixels - middle) / focal
+        target = (pixels - middle) / focal
         # the start: along the radius, by a table
-        radii = np.tan(np.linspace(0.0, min(math.atan(self.limit), math.radians(89.9)), 2000))
+        radii = np.tan(np.linspace(0.0, math.atan(self.limit), 2000))
         shown = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
-        known = np.isfinite(shown[:, 0])
-        radius = np.hypot(*wanted.T)
-        start = np.interp(radius, np.maximum.accumulate((shown[known, 0] - middle[0]) / focal[0]), radii[known])
-        found = wanted * (start / np.maximum(radius, 1e-12))[:, None]
+        finite = np.isfinite(shown[:, 0])
+        radius = np.hypot(*target.T)
+        start = np.interp(radius, np.maximum.accumulate((shown[finite, 0] - middle[0]) / focal[0]), radii[finite])
+        plane = target * (start / np.maximum(radius, 1e-12))[:, None]
         for _ in range(_STEPS):
-            ends = found[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+            ends = plane[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
             here = self.project(np.dstack([ends, np.ones(ends.shape[:2])]).reshape(-1, 3)).reshape(-1, 5, 2)
             here = (here - middle) / focal
             (a, c), (b, d) = ((here[:, 1] - here[:, 2]) / 2e-6).T, ((here[:, 3] - here[:, 4]) / 2e-6).T
-            off, area = wanted - here[:, 0], a * d - b * c
+            off, area = target - here[:, 0], a * d - b * c
             with np.errstate(all="ignore"):
                 step = np.column_stack([d * off[:, 0] - b * off[:, 1], a * off[:, 1] - c * off[:, 0]]) / area[:, None]
                 # next to the limit a whole step may lead beyond it
-                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*found.T))))
-                found = found + step / length[:, None]
-        return found
+                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*plane.T))))
+                plane = plane + step / length[:, None]
+        return plane
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
         """Returns which of pixels (N, 2) are in the image, (N,) bool."""

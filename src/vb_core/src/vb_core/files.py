@@ -14,7 +14,7 @@ PRIVATE = 0o600  # mode of a file that only its owner may read and write
 
 
 def keep_private(path: Path) -> bool:
-    """Takes from others the right to read a file that has secrets or says what people did; returns whether they had it.
+    """Makes a file with secrets, or with what people did, readable for its owner only; returns whether others could read it.
 
     Raises:
         CodedError: "file_not_private" if that is not possible.
@@ -41,7 +41,7 @@ def write_atomically(path: Path, content: bytes, private: bool = False) -> None:
 
 
 def write_together(contents: Mapping[Path, bytes], private: bool = False) -> None:
-    """Writes files as `write_atomically` does, and none unless there is room for all; only a crash can part them."""
+    """Writes files as `write_atomically` does, and none unless there is room for all; only a crash can separate them."""
     temporary: Dict[Path, str] = {}
     path = Path()
     try:

@@ -29,8 +29,8 @@ def crop(grid: GridMap, window: Window) -> GridMap:
 def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
     """Measures (H, W) float32 [m] how far each cell's centre is from the nearest blocked cell; 0 in blocked cells.
 
-    Half a cell's diagonal is taken off the distance between centres, so that it never says more than there is. The map's
-    edge is not blocked; if nothing is, all is inf.
+    Half a cell's diagonal is subtracted from the distance between centres, so that it is never larger than the true
+    clearance. The map's edge is not blocked; if no cell is blocked, everything is inf.
     """
     return np.maximum(distance_to(blocked) - np.sqrt(0.5), 0.0) * np.float32(resolution)
 

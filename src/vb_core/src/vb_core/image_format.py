@@ -27,7 +27,7 @@ _KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": 
 
 
 class Encoding(NamedTuple):
-    """How an image is stored: numpy's type and the number of a pixel's channels, and what they are; "": no picture."""
+    """How an image is stored: numpy's type, the channels of a pixel, and what they are; "": not a picture."""
 
     dtype: np.dtype
     channels: int
@@ -57,12 +57,11 @@ def encoding_of(name: str) -> Encoding:
     Raises:
         CodedError: "bad_image" if nobody can read it.
     """
+    encoding = _ENCODINGS.get(name.lower()) or _ENCODINGS.get(name)
+    if encoding is not None:
+        return encoding
     general = _GENERAL.fullmatch(name)
     kind = _KINDS.get(general.group(1) + general.group(2)) if general else None
-    if name.lower() in _ENCODINGS:
-        return _ENCODINGS[name.lower()]
-    if name in _ENCODINGS:
-        return _ENCODINGS[name]
     if kind is None:
         raise CodedError("bad_image", f"cannot read an image with the unknown encoding '{name}'")
     return Encoding(np.dtype(kind), int(general.group(3) or 1), "")
@@ -133,11 +132,11 @@ class HalvedPicture:
 
     @cached_property
     def searched(self) -> np.ndarray:
-        """Returns the half, as a codec makes it, which takes less time than the whole."""
+        """Returns the pixels at half the size, which a codec decodes in less time than the whole."""
         return self._decode(self.size[0] // 2, self.size[1] // 2)
 
     def decode_whole(self) -> None:
-        """Makes the half from the whole, which takes less time than both do; they differ by a grey level."""
+        """Makes the half from the whole: faster than to decode both, and different by at most a grey level."""
         half = self.size[0] // 2, self.size[1] // 2
         self.searched = cv2.resize(self.pixels, half, interpolation=cv2.INTER_AREA)
 
@@ -152,7 +151,7 @@ AnyPicture = Union[Picture, HalvedPicture]
 class PixelReader:
     """Reads the images of one camera; remembers how many bits it really uses.
 
-    A camera of 10 or 12 bits sends them in 16: the largest value so far tells how many there are.
+    A camera of 10 or 12 bits sends them in 16: the largest value that it has ever sent shows how many it uses.
     """
 
     def __init__(self) -> None:
@@ -163,10 +162,10 @@ class PixelReader:
 
         Args:
             image: the message's pixels as they are.
-            encoding: as in sensor_msgs/Image.
+            encoding: its name in sensor_msgs/Image.
 
         Raises:
-            CodedError: "unknown_encoding" for images that no spot can be seen in, such as depth.
+            CodedError: "unknown_encoding" for images in which no spot can be seen, such as depth.
         """
         content = encoding_of(encoding).content
         if not content:

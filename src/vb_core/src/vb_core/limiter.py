@@ -9,7 +9,7 @@ from typing import Tuple
 class Limiter:
     """Token buckets, one for each key: `burst` at once, then `rate` a second. Keeps the newest 1000 keys.
 
-    There is none for all keys together: what strangers can empty would be missing to everybody.
+    There is no bucket for all keys together: strangers could empty it for everybody.
     """
 
     def __init__(self, rate: float, burst: float) -> None:

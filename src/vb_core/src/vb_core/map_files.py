@@ -73,9 +73,9 @@ def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
 
 
 def map_path(name: str) -> Path:
-    """Returns the path of a map that was named in a terminal, relative to the folder that roslaunch was called in.
+    """Returns the path of a map that was named in a terminal, relative to the folder in which roslaunch was called.
 
-    roslaunch starts nodes in another folder, and passes on the one that it was called in.
+    roslaunch starts nodes in another folder; the environment variable PWD still has the folder of the call.
     """
     return Path(os.environ.get("PWD", ".")) / Path(name).expanduser()
 
@@ -100,18 +100,18 @@ def read_map(path: Path) -> GridMap:
         raise _bad(path, "$file_no_keys")
 
     def read(key: str, example: str, is_right: Callable[[Any], bool], default: Any = None) -> Any:
-        found = description.get(key, default)
-        if not is_right(found):
-            raise _bad(path, "$file_value", key=key, expected=example, found=repr(found))
-        return found
+        value = description.get(key, default)
+        if not is_right(value):
+            raise _bad(path, "$file_value", key=key, expected=example, found=repr(value))
+        return value
 
     def number(key: str, default: Optional[float] = None) -> float:
-        return float(read(key, "0.05", lambda found: type(found) in (int, float) and math.isfinite(found), default))
+        return float(read(key, "0.05", lambda value: type(value) in (int, float) and math.isfinite(value), default))
 
-    mode = read("mode", "trinary | scale | raw", lambda found: found in ("trinary", "scale", "raw"), "trinary")
+    mode = read("mode", "trinary | scale | raw", lambda value: value in ("trinary", "scale", "raw"), "trinary")
     origin = read("origin", "[x, y, yaw]", _is_pose)
-    name = read("image", "map.pgm", lambda found: isinstance(found, str) and found != "" and "\0" not in found)
-    negate = read("negate", "0 | 1", lambda found: isinstance(found, (int, float)), 0)
+    name = read("image", "map.pgm", lambda value: isinstance(value, str) and value != "" and "\0" not in value)
+    negate = read("negate", "0 | 1", lambda value: isinstance(value, (int, float)), 0)
     image = _read_image(path.parent / name)
     resolution = number("resolution")
     if mode == "raw":
@@ -139,8 +139,8 @@ def _bad(path: Path, reason: Optional[str], **values: Any) -> CodedError:
     return CodedError("bad_map_file", file=str(path), reason=reason, **values)
 
 
-def _is_pose(found: Any) -> bool:
-    return isinstance(found, list) and len(found) == 3 and all(type(value) in (int, float) for value in found)
+def _is_pose(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(type(number) in (int, float) for number in value)
 
 
 def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:

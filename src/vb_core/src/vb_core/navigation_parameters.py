@@ -6,7 +6,7 @@ from typing import Any, Dict
 
 from vb_core.robot_profile import RobotProfile
 
-CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot leaves that much if it can, and passes where it cannot
+CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot keeps that distance if it can, and else passes closer
 # [m] beyond the radius that a path keeps from borders and walls. Without it paths lead through gaps in which the
 # controller's footprint touches something as soon as it or the localisation is off by 3 cm; from there DWA finds no
 # path any more, and no recovery frees it.
@@ -33,7 +33,7 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
         "inflation_layer": {"inflation_radius": round(profile.radius + CELLS_BESIDE, 3)},
         "obstacle_layer": {"scan": source} if scanner.present else {"observation_sources": ""},
     }
-    # DWA wants some forward speed between full and nothing, or its few samples leave only these two
+    # with few samples DWA could choose only between full speed and standing still
     samples = max(8, int(round(limits.max_speed / 0.025)))
     return {
         "global_costmap": {**costmap, "robot_radius": round(profile.radius + PATH_MARGIN, 3)},

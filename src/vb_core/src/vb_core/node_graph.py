@@ -1,4 +1,4 @@
-"""Which nodes run, and what they publish, subscribe to and serve, at one moment; and who could command a base. No ROS."""
+"""The nodes at one moment: what they publish, subscribe to and serve, and which could command a base. No ROS."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ class NodeGraph:
     """The ROS graph, as a master knows it; `vb_core.ros.graph.read_graph` asks for it.
 
     Args:
-        published, subscribed, services: (name, nodes) of the topics or services.
-        types: of topics.
+        published, subscribed, services: pairs (name, nodes) of topics or services.
+        types: message types by topic.
 
     Attributes:
         publishers, subscribers, services: nodes by the name of the topic or service.
-        types: of topics.
+        types: message types by topic.
     """
 
     def __init__(
@@ -46,15 +46,16 @@ class NodeGraph:
     def find_other_commanders(self, driver: str, topic: str, output: str) -> Tuple[Set[str], Set[str]]:
         """Finds the nodes that could command the base past its driver, which must be the only way to its wheels.
 
-        Not what is heard counts but who has registered: a node that is silent now may drive at any time, and behind a
-        mux nothing of the others is heard at all.
+        Every registered publisher counts, even a silent one: it may drive at any time, and behind a mux the driver hears
+        no other node at all.
 
         Args:
-            driver: the driver's node; topic: of its commands.
+            driver: the driver's node.
+            topic: on which the driver publishes its commands.
             output: the topic on which a mux commands the base; "": the base listens to `topic` itself.
 
         Returns:
-            These nodes, among them those that feed the mux with velocities by another of its inputs; and the mux.
+            The nodes, also those that send velocities to another input of the mux; and the mux.
         """
         commands = {
             name: set(nodes)

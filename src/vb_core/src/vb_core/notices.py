@@ -1,4 +1,4 @@
-"""Notices for people: each node publishes all its notices together, and readers keep those that still apply."""
+"""Notices for people: each node publishes all its notices together; a reader keeps those that still hold."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
-# by code, the notices that make one of that code needless: they say the same of all robots, or why it is so of its camera
+# codes that make a notice needless, by its code: they say the same of all robots, or give the reason of the same camera
 _SAID_BY = {
     "robot_stopped": {"stopped", "stop_state_lost"},
     "camera_no_pose": {
@@ -46,7 +46,7 @@ class Notice:
 
     @classmethod
     def from_error(cls, error: CodedError, severity: Severity, camera: str = "") -> "Notice":
-        """Makes a notice of an error; the camera, given or among the error's values, is in both the field and the values."""
+        """Makes a notice of an error. The camera, also one among the error's values, is in the field and in the values."""
         values = {key: str(value) for key, value in error.values.items()}
         if camera:
             values["camera"] = camera

@@ -1,8 +1,8 @@
-"""What people are offered and told, from what is connected. No ROS.
+"""Derives from what is connected what people are offered, and what holds for each robot. No ROS.
 
 The idea: a lab may have cameras or not, and a robot may plan on the map with borders or not, be driven by this stack's
-driver or not, be localised or not. One pure function, `offer`, makes of that which commands have an effect, which zones
-a robot keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them
+driver or not, be localised or not. One pure function, `offer`, derives which commands have an effect, which zones a
+robot keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them
 offers a Stop that stops nothing, or calls a zone in force that nobody keeps.
 
 >>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
@@ -72,15 +72,15 @@ class Connections:
 
 @dataclass(frozen=True)
 class Offer:
-    """What is offered and told.
+    """What is offered, and what holds for each robot.
 
     Attributes:
         state: READY, NO_ROBOT or UNREADY: a robot that is there drives through borders.
         commands: those of vb_core.vocabulary that need something and have it; "go" if a robot can be sent to a place.
         zones: those that at least one robot keeps.
-        ignored_by: by zone, the names of the robots that are there and do not keep it.
+        ignored_by: names of the robots that are there and do not keep a zone, by the zone's name.
         goes: the names of the robots that can be sent to a place.
-        lines: what holds for each robot as long as the connections are these.
+        lines: what holds for each robot as long as the connections do not change.
     """
 
     state: str
@@ -95,12 +95,12 @@ class Offer:
         return [line for line in self.lines if line.severity >= Severity.WARNING]
 
 
-def offer(seen: Connections) -> Offer:
-    """Says what is offered and told where this is connected."""
-    there = [robot for robot in seen.robots if robot.is_there]
+def offer(connections: Connections) -> Offer:
+    """Derives what is offered from what is connected."""
+    there = [robot for robot in connections.robots if robot.is_there]
     ignored = {zone: tuple(robot.name for robot in there if not robot.keeps(zone)) for zone in ZONES}
     goes = tuple(robot.name for robot in there if robot.plans and robot.keeps(KEEP_OUT.name))
-    pointing = seen.interaction and seen.cameras
+    pointing = connections.interaction and connections.cameras
     has = {
         CAMERA: pointing,
         DRIVER: pointing and any(robot.driver for robot in there),
@@ -109,29 +109,30 @@ def offer(seen: Connections) -> Offer:
     commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
     state = NO_ROBOT if not there else UNREADY if ignored[KEEP_OUT.name] else READY
     return Offer(
-        state,
-        tuple(commands),
-        tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
-        ignored,
-        goes,
-        tuple(line for robot in seen.robots for line in _lines(robot)),
+        state=state,
+        commands=tuple(commands),
+        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
+        ignored_by=ignored,
+        goes=goes,
+        lines=tuple(line for robot in connections.robots for line in _lines(robot)),
     )
 
 
-def effective(found: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
-    """Returns those of an interaction's available commands that have an effect where this is connected."""
+def effective(offered: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
+    """Returns those of an interaction's available commands that have an effect in this lab."""
     judged = {name for name, command in COMMANDS.items() if command.needs}
-    return tuple(name for name in commands if name in found.commands or name not in judged)
+    return tuple(name for name in commands if name in offered.commands or name not in judged)
 
 
-def unkept(found: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
-    """Returns code and values of the sentence that a border is not kept, or None.
+def unkept(offered: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
+    """Returns code and values of the sentence that says who does not keep a border, or None.
 
     Args:
-        zone: the border's, by its name; robots: the names of those that it is for; none: all.
+        zone: name of the border's zone.
+        robots: names of the robots that it is for; none: all.
     """
-    ignoring = [name for name in found.ignored_by[zone] if not robots or name in robots]
-    if found.state == NO_ROBOT:
+    ignoring = [name for name in offered.ignored_by[zone] if not robots or name in robots]
+    if offered.state == NO_ROBOT:
         return "border_without_robot", {}
     if not ignoring:
         return None
@@ -159,7 +160,7 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
         lines.append(line(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
     if robot.name and robot.plans and values["map"] not in robot.maps and robot.maps:
         lines.append(line(Severity.INFO, "robot_keeps_all_borders"))
-    # a driver tells by itself that it does not know where the robot is, when it is to drive
+    # a driver that is to drive reports by itself that it does not know where the robot is
     if not robot.localized:
         lines.append(line(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
     lines.append(line(Severity.INFO, _obedience(robot)))

@@ -40,8 +40,8 @@ def param(
         above: a limit that the value must exceed.
         choices: the only values allowed.
         of: class of a list's entries, which are read as a group is.
-        doc: the meaning of a parameter that no file in config/ lists. Of one that is listed, the comment there is the
-            meaning; `doc` may repeat how it begins, where dynamic_reconfigure shows it.
+        doc: the meaning of a parameter that no file in config/ lists. If a file lists it, the comment there is its meaning;
+            `doc` may repeat the beginning for dynamic_reconfigure.
     """
     metadata = dict(default=default, unit=unit, low=low, high=high, above=above, choices=choices, of=of, doc=doc)
     if isinstance(default, (list, dict)):
@@ -74,10 +74,10 @@ class Parameters:
             mapping = {}
         if not isinstance(mapping, Mapping):
             raise ParameterError(prefix.rstrip("/") or "parameters", f"expected keys and values, got {mapping!r}")
-        known = [field.name for field in dataclasses.fields(cls)]
+        names = [field.name for field in dataclasses.fields(cls)]
         for key in mapping:
-            if key not in known:
-                raise ParameterError(f"{prefix}{key}", f"unknown parameter; known are {', '.join(known)}")
+            if key not in names:
+                raise ParameterError(f"{prefix}{key}", f"unknown parameter; known are {', '.join(names)}")
         try:
             return cls(**mapping)
         except ParameterError as error:
@@ -111,8 +111,6 @@ _EXPECTED = {
     list: "a list",
     dict: "keys and values",
 }
-
-
 _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "above": ("above", operator.le)}
 
 
@@ -127,21 +125,23 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
         return value if isinstance(value, kind) else kind.from_mapping(value, key)
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
     right = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
-    if kind in _EXPECTED and not (right and value == value):  # nan is no number
+    if kind in _EXPECTED and not (right and value == value):  # nan is not a number
         raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
     if kind in (float, tuple):
         value = kind(value)
     if of is not None:
         parts = enumerate(value)
         return kind(one if isinstance(one, of) else of.from_mapping(one, f"{key}[{index}]") for index, one in parts)
-    # a list's limits apply to each of its numbers
     for number in value if isinstance(value, (list, tuple)) else [value]:
-        if not isinstance(number, (int, float)) or isinstance(number, bool):
-            continue
-        for name, (words, breaks) in _LIMITS.items():
-            limit = limits[name]
-            if limit is not None and breaks(number, limit):
-                raise ParameterError(key, f"must be {words} {limit} {unit}".rstrip() + f", got {number}")
+        if isinstance(number, (int, float)) and not isinstance(number, bool):
+            _check_limits(key, number, limits)
     if limits["choices"] is not None and value not in limits["choices"]:
         raise ParameterError(key, f"must be one of {', '.join(map(str, limits['choices']))}, got {value!r}")
     return value
+
+
+def _check_limits(key: str, number: float, limits: Mapping[str, Any]) -> None:
+    for name, (words, breaks) in _LIMITS.items():
+        limit = limits[name]
+        if limit is not None and breaks(number, limit):
+            raise ParameterError(key, f"must be {words} {limit} {limits['unit']}".rstrip() + f", got {number}")

@@ -84,7 +84,7 @@ class Contact(Parameters):
     topic: str = param("")
     type: str = param("", doc="for instance kobuki_msgs/BumperEvent")
     field: str = param("state")
-    clear: int = param(0, doc="the value that means no contact; every other one counts as contact")
+    clear: int = param(0, doc="the value that means no contact; every other value counts as contact")
     sensor: str = param("", doc="field that tells which of several sensors a message is from; empty: it tells of all")
     blocks: str = param("forward", choices=("forward", "all"), doc="what contact forbids: to drive forward, or to move")
 
@@ -128,5 +128,5 @@ class RobotProfile(Parameters):
         except OSError as error:
             raise ParameterError(path.name, f"cannot read {path}: {error.strerror}") from None
         except (yaml.YAMLError, ValueError, RecursionError):  # a date that does not exist is a ValueError
-            raise ParameterError(path.name, f"{path} is no YAML file") from None
+            raise ParameterError(path.name, f"{path} is not a YAML file") from None
         return cls.from_mapping(document, path.name)

@@ -38,13 +38,13 @@ def catalog(language: str = ENGLISH) -> Dict[str, str]:
     Raises:
         ValueError: if two files have the same code.
     """
-    found: Dict[str, str] = {}
+    by_code: Dict[str, str] = {}
     for path in sorted((FOLDER / language).glob("*.yaml")):
         for code, sentence in (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).items():
-            if code in found:
+            if code in by_code:
                 raise ValueError(f"{path}: {code} has a sentence in another file already")
-            found[code] = sentence
-    return found
+            by_code[code] = sentence
+    return by_code
 
 
 def spelled_out(name: str) -> str:
@@ -67,7 +67,7 @@ def robot_value(name: str) -> str:
 def border_name(name: str, language: str = ENGLISH) -> str:
     """Returns a border's name, or several, as people read it: an unnamed border is numbered in their language."""
     return _UNNAMED.sub(
-        lambda found: translate(f"unnamed_{found.group(1)}", {"number": found.group(2)}, language), name
+        lambda match: translate(f"unnamed_{match.group(1)}", {"number": match.group(2)}, language), name
     )
 
 

@@ -2,7 +2,7 @@
 
 Going up: the interaction goes on; each active state ends on its own tone, a third or more from the next (the states'
 tones stand in their rows, vb_core.vocabulary). Going down: back to Default. A refusal is low and repeated, a success the
-longest run up: both are told without knowing the others. A question is one tone twice; a stop falls from high to low. A
+longest run up: people recognise both without knowing the others. A question is one tone twice; a stop falls from high to low. A
 spoken command that was understood is answered at once, short, before its own tone. A tick is far above all of them and
 soft: it comes often.
 

@@ -1,11 +1,11 @@
 """The stop of all robots: who holds it, what releases it, and how it outlives crashes and full disks.
 
 The idea: with each stop the latch makes a new number, and only a `resume` that names the newest number releases it: its
-sender has seen that stop. Whatever was said before a stop can therefore not undo it, however late it arrives. Two sides
+sender has seen that stop. So no command that was given before a stop can undo it, however late it arrives. Two sides
 share this: `StopLatch` answers commands (the interaction manager), `HeldStops` is what one robot obeys (its driver).
 
 A robot keeps every stop that it has heard of until somebody who knows of all of them says that robots may drive. So a stop
-holds even if the latch has never heard of it, or has lost its memory; the robot tells it.
+holds even if the latch has never heard of it, or has lost its memory; the robot then reports it.
 
 >>> latch, robot = StopLatch(), HeldStops()
 >>> robot.hear("1a")                        # a button's stop reaches the robot ...
@@ -32,7 +32,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-KEPT = 32  # stops that the latch remembers: a robot that was away for more of them counts as stopped again
+KEPT = 32  # stops that the latch remembers: a robot that was away for more stops than that counts as stopped again
 HELD = 4  # stops that a robot holds one by one: eight robots hold no more than the latch remembers
 
 
@@ -48,7 +48,7 @@ class _Stored:
         path: the file; None: memory only.
 
     Attributes:
-        lost: whether it stopped because its file was damaged or cannot be written.
+        lost: whether it stopped because its file was damaged or could not be written.
         stored: whether the last `store` succeeded.
     """
 
@@ -101,9 +101,9 @@ class StopLatch(_Stored):
     """Whether robots are stopped, for all of them.
 
     Attributes:
-        number: of the newest stop; also before the first, so that each command can name it.
+        number: number of the newest stop; there is one even before the first stop, so that each command can name it.
         stops: ids of the newest stops, made by their senders, the newest last.
-        stopped, by: whether the newest holds, and who said it first.
+        stopped, by: whether the newest stop holds, and who gave the first of those that hold.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
@@ -112,7 +112,7 @@ class StopLatch(_Stored):
         super().__init__(path)
 
     def stop(self, identity: str, by: str) -> bool:
-        """Stops all robots; returns False for a stop that is known, which changes nothing: one press may come twice."""
+        """Stops all robots; returns False, and changes nothing, for a stop that it knows: one press may come twice."""
         with self._lock:
             if identity in self.stops:
                 return False
@@ -147,24 +147,24 @@ class StopLatch(_Stored):
 
 
 class HeldStops(_Stored):
-    """The stops that one robot holds: heard of, and not yet released by somebody who knows of all of them.
+    """The stops that one robot holds: it has heard of them, and nobody who knows of all of them has released them.
 
     Attributes:
-        ids: of these stops.
+        ids: their ids.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
         self.ids: Tuple[str, ...] = ()
-        self._told = False  # whether the newest state says stopped
+        self._said_stopped = False  # whether the newest state says stopped
         super().__init__(path)
 
     @property
     def stopped(self) -> bool:
         """Whether the robot must stand."""
-        return self._told or bool(self.ids)
+        return self._said_stopped or bool(self.ids)
 
     def hear(self, identity: str) -> None:
-        """Adds a stop. Where there are too many, a new one takes the place of all."""
+        """Adds a stop. If there are too many, one new stop replaces all of them."""
         with self._lock:
             if identity not in self.ids:
                 self.ids = (*self.ids, identity) if len(self.ids) < HELD else (new_id(),)
@@ -174,7 +174,7 @@ class HeldStops(_Stored):
         if stopped and stops:
             self.hear(stops[-1])
         with self._lock:
-            self._told = stopped
+            self._said_stopped = stopped
             if not stopped and set(self.ids) <= set(stops):
                 self.ids, self.lost = (), False
 

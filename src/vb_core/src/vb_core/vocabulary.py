@@ -25,10 +25,10 @@ class State:
         collects: the part of a border that a spot becomes, "border" or "seed"; "": spots are ignored.
         guides: whether a robot follows the spot, also while ceiling cameras see it.
         prompt: code of the sentence that says what to do in it; "" in Default.
-        color: on the display, the LED, the page and the console, "#rrggbb"; told apart with any colour vision (the set
-            of Okabe and Ito, 2008).
+        color: on the display, the LED, the page and the console, "#rrggbb"; distinguishable with any colour vision (the
+            set of Okabe and Ito, 2008).
         led: a Kobuki's, a constant of kobuki_msgs/Led, as near to the colour as it can get; dark where spots are ignored.
-        tone: the two notes that tell that it was entered.
+        tone: the two notes that announce it.
     """
 
     name: str
@@ -57,17 +57,17 @@ DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES
 
 
 def state_of(name: str) -> State:
-    """Returns the state of a name; nothing is done in one that is not known."""
+    """Returns the state with a name; in an unknown state nothing is done."""
     return STATES.get(name, State(name))
 
 
-# what a command needs that it has an effect
+# what a command needs to have an effect
 CAMERA = "camera"  # cameras that report
 DRIVER = "driver"  # cameras, and a robot with this stack's driver
 STOPPABLE = "stoppable"  # a robot that obeys Stop
 
-# when a command would at once move a robot, change the map or lose a drawing: it is asked about then if it may have been
-# misheard
+# when a command would at once move a robot, change the map or lose a drawing: if it may have been misheard, the person is
+# then asked to confirm it
 ALWAYS = "always"
 NEVER = "never"
 WHILE_DRAWN = "while_drawn"  # there is a drawing that can be lost
@@ -77,17 +77,17 @@ WHILE_POINTING = "while_pointing"  # the laser is on: a robot would follow it, o
 
 @dataclass(frozen=True)
 class Command:
-    """A command; its name is what people say, and what vb_msgs/Command carries.
+    """A command; people say its name, and vb_msgs/Command carries it.
 
     Attributes:
-        key: on the wizard's console.
+        key: its key on the wizard's console.
         needs: what must be connected; "": nothing.
-        matters: when it has consequences: ALWAYS, NEVER, WHILE_...
+        matters: when it has consequences: ALWAYS, NEVER or one of WHILE_...
         enters: the name of the state that it leads to; "": the same, or one that depends on the interaction.
-        carried_out_elsewhere: another node does it, and until its answer other commands are "busy".
+        carried_out_elsewhere: whether another node does it; until its answer, other commands are refused as "busy".
         phrases: what people say besides its name, in English.
-        button_place: its place among the page's buttons for the laser pointer; 0: none. Of commands that share one, that
-            which is available is shown.
+        button_place: its place among the page's buttons for the laser pointer; 0: none. Of two commands that share a place,
+            the available one is shown.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """What the area of a border means for robots: one table of zones.
 
-The idea: what reads, checks, integrates, offers or shows a border asks its zone, and does not know which zones there
+The idea: code that reads, checks, integrates, offers or shows a border asks its zone, and does not know which zones there
 are. vb_msgs/VirtualBorder repeats names and numbers, and a test compares them. The words are
 languages/<language>/zones.yaml's: page_zone_<name>, border_unkept_<name>.
 
@@ -19,12 +19,12 @@ class Zone:
     """A zone.
 
     Attributes:
-        number: in vb_msgs/VirtualBorder.
+        number: its number in vb_msgs/VirtualBorder.
         kept_by: whether a robot keeps to it, a vb_core.offer.ConnectedRobot that knows where it is.
         restricts: whether its area stands in the map with borders.
-        soft: whether robots may go there if the detour is long: its delta is below 1.
+        soft: whether robots may go there if the detour is long: delta is below 1.
         limits_speed: whether it has a highest speed.
-        occupancy: delta of a border of it, if nobody says another one.
+        occupancy: delta of its borders, unless a border sets another one.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Zone:
 
 KEEP_OUT, AVOID, SLOW = _ZONES = (
     Zone("keep_out", 0, lambda robot: robot.plans or robot.driver),
-    # a detour is taken where it is cheap, and the area is crossed where it is the only path
+    # robots take a cheap detour, and cross the area if it is the only path
     Zone("avoid", 1, lambda robot: robot.plans, soft=True, occupancy=0.75),
     Zone(
         "slow",
@@ -56,10 +56,10 @@ ZONES: Dict[str, Zone] = {zone.name: zone for zone in _ZONES}
 
 
 def zone_of(number: int) -> Zone:
-    """Returns the zone with a number of vb_msgs/VirtualBorder; robots keep out of one that is not known."""
+    """Returns the zone with a number of vb_msgs/VirtualBorder; robots keep out of an unknown zone."""
     return next((zone for zone in _ZONES if zone.number == number), KEEP_OUT)
 
 
 def table() -> List[Dict[str, Any]]:
-    """Returns what the page must know of each zone, the usual one first, as plain values."""
+    """Returns what the page must know about each zone, the usual zone first, as plain values."""
     return [{"name": zone.name, "limits_speed": zone.limits_speed} for zone in _ZONES]

@@ -65,10 +65,11 @@ def _query_screen() -> Optional[str]:
 
 
 def _lack(code: str) -> None:
-    """Says once what RViz lacks, and keeps its code for check_lab; an empty one: nothing."""
-    rospy.set_param("~lacking", code)
+    """Logs once what RViz lacks, and keeps its code for check_lab; an empty one: nothing."""
     if code:
+        # before the parameter: who reads it may end this node, and rospy can hang if a signal interrupts its logging
         rospy.logwarn("smart_display: %s", sentences.translate(code))
+    rospy.set_param("~lacking", code)
 
 
 def _wait_for_screen() -> None:

@@ -3,9 +3,9 @@
 Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
 frame, also those without a spot, which show it what the floor looks like.
 
-Four stages that share only what they pass on: `vb_core.image_format` says what the numbers mean, `proposals` where a
-closer look is worth it, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it
-counts. `projection` tells them where that is on the floor.
+Four stages, one after the other: `vb_core.image_format` says what the numbers mean, `proposals` where a closer look is worth
+it, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it counts. `projection`
+tells them where that is on the floor.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams())
@@ -34,7 +34,7 @@ import numpy as np
 from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.blocks import BLOCK, Region
+from vb_laser_detect.detection.background import BLOCK, Region
 from vb_laser_detect.detection.features import ImageTraits, SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import Proposer, SearchedImage
@@ -59,9 +59,9 @@ class SpotDetector:
         late: how many images came after a later one, and were left out.
     """
 
-    def __init__(self, params: Optional[DetectorParams] = None, judge: Optional[SpotClassifier] = None) -> None:
+    def __init__(self, params: Optional[DetectorParams] = None, classifier: Optional[SpotClassifier] = None) -> None:
         self.params = params or DetectorParams()
-        self._classifier = judge or features.packaged_classifier()
+        self._classifier = classifier or features.packaged_classifier()
         self.late = 0
         self.reset()
 
@@ -125,32 +125,34 @@ class SpotDetector:
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp, self._shape, self._geometry = stamp, shape, geometry
-        camera = ImageTraits(math.hypot(*picture.size), picture.mosaic)
+        traits = ImageTraits(math.hypot(*picture.size), picture.mosaic)
         motion = self._proposer.estimate_motion(pixels)
-        expected = self._tracker.begin(stamp, camera, motion)
+        expected = self._tracker.begin(stamp, traits, motion)
         searched = self._proposer.propose(picture, expected)
-        seen = self._examine_all(searched, camera._replace(bright=searched.background.bright), expected)
+        seen = self._examine_all(searched, traits._replace(bright=searched.background.bright), expected)
         confirmed, kept = self._confirm(seen)
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.update_background(searched, kept, min(elapsed, 1.0))
         return confirmed
 
-    def _examine_all(self, searched: SearchedImage, camera: ImageTraits, expected: List[Expected]) -> List[Spot]:
+    def _examine_all(self, searched: SearchedImage, traits: ImageTraits, expected: List[Expected]) -> List[Spot]:
         """Measures and classifies what is in an image's regions."""
         seen: List[Spot] = []
-        self._measured, least = False, _MIN_LEVEL * camera.bright
+        self._measured, least = False, _MIN_LEVEL * traits.bright
         bright = [region for region in searched.regions if searched.brightest(region) >= least]
-        largest = dict(zip(bright, self._largest(bright, camera)))
+        diameters = dict(zip(bright, self._max_diameters(bright, traits)))
         for region in searched.regions:
             here = next((one for one in expected if one.overlaps(region)), None)
-            if region in largest:
-                spot = self._examine(region, largest[region], searched, camera, here)
+            if region in diameters:
+                spot = self._examine(region, diameters[region], searched, traits, here)
             else:
                 spot = _rejected(region, "too_dark")
             if here is not None and spot.rejection == "too_large":
                 # by now, other light falls on the place where it is expected
                 part = here.clip(region)
-                spot = self._examine(part, self._largest([part], camera)[0], searched, camera, here, here.widest)
+                spot = self._examine(
+                    part, self._max_diameters([part], traits)[0], searched, traits, here, here.max_width
+                )
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
         return seen
@@ -158,21 +160,21 @@ class SpotDetector:
     def _examine(
         self,
         region: Region,
-        largest: float,
+        max_diameter: float,
         searched: SearchedImage,
-        camera: ImageTraits,
+        traits: ImageTraits,
         expected: Optional[Expected],
-        widest: float = math.inf,
+        max_width: float = math.inf,
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
-        if math.isnan(largest):
+        if math.isnan(max_diameter):
             return _rejected(region, "off_floor")
         self._measured = True
         image, reference = searched.picture.pixels, searched.background.whole_reference()
-        if searched.brightest(region) < _MIN_LEVEL * camera.bright:  # now that it is decoded whole
+        if searched.brightest(region) < _MIN_LEVEL * traits.bright:  # now that it is decoded whole
             return _rejected(region, "too_dark")
-        blob = features.measure(image, reference, region, largest, camera, widest)
-        rejection, probability, place = blob.problem, 0.0, None
+        blob = features.measure(image, reference, region, max_diameter, traits, max_width)
+        rejection, probability, floor_point = blob.problem, 0.0, None
         if not rejection:
             measured = {**blob.features, **searched.surroundings(blob.u, blob.v, blob.diameter)}
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
@@ -181,11 +183,18 @@ class SpotDetector:
                 rejection = reason
             elif self._geometry is not None:
                 try:
-                    place = self._geometry.point(blob.u, blob.v)
+                    floor_point = self._geometry.point(blob.u, blob.v)
                 except CodedError as error:
                     rejection = error.code
         return Spot(
-            blob.u, blob.v, blob.diameter, probability, 0, rejection, tint=blob.tint, stamp=self._stamp, place=place
+            blob.u,
+            blob.v,
+            blob.diameter,
+            confidence=probability,
+            rejection=rejection,
+            tint=blob.tint,
+            stamp=self._stamp,
+            floor_point=floor_point,
         )
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
@@ -214,10 +223,10 @@ class SpotDetector:
                 kept.append(spot)
         return confirmed, kept
 
-    def _largest(self, regions: Sequence[Region], camera: ImageTraits) -> List[float]:
+    def _max_diameters(self, regions: Sequence[Region], traits: ImageTraits) -> List[float]:
         """Returns a spot's largest diameter [px] in the middle of each region; NaN where the floor is not seen."""
         if self._geometry is None or not regions:
-            return [_MAX_DIAGONAL_SHARE * camera.diagonal] * len(regions)
+            return [_MAX_DIAGONAL_SHARE * traits.diagonal] * len(regions)
         middles = np.array(regions).reshape(-1, 2, 2).mean(axis=1)
         return (0.001 * self.params.max_diameter_mm / self._geometry.meters_per_pixel(middles) + _BLUR_PX).tolist()
 

@@ -81,8 +81,7 @@ class SpotDetectorNode:
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
         lens, depth = self._connect()
-        given = self._mobile, lens, depth, self._projector, params.robots, self._report
-        self._camera_geometry = CameraGeometry(*given)
+        self._camera_geometry = CameraGeometry(self._mobile, lens, depth, self._projector, params.robots, self._report)
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
@@ -98,16 +97,24 @@ class SpotDetectorNode:
 
     def _connect(self) -> Tuple[Union[InfoTopic, LensFile], Optional[DepthTopic]]:
         """Begins to take images; returns where their lens and their depth come from."""
-        given, report = self._params, self._report
-        image = rospy.resolve_name(given.image or f"{given.camera}/image_raw")
-        topic = rospy.resolve_name(given.depth) if given.depth else ""
+        params, report = self._params, self._report
+        image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
+        topic = rospy.resolve_name(params.depth) if params.depth else ""
         depth = DepthTopic(topic, sibling_topic(topic, "camera_info"), report) if topic else None
-        if given.source:
-            where = given.camera, given.frame or f"{given.camera}_optical_frame"
-            self._feed = CameraFeed(*where, given.source, given.capture, image, given.settings, self._mailbox, report)
+        if params.source:
+            self._feed = CameraFeed(
+                params.camera,
+                params.frame or f"{params.camera}_optical_frame",
+                params.source,
+                params.capture,
+                image,
+                params.settings,
+                self._mailbox,
+                report,
+            )
             return self._feed.lens, depth
-        rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), given.camera, image)
-        subscribe_images(image, given.image_transport, given.frame, self._mailbox.put)
+        rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), params.camera, image)
+        subscribe_images(image, params.image_transport, params.frame, self._mailbox.put)
         # image_rect, image_rect_color: the images are already undistorted
         return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image)), depth
 
@@ -157,7 +164,7 @@ class SpotDetectorNode:
         began = time.perf_counter()
         spots = detector.detect(picture, stamp.to_sec(), geometry)
         took = time.perf_counter() - began
-        located = [spot for spot in spots if spot.place is not None]
+        located = [spot for spot in spots if spot.floor_point is not None]
         for spot in located:
             self._spots.publish(self._message(spot))
         if detector.lamps > lamps:
@@ -183,7 +190,7 @@ class SpotDetectorNode:
             return None, error.without_traceback()
 
     def _message(self, spot: Spot) -> LaserSpot:
-        result, point = LaserSpot(), spot.place
+        result, point = LaserSpot(), spot.floor_point
         result.header.stamp = next(stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera

@@ -1,8 +1,8 @@
-"""The connection to the MQTT broker: it comes back by itself, and brings the newest states with it. No ROS.
+"""The connection to the MQTT broker, which is restored by itself and then sends the newest states. No ROS.
 
-The idea: states are sent without asking for a receipt, and all of them again at each connection. So a message that was
-lost on the way is made good, and none that has become old is sent again after a newer one. What the broker would keep for
-us while we are away is not wanted (a clean session): nobody expects it any more.
+The idea: states are sent without asking for a receipt, and all of them again at each connection. So a lost message is
+replaced, and an old one is never sent after a newer one. The session is clean: the broker must not keep requests for us
+while we are away, because nobody expects them any more.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from vb_core import files
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 
-KEEPALIVE = 10  # [s] a broker or a network that is gone without a word is noticed after one and a half of them
+KEEPALIVE = 10  # [s] the silent loss of a broker or a network is noticed after one and a half times as long
 _RETRIES = (1, 10)  # [s] between two tries to connect, the first and the longest
 
 
 @dataclass(frozen=True)
 class Connection(Parameters):
-    """How the broker is reached, as a file has it that nobody else can read."""
+    """How the broker is reached, from a file that only its owner can read."""
 
     username: str = param("")
     password: str = param("")
@@ -37,7 +37,7 @@ class Connection(Parameters):
 
 
 def read_connection(path: Path) -> Connection:
-    """Reads a file in YAML, from then on its owner's only; none: a broker that lets everybody in.
+    """Reads a YAML file, and makes it readable for its owner only; without a file the broker needs no password.
 
     Raises:
         CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
@@ -54,9 +54,9 @@ def read_connection(path: Path) -> Connection:
 
 def _split(address: str) -> Tuple[str, Optional[int]]:
     try:
-        given = urlsplit(f"//{address}")
-        if given.hostname and given.netloc == address:  # no path, which a scheme leaves
-            return given.hostname, given.port
+        parts = urlsplit(f"//{address}")
+        if parts.hostname and parts.netloc == address:  # a scheme would leave a path
+            return parts.hostname, parts.port
     except ValueError:
         pass
     raise ParameterError("broker", f"expected HOST or HOST:PORT, an IPv6 address in brackets, got '{address}'")
@@ -67,9 +67,9 @@ class Broker:
 
     Args:
         address: HOST or HOST:PORT; an address of IPv6 in brackets.
-        client: its id, the same in each process: the broker ends an earlier connection before it takes a new one.
+        client: its id, the same in each process: the broker ends an earlier connection before it accepts a new one.
         will: topic and payload that the broker publishes, retained, once this client is gone.
-        subscriptions: callbacks (topic, payload, retained) by the filters of what they receive, with QoS 1.
+        subscriptions: callbacks (topic, payload, retained) by topic filter, with QoS 1.
         on_fault: called if a callback raised, which is a fault of the program.
 
     Raises:
@@ -88,7 +88,7 @@ class Broker:
         host, port = _split(address)
         port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
-        self.trouble = ""  # why the last connection failed, as the broker says; "": it cannot be reached
+        self.trouble = ""  # why the broker refused the last connection; "": it could not be reached
         self._states: Dict[str, bytes] = {}
         self.connected = False  # whether the broker has accepted this client
         self._lock = threading.Lock()
@@ -139,7 +139,9 @@ class Broker:
         if reason.is_failure:
             self.trouble = str(reason)
             return
-        client.subscribe([(topics, 1) for topics in self._subscriptions])  # first: who sees that it is online is heard
+        client.subscribe(
+            [(topics, 1) for topics in self._subscriptions]
+        )  # first: whoever sees us online can be sure to be heard
         with self._lock:
             self.connected, self.trouble = True, ""
             for topic, payload in self._states.items():
@@ -156,7 +158,7 @@ class Broker:
         def receive(_client: Any, _data: Any, message: Any) -> None:
             try:
                 callback(message.topic, bytes(message.payload), bool(message.retain))
-            except Exception as error:  # it would end this thread, and nothing would be received any more
+            except Exception as error:  # else this thread would end, and nothing more be received
                 self._on_fault(error)
 
         return receive

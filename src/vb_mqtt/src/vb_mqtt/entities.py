@@ -1,9 +1,9 @@
-"""What Home Assistant is told of a lab: its entities, and where their states are. No ROS, no broker.
+"""Describes a lab to Home Assistant: its entities, and where their states are. No ROS, no broker.
 
 The idea: one retained message per entity describes it (Home Assistant's MQTT discovery), another of the same key has its
-state. An entity that is gone is taken back by an empty message, also one that an earlier process left on the broker.
+state. An empty message removes an entity that is gone, also one that an earlier process left on the broker.
 
-A button sends the number of the newest stop that it shows itself, and the time: `resume` so releases the stop that was
+A button sends the time and the number of the newest stop in its own attributes: so `resume` releases the stop that was
 on the screen, and none that came since.
 """
 
@@ -35,8 +35,10 @@ class Lab:
     """What there is to describe.
 
     Attributes:
-        device: its id, which begins every topic; language: of all names.
-        cameras, robots: their names; borders: name by id. None: not known yet.
+        device: its id, with which every topic begins.
+        language: the language of all names.
+        cameras, robots: their names; None: not known yet.
+        borders: their names by id; None: not known yet.
     """
 
     device: str
@@ -66,14 +68,14 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
     """Returns the description of each entity by the topic that it belongs on."""
 
     def word(code: str, **values: str) -> str:
-        found = translate(code, values, lab.language)
-        return found[:1].upper() + found[1:]
+        name = translate(code, values, lab.language)
+        return name[:1].upper() + name[1:]
 
     def press(needs: str, shows: str, command: str) -> Dict[str, Any]:
         template = f'{{"command": "{command}", "seen_stop": "{_SEEN}", {_DATED}}}'
         return {"needs": needs, "shows": shows, "command_template": template}
 
-    found: Dict[Tuple[str, str], Dict[str, Any]] = {
+    entities: Dict[Tuple[str, str], Dict[str, Any]] = {
         ("sensor", "state"): {
             "needs": MANAGER,
             "value_template": "{{ value_json.state }}",
@@ -88,20 +90,20 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
         ("image", "map"): {"needs": INTEGRATOR, "content_type": "image/png"},
         ("button", CONFIRM): press(CONFIRM, "question", _ANSWER),
     }
-    for (_, key), more in found.items():
-        more["name"] = word("mqtt_" + key)
+    for (_, key), config in entities.items():
+        config["name"] = word("mqtt_" + key)
     for command in COMMANDS:
         needs = "" if command == STOP else command
-        found["button", command] = {"name": word("command_" + command), **press(needs, "stopped", command)}
+        entities["button", command] = {"name": word("command_" + command), **press(needs, "stopped", command)}
     problem = {"device_class": "problem", "entity_category": "diagnostic", "value_template": _flag("problem")}
     for camera in lab.cameras:
-        found["binary_sensor", key_of("camera", camera)] = {"name": word("mqtt_camera", camera=camera), **problem}
+        entities["binary_sensor", key_of("camera", camera)] = {"name": word("mqtt_camera", camera=camera), **problem}
     for robot in lab.robots or ():
         name = word("mqtt_robot", who=sentences.robot_value(robot))
-        found["binary_sensor", key_of("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
+        entities["binary_sensor", key_of("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
     for identity, name in (lab.borders or {}).items():
         key = key_of("border", identity)
-        found["switch", key] = {
+        entities["switch", key] = {
             "name": border_name(name, lab.language),
             "needs": INTEGRATOR,
             "icon": "mdi:vector-polygon",
@@ -113,20 +115,19 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
             "command_template": f'{{"border": "{key}", "enabled": {{{{ value }}}}, {_DATED}}}',
         }
     return {
-        f"{PREFIX}/{platform}/{lab.device}/{key}/config": _complete(lab, platform, key, **more)
-        for (platform, key), more in found.items()
+        f"{PREFIX}/{platform}/{lab.device}/{key}/config": _complete(lab, platform, key, **config)
+        for (platform, key), config in entities.items()
     }
 
 
-def leftovers(lab: Lab, seen: Iterable[str]) -> List[str]:
-    """Returns which descriptions do not belong to the lab any more.
+def leftovers(lab: Lab, described: Iterable[str]) -> List[str]:
+    """Returns which of the descriptions on the broker, by their topics, do not belong to the lab any more.
 
-    Args:
-        seen: topics of descriptions on the broker. Those of a kind that is not known yet are left alone.
+    Those of a kind that is not known yet are left alone.
     """
-    wanted = describe(lab)
-    unknown = [kind for kind, known in (("border", lab.borders), ("robot", lab.robots)) if known is None]
-    return sorted(topic for topic in seen if topic not in wanted and key_in(topic).split("_")[0] not in unknown)
+    current = describe(lab)
+    unknown = [kind for kind, names in (("border", lab.borders), ("robot", lab.robots)) if names is None]
+    return sorted(topic for topic in described if topic not in current and key_in(topic).split("_")[0] not in unknown)
 
 
 def key_in(topic: str) -> str:
@@ -138,10 +139,11 @@ def _complete(lab: Lab, platform: str, key: str, needs: str = "", shows: str = "
     """Adds what all entities have.
 
     Args:
-        needs: what in `health` must be online for it; shows: key of the state that has its attributes, if not its own.
+        needs: field of `health` that must be online for it; "": none.
+        shows: key of the state that has its attributes, if not its own.
     """
     config["unique_id"] = f"{lab.device}_{key}"
-    if platform != "switch":  # that of a border is better made of its name
+    if platform != "switch":  # Home Assistant makes that of a border from its name
         config["default_entity_id"] = f"{platform}.{lab.device}_{key}"
     if platform != "button":
         config["image_topic" if platform == "image" else "state_topic"] = lab.topic(key)

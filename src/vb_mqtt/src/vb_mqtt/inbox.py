@@ -1,8 +1,8 @@
 """Judges what arrives by MQTT: a message becomes a request, or a refusal with a code. No ROS, no broker.
 
-The idea: a broker delivers a message twice, keeps one for those who come later, and hands over what was written long ago.
-So a message counts only with the time at which its sender gave it, and once. `stop` alone is taken at any age and in any
-form: a stop too many does no harm. Nothing but a `Refusal` is raised, whatever arrives.
+The idea: a broker may deliver a message twice, keep it for later subscribers, or deliver it long after it was written.
+So a message counts once, and only with the time at which its sender gave it. `stop` alone is taken at any age and in any
+form: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
 
 >>> inbox = Inbox(started=90.0)
 >>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
@@ -29,7 +29,7 @@ from vb_core.vocabulary import COMMANDS, STOP
 
 # and the answers to the question whether one was meant
 KNOWN = (*COMMANDS, *("yes_" + command for command in COMMANDS))
-MAX_AGE = 5.0  # [s] a person does not expect what was asked for longer ago than this
+MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
 RATE, BURST = 2.0, 10.0  # [1/s] how many requests are let through, and how many at once
 _TEXT = re.compile(r"[0-9A-Za-z_.-]{0,64}")
@@ -40,7 +40,7 @@ class Refusal(CodedError):
     """A message that is not taken.
 
     Attributes:
-        sender_id: as far as it has one.
+        sender_id: the sender's own id for the message; "" if it has none.
     """
 
     sender_id = ""
@@ -55,8 +55,9 @@ class Request:
         sender_id: the sender's own id for it, as the answer names it.
         command: its name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
-        border: its id; enabled: whether to switch it on.
-        age: [s] how long ago it was given.
+        border: id of the border to switch.
+        enabled: whether to switch it on.
+        age: [s] since it was given.
     """
 
     id: str
@@ -72,7 +73,7 @@ class Inbox:
     """Remembers what was taken. Not thread safe.
 
     Args:
-        started: [s] time of day; what was given before may have been carried out by the process before this one.
+        started: [s] time of day; the process before this one may have carried out what was given earlier.
     """
 
     def __init__(self, started: float) -> None:
@@ -94,50 +95,50 @@ class Inbox:
             return None  # this is how a retained message is deleted
         if retained:
             raise Refusal("mqtt_retained")
-        found = _read(payload)
-        given = found.get("id", "")
-        given = given if isinstance(given, str) and _TEXT.fullmatch(given) else ""
+        fields = _read(payload)
+        sender_id = fields.get("id", "")
+        sender_id = sender_id if isinstance(sender_id, str) and _TEXT.fullmatch(sender_id) else ""
         digest = f"mqtt:{hashlib.blake2b(payload, digest_size=12).hexdigest()}"
-        if found.get("command") == STOP:
+        if fields.get("command") == STOP:
             # a sender that gives each of its stops the same id must be obeyed all the same
-            return Request(digest if {"id", "at"} <= set(found) else f"mqtt:{uuid.uuid4().hex}", given, STOP)
+            return Request(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
         try:
-            # a message without an id is told from the next one alike by its time
-            request = self._checked(found, f"mqtt:{given}" if given else digest, given, now)
+            # of messages without an id, two that are otherwise alike differ by their time
+            request = self._checked(fields, f"mqtt:{sender_id}" if sender_id else digest, sender_id, now)
             if request.id in self._taken:
                 return None
             if not self._limiter.allows("", now):
                 raise Refusal("mqtt_too_fast")
         except Refusal as refusal:
-            refusal.sender_id = given
+            refusal.sender_id = sender_id
             raise
         self._taken.append(request.id)
         return request
 
-    def _checked(self, found: Dict[str, Any], identity: str, given: str, now: float) -> Request:
-        fields = next((kind for kind in _KINDS if kind & set(found)), frozenset({"command"}))
-        unknown = sorted(set(found) - fields - {"at", "id"})
+    def _checked(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> Request:
+        allowed = next((kind for kind in _KINDS if kind & set(fields)), frozenset({"command"}))
+        unknown = sorted(set(fields) - allowed - {"at", "id"})
         if unknown:
             raise _bad(unknown[0])
-        _text(found, "id")
-        command, border = _text(found, "command"), _text(found, "border")
-        age = self._age(found.get("at"), now, command or border)
-        if "border" in fields:
-            if not border or not isinstance(found.get("enabled"), bool):
+        _text(fields, "id")
+        command, border = _text(fields, "command"), _text(fields, "border")
+        age = self._age(fields.get("at"), now, command or border)
+        if "border" in allowed:
+            if not border or not isinstance(fields.get("enabled"), bool):
                 raise _bad("enabled" if border else "border")
-            return Request(identity, given, border=border, enabled=found["enabled"], age=age)
+            return Request(identity, sender_id, border=border, enabled=fields["enabled"], age=age)
         if command not in KNOWN:
             raise _bad("command")
-        return Request(identity, given, command, _text(found, "seen_stop"), age=age)
+        return Request(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
 
-    def _age(self, given: Any, now: float, what: str) -> float:
-        if isinstance(given, bool) or not isinstance(given, (int, float)) or not 0.0 <= given < 1e12:
+    def _age(self, at: Any, now: float, what: str) -> float:
+        if isinstance(at, bool) or not isinstance(at, (int, float)) or not 0.0 <= at < 1e12:
             raise Refusal("mqtt_undated")
-        if given > now + MAX_AGE:
-            raise Refusal("mqtt_clock", seconds=round(given - now))
-        if given < max(now - MAX_AGE, self._started):
+        if at > now + MAX_AGE:
+            raise Refusal("mqtt_clock", seconds=round(at - now))
+        if at < max(now - MAX_AGE, self._started):
             raise Refusal("expired", command=spelled_out(what))
-        return max(0.0, now - given)
+        return max(0.0, now - at)
 
 
 def _bad(field: str) -> Refusal:
@@ -150,16 +151,16 @@ def _read(payload: bytes) -> Dict[str, Any]:
         raise _bad("length")
     try:
         text = payload.decode("utf-8")
-        found = {"command": STOP} if text.strip().lower() == STOP else json.loads(text)
+        fields = {"command": STOP} if text.strip().lower() == STOP else json.loads(text)
     except (ValueError, RecursionError):
         raise _bad("JSON") from None
-    if not isinstance(found, dict):
+    if not isinstance(fields, dict):
         raise _bad("JSON")
-    return found
+    return fields
 
 
-def _text(found: Dict[str, Any], field: str) -> str:
-    value = found.get(field, "")
+def _text(fields: Dict[str, Any], field: str) -> str:
+    value = fields.get(field, "")
     if not isinstance(value, str) or not _TEXT.fullmatch(value):
         raise _bad(field)
     return value

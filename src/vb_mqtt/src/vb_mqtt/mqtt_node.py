@@ -33,10 +33,10 @@ from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
-SWITCH = "switch_border"  # what it is called among the commands: all are carried out in the order they were given
+SWITCH = "switch_border"  # its name among the commands, which are carried out in the order in which they were given
 _PERIOD = 1.0  # [s] between two looks at what is silent
-_SILENCE = 4.0  # [s] a detector says something every second, the interaction manager ten times
-_GRACE = 5.0  # [s] without a broker before people are told
+_SILENCE = 4.0  # [s] a detector publishes once a second, the interaction manager ten times
+_GRACE = 5.0  # [s] without a broker before a notice says so
 _INTEGRATOR = "$map_integrator"
 _UNREACHED = ("no_service", "no_response")
 
@@ -58,7 +58,7 @@ class MqttParams(Parameters):
 
 
 class MqttNode:
-    """Shows this system in Home Assistant, and takes commands from there: MQTT discovery.
+    """Shows this system in Home Assistant by MQTT discovery, and takes commands from there.
 
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid)
@@ -85,7 +85,7 @@ class MqttNode:
         self._grids: Dict[str, Any] = {}
         self._asked = False  # whether a question is open
         self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, by node or camera
-        self._told: Optional[Set[Tuple[str, ...]]] = None  # the notices of the last look
+        self._shown_notices: Optional[Set[Tuple[str, ...]]] = None  # the notices of the last look
         self._connected_at = time.monotonic()
         connection = read_connection(Path(params.connection_file).expanduser())
         subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_described}
@@ -148,7 +148,7 @@ class MqttNode:
                 self._lab.topic("map"), states.draw_map(before, after, list((self._borders or {}).values()))
             )
 
-    # ------------------------------------------------------------------ what the broker is told
+    # ------------------------------------------------------------------ what the broker is sent
     def _put(self, key: str, value: Any) -> None:
         self._broker.put(self._lab.topic(key), _json(value))
 
@@ -161,33 +161,33 @@ class MqttNode:
         return time.monotonic() - self._heard.get(what, -1e9) < _SILENCE
 
     def _put_health(self) -> None:
-        manager, known = self._is_heard(MANAGER), self._robots.current()
-        offered = effective(known[1], tuple(COMMANDS)) if known is not None else COMMANDS
+        manager, robots = self._is_heard(MANAGER), self._robots.current()
+        offered = effective(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
         health.update(
-            {MANAGER: manager, entities.MONITOR: known is not None, entities.CONFIRM: manager and self._asked}
+            {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._asked}
         )
         health[INTEGRATOR] = self._integrator.get_num_connections() > 0
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
     def _look(self) -> None:
-        """Tells what there is now, what has become silent, what is wrong, and what is new of that."""
-        known, borders, notices = self._robots.current(), self._borders, self._notices.current()
-        if known is not None:
-            self._lab = replace(self._lab, robots=tuple(robot.robot for robot in known[0].robots))
+        """Publishes which entities there are, which are silent, what is wrong, and which notices are new."""
+        robots, borders, notices = self._robots.current(), self._borders, self._notices.current()
+        if robots is not None:
+            self._lab = replace(self._lab, robots=tuple(status.robot for status in robots[0].robots))
         if borders is not None:
             self._lab = replace(self._lab, borders={border.id: border.name for border in borders.values()})
         self._put_health()
         problems = {key_of("camera", camera): self._camera_problems(camera, notices) for camera in self._lab.cameras}
         for robot in self._lab.robots or ():
-            lines = known[1].lines if known is not None else ()
+            lines = robots[1].lines if robots is not None else ()
             problems[key_of("robot", robot)] = states.robot_problems(robot, lines, notices, self._language)
-        for key, found in problems.items():
-            self._put(key, states.problem_value(found))
+        for key, texts in problems.items():
+            self._put(key, states.problem_value(texts))
         for key, border in (borders or {}).items():
             self._put(key, states.border_value(border))
         self._describe()
-        self._tell(notices)
+        self._send_news(notices)
         self._watch_connection()
 
     def _camera_problems(self, camera: str, notices: List[Notice]) -> List[str]:
@@ -205,16 +205,16 @@ class MqttNode:
             self._broker.put(topic, b"")
             self._broker.put(self._lab.topic(entities.key_in(topic)), b"")
 
-    def _tell(self, notices: List[Notice]) -> None:
+    def _send_news(self, notices: List[Notice]) -> None:
         values = [states.notice_value(notice, self._language) for notice in notices]
         with self._lock:
             refused = dict(self._refused)
         self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
         now = dict(zip(((one.code, one.robot, one.border_id, one.camera) for one in notices), values))
         for key, value in now.items():
-            if self._told is not None and key not in self._told:
+            if self._shown_notices is not None and key not in self._shown_notices:
                 self._broker.send(self._lab.topic(entities.NOTICE), _json(value))
-        self._told = set(now)
+        self._shown_notices = set(now)
 
     def _watch_connection(self) -> None:
         now = time.monotonic()
@@ -245,7 +245,7 @@ class MqttNode:
             carry_out=send if request.command else lambda _given: self._switch(request),
         )
         if not taken and request.command == STOP:
-            self._show_unanswered(request)  # as ten others are; it went out on the topic of stops
+            self._show_unanswered(request)  # many stops wait; this one was published on the topic of stops
         elif not taken:
             self._refuse(request, CodedError("mqtt_too_fast"))
 
@@ -253,8 +253,8 @@ class MqttNode:
         border = (self._borders or {}).get(request.border)
         if border is None:
             raise CodedError("mqtt_no_border", border=request.border)
-        wanted = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
-        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, wanted, _INTEGRATOR)
+        order = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
+        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, _INTEGRATOR)
 
     def _on_answer(self, _given: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:
@@ -265,7 +265,7 @@ class MqttNode:
             self._refuse(request, error)
 
     def _show_unanswered(self, stop: Request) -> None:
-        if self._orders.stop_is_heard():  # the robots tell the manager once it is running
+        if self._orders.stop_is_heard():  # the robots will report the stop to the manager once it is running
             self._show(stop, True, "page_stop_sent", sentences.translate("page_stop_sent", {}, self._language))
         else:
             self._refuse(stop, CodedError("page_stop_unheard"))
@@ -280,7 +280,7 @@ class MqttNode:
     def _show(self, request: Request, success: bool, code: str, text: str) -> None:
         what = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
-        # what was taken is limited as it is; refusals that are not shown are counted
+        # the inbox limits what has an id; refusals that are not shown are counted
         if request.id or self._shown.allows("", time.time()):
             value = states.answer_value(request.sender_id, what, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))

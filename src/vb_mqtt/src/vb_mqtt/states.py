@@ -1,6 +1,6 @@
-"""What entities show: messages to the values of their states. Needs the messages' fields, no node.
+"""Converts messages to the states of entities; needs the messages' fields, but no node.
 
-A state holds no more than people and automations use, and nothing that changes by itself: each change is an entry in the
+A state holds only what people and automations use, and nothing that changes by itself: each change is an entry in the
 hub's history.
 """
 
@@ -47,7 +47,7 @@ def stop_value(message: Any) -> Dict[str, Any]:
 
 
 def question_value(message: Any, language: str) -> Dict[str, Any]:
-    """Converts vb_msgs/InteractionState to the question that is open, who was asked, and the command that says yes."""
+    """Converts vb_msgs/InteractionState to the open question, who was asked, and the command that answers yes."""
     since = (message.header.stamp - message.last_answered).to_sec()
     asked = message.last_code.startswith(QUESTIONS) and since <= QUESTION_TIME
     answer = mapping_from_values(message.last_values).get("answer", "") if asked else ""
@@ -74,16 +74,16 @@ def border_value(border: Any) -> Dict[str, Any]:
 
 
 def problem_value(texts: Iterable[str]) -> Dict[str, Any]:
-    """Makes the state of a camera or robot of the sentences that say what is wrong with it."""
-    found = sorted(set(texts))
-    return {"problem": bool(found), "problems": found}
+    """Makes the state of a camera or robot from the sentences that say what is wrong with it."""
+    problems = sorted(set(texts))
+    return {"problem": bool(problems), "problems": problems}
 
 
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
     """Lists what is wrong with a robot, or that it is not there."""
     mine = [line for line in lines if line.robot == name]
     bad = [one for one in mine if one.severity >= Severity.WARNING or one.code == "robot_not_connected"]
-    # the name of the only robot is empty, as it is where a notice is about no robot
+    # a notice that is about no robot has the empty name too, which is that of the only robot
     who = sentences.robot_value(name)
     bad += [one for one in notices if one.severity >= Severity.WARNING and who in (one.robot, one.values.get("who"))]
     return [one.sentence(language) for one in bad]
@@ -101,17 +101,18 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
 
 
 def answer_value(sender_id: str, what: str, success: bool, code: str, text: str) -> Dict[str, Any]:
-    """Makes the event that tells what became of a command or a switch."""
+    """Makes the event that reports the result of a command or a switch."""
     kind = ANSWERS[0] if success else ANSWERS[1] if code.startswith(QUESTIONS) else ANSWERS[2]
     return {"event_type": kind, "id": sender_id, "command": what, "code": code, "text": text[:_TEXT]}
 
 
 def draw_map(before: GridMap, after: GridMap, borders: Sequence[Any]) -> bytes:
-    """Draws the map with its borders as a PNG of at most MAX_SIDE pixels: walls, what is restricted, and each line.
+    """Draws the map with walls, restricted areas and borders as a PNG of at most MAX_SIDE pixels in each direction.
 
     Args:
-        before: without borders; after: with them, of the same geometry.
-        borders: vb_msgs/VirtualBorder; those that are not enabled are grey.
+        before: the map without borders.
+        after: the map with them, of the same geometry.
+        borders: vb_msgs/VirtualBorder; disabled ones become grey.
     """
     added = after.data > before.data
     pixels = np.full((*before.shape, 3), _FREE, np.uint8)

@@ -32,8 +32,8 @@ from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
 RATE = 50.0  # [1/s] steps of simulated time; cameras of 25 frames/s need an even multiple of it
-# odom and tf every so many steps: 25 Hz, one per camera frame; scans at 10 Hz, as small scanners have them; amcl_pose at
-# 2 Hz, about AMCL's rate while driving
+# steps between two messages: odom and tf at 25 Hz, one per camera frame; scans at 10 Hz, as small scanners have them;
+# amcl_pose at 2 Hz, about AMCL's rate while driving
 POSE_STEPS, SCAN_STEPS, AMCL_STEPS = 2, 5, 25
 TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is dated: AMCL's own default
 PARTICIPANT_SILENCE = 0.5  # [s] after which the participant counts as standing there with the laser off

@@ -14,7 +14,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
     """Converts CameraInfo to CameraModel; inverse of `info_from_camera`.
 
     Args:
-        rectified: for images that are already undistorted (image_rect, image_rect_color): P describes them.
+        rectified: whether its images are already undistorted (image_rect, image_rect_color); then P describes them.
 
     Raises:
         CodedError: "bad_camera_info" if it describes no camera; "unsupported_camera" for binning, a part of the image

@@ -1,8 +1,8 @@
 """Sends commands to the interaction; every input method uses this.
 
 Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out, counted
-from when the person gave it: nobody expects what they pressed a minute ago. It names the newest stop that its sender knew
-of when it was given: a stop that came since makes it void.
+from when the person gave it: nobody expects a button of a minute ago to act. It names the newest stop that its sender
+knew of when it was given: a newer stop makes it void.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from vb_msgs.msg import InteractionState, Stop
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 MANAGER = "$interaction_manager"
-VALIDITY = 5.0  # [s] from when it was given: a command that waited longer for a busy manager surprises people
+VALIDITY = 5.0  # [s] from when a command was given: if it waits longer for a busy manager, it surprises people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
 _MOST_WAITING = 10  # commands of one person
 
@@ -85,9 +85,8 @@ class CommandSender:
         self._on_answer = on_answer
         self._lock = threading.Lock()
         self._unanswered: Dict[str, List[threading.Event]] = {}  # by person
-        self._stop_numbers: Deque[Tuple[float, str]] = deque(
-            [(-math.inf, "")], maxlen=64
-        )  # since when [s] each is known
+        # each with the time [s] since when it is known
+        self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, "")], maxlen=64)
         self._stop: Optional[rospy.Publisher] = None
 
     def connect(self) -> None:
@@ -122,11 +121,11 @@ class CommandSender:
 
         Args:
             context: handed on to `on_answer`.
-            given: [s] of the monotonic clock, when the person gave it, at the latest now.
-            source: who gives it.
-            seen_stop: number of the newest stop that the person was shown; None: that was known here when it was given.
-            identity: of this command, if it has one already and may come twice.
-            carry_out: returns the answer or raises a `CodedError`: the manager's, unless it is another node's to give.
+            given: [s] of the monotonic clock: when the person gave it; now at the latest.
+            source: the person who gives it.
+            seen_stop: number of the newest stop that the person was shown; None: the newest known here at `given`.
+            identity: id of this command, if it has one already and may come twice.
+            carry_out: returns the answer or raises a `CodedError`; by default the manager answers.
         """
         given, source = min(given, time.monotonic()), source or self._source
         if seen_stop is None:

@@ -1,4 +1,4 @@
-"""Asks a ROS master which nodes run, and who could command a robot's base now, whether it does or not."""
+"""Asks a ROS master which nodes run, and which of them could command a robot's base."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ def read_graph(master: Optional[rosgraph.Master] = None) -> NodeGraph:
 
 @dataclass(frozen=True)
 class Commanders:
-    """Who can command a base.
+    """The nodes that can command a base.
 
     Attributes:
-        others: running nodes that could do so past the driver; allowed: the driver, its mux, and trusted nodes.
-        heard: whether anybody listens to the driver's commands.
+        others: running nodes that can command it past the driver.
+        allowed: the driver, its mux, and trusted nodes.
+        heard: whether any node listens to the driver's commands.
     """
 
     others: Set[str]

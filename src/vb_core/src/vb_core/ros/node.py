@@ -60,19 +60,19 @@ def run(name: str, build: Callable[[], Any]) -> None:
 def _log_without_registering() -> None:
     """Keeps rospy from asking the ROS master for a parameter at each logged line.
 
-    It does so by a subscription under the node's name, as long as the parameter is not set. A node that has been
-    replaced by another of the same name and logs one more line while it ends is then taken for the newer of the two,
-    and the master stops the other one: about once in seventy replacements.
+    It does so by a subscription under the node's name, as long as the parameter is not set. If a node has been replaced
+    by another of the same name and logs one more line while it ends, the master takes it for the newer of the two and
+    stops the other one: about once in seventy replacements.
     """
     name = "/rosout_disable_topics_generation"
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
 
 
 def _keep_for_good() -> None:
-    """Takes what the start has made, which never goes, out of Python's search for garbage.
+    """Excludes the objects made so far, which live as long as the node, from Python's search for garbage.
 
-    All threads stand still while it looks through that: for 30 to 60 ms of processor time, several times as long on a busy
-    computer, and so long a stop went unanswered, and an image unsearched.
+    All threads stand still while it searches them: 30 to 60 ms of processor time, several times as long on a busy computer.
+    During that time no stop was answered and no image searched.
     """
     gc.collect()
     gc.freeze()
@@ -91,7 +91,7 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
 def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> bool:
     """Waits until subscribers are connected to as many publishers as the master knows; returns whether they are.
 
-    What lasts some seconds counts them from then: on a busy computer connections take their time.
+    A measurement of some seconds should begin after it: on a busy computer connections take their time.
     """
     published = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
     expected = [(subscriber, len(published.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
@@ -201,7 +201,7 @@ class Queue(Generic[T]):
 
 
 class Mailbox(Queue[T]):
-    """A queue of one item: the newest wins, and the one it replaces counts as dropped. Closing it takes out what is there.
+    """A queue of one item: the newest wins, and the one it replaces counts as dropped. Closing it empties it.
 
     A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
     """
@@ -220,7 +220,7 @@ class Mailbox(Queue[T]):
             return super().put(item)
 
     def wait_until_taken(self) -> None:
-        """Waits until what was put is taken, or the mailbox closed: for a source that has no hurry."""
+        """Waits until the item is taken or the mailbox closed: for a source that can wait."""
         with self._condition:
             self._condition.wait_for(lambda: not self._items or self._closed)
 
@@ -259,14 +259,14 @@ class WakeTimer:
             woken = not self._closed and self._wake.wait(self._period)
         else:
             woken = self._get_simulated()
-        if woken:  # else what is announced just now is for the next time
+        if woken:  # an announcement that comes just now is for the next wait
             self._wake.clear()
         return None if self._closed else woken
 
     def _get_simulated(self) -> bool:
         began, then = time.monotonic(), rospy.get_time()
         if not 0.0 <= self._due - then <= self._period:
-            self._due = then + self._period  # the first time, too late for the last one, or time has jumped
+            self._due = then + self._period  # this is the first wait, the last one ended too late, or time has jumped
         wall, now, woken = began, then, False
         while not (self._closed or woken) and wall < began + self._period and now < self._due:
             rest = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
@@ -304,7 +304,7 @@ def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
-    A `CodedError` is a faulty item, and is logged; what topics raise as they close during shutdown is left out. Anything else
+    A `CodedError` is a faulty item, and is logged. What topics raise as they close during shutdown is ignored. Anything else
     is a fault of the node, which ends.
     """
 
@@ -333,11 +333,11 @@ INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 
 def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
-    """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up if told to.
+    """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up after a timeout.
 
     Args:
-        what: for the log: "the map on /map".
-        arrived: whether it is there.
+        what: the input's name in the log, for instance "the map on /map".
+        arrived: returns whether it is there.
         timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """
@@ -364,7 +364,7 @@ def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> 
 def wait_for_clock() -> None:
     """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
 
-    A node that has waited `INPUT_TIMEOUT` in vain ends with "input_timeout".
+    If none comes within `INPUT_TIMEOUT`, the node ends with "input_timeout".
     """
     _await("the time on /clock, because /use_sim_time is set", _clock_runs, INPUT_TIMEOUT)
 

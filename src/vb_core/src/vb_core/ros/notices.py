@@ -39,15 +39,14 @@ def notice_from_message(message: NoticeMessage) -> Notice:
 
     An unknown severity counts as an error: it may come from a newer version.
     """
-    known = message.severity in tuple(Severity)
     return Notice(
-        message.code,
-        Severity(message.severity) if known else Severity.ERROR,
-        message.robot,
-        message.border_id,
-        message.camera,
-        mapping_from_values(message.values),
-        message.message,
+        code=message.code,
+        severity=Severity(min(message.severity, Severity.ERROR)),
+        robot=message.robot,
+        border_id=message.border_id,
+        camera=message.camera,
+        values=mapping_from_values(message.values),
+        message=message.message,
     )
 
 
@@ -71,10 +70,6 @@ class NoticeListener:
         with self._lock:
             return self._book.current(rospy.get_time())
 
-    def close(self) -> None:
-        """Stops listening."""
-        self.subscriber.unregister()
-
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
             self._book.update(message.source, map(notice_from_message, message.notices), rospy.get_time())
@@ -84,7 +79,7 @@ class NoticeListener:
 class NoticePublisher:
     """Publishes this node's notices on /virtual_borders/notices, at once and again every second.
 
-    Warnings and errors are also logged, once for as long as they hold: that is all that roslaunch's terminal has to say.
+    Warnings and errors are also logged, once as long as they hold: roslaunch's terminal shows nothing else.
     """
 
     def __init__(self) -> None:

@@ -23,11 +23,8 @@ def read(cls: Type[P], namespace: str = "~") -> P:
         ParameterError: names the full key of what is unknown, of a wrong type or out of range.
     """
     where = rospy.resolve_name(namespace).rstrip("/")
-    found = rospy.get_param(where, {})
-    if not isinstance(found, dict):
-        raise ParameterError(where, f"expected keys and values, got {found!r}")
-    params = cls.from_mapping(found, where)
-    if params.describe():  # the defaults are in the files; twenty nodes that repeat them bury the warnings
+    params = cls.from_mapping(rospy.get_param(where, {}), where)
+    if params.describe():  # the defaults are in the files, and in the log of twenty nodes they would bury the warnings
         rospy.loginfo("%s: %s", where, params.describe())
     return params
 

@@ -72,7 +72,7 @@ class ReconfigureServer(Generic[P]):
 
     Args:
         params: the values at the start.
-        namespace: for instance "~detector", where `vb_core.ros.parameters.read` read them.
+        namespace: where `vb_core.ros.parameters.read` read them, for instance "~detector".
         apply: adopts the new parameters, in a service's thread; its CodedError refuses them.
         fixed: names of fields that cannot be changed while the node runs.
     """
@@ -89,14 +89,14 @@ class ReconfigureServer(Generic[P]):
 
     def _change(self, config: Any, _level: int) -> Any:
         names = {field.name for field in dataclasses.fields(self._params)}
-        wanted = {name: value for name, value in config.items() if name in names}
+        values = {name: value for name, value in config.items() if name in names}
         try:
-            changed = self._params.replace(**wanted)
+            changed = self._params.replace(**values)
             if changed != self._params:
                 self._apply(changed)
                 rospy.loginfo("%s: %s", self._where, changed.describe() or "all as by default")
             self._params = changed
         except CodedError as error:
             rospy.logwarn("%s: not changed: %s", self._where, error)
-            config.update({name: getattr(self._params, name) for name in wanted})
+            config.update({name: getattr(self._params, name) for name in values})
         return config

@@ -12,13 +12,13 @@ PARAMETER = "robot_profile"
 def read_radius(robot: str, default: float) -> float:
     """Reads a robot's radius [m] from its profile; returns `default` where no profile is set.
 
-    For nodes that need nothing else of the profile.
+    For nodes that need nothing else from the profile.
 
     Args:
         robot: its name; empty for the only one.
     """
-    found = rospy.get_param(f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}", {})
-    return RobotProfile.from_mapping(found, PARAMETER).radius if found else default
+    values = rospy.get_param(f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}", {})
+    return RobotProfile.from_mapping(values, PARAMETER).radius if values else default
 
 
 def read(robot: str = "") -> RobotProfile:
@@ -31,7 +31,7 @@ def read(robot: str = "") -> RobotProfile:
         ParameterError: names the key that is wrong.
     """
     name = rospy.resolve_name(f"{robot}/{PARAMETER}" if robot else PARAMETER)
-    found = rospy.get_param(name, {})
-    if not found:
+    values = rospy.get_param(name, {})
+    if not values:
         rospy.logwarn("%s: %s is not set: taken to be a TurtleBot 2", rospy.get_name(), name)
-    return RobotProfile.from_mapping(found, name)
+    return RobotProfile.from_mapping(values, name)

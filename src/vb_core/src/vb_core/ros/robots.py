@@ -1,4 +1,4 @@
-"""What is connected, from messages: robot_monitor publishes it; page, display, hub and check_lab make the offer of it."""
+"""What is connected, from robot_monitor's messages: page, display, hub and check_lab derive the offer from it."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _SILENCE = 4.0  # [s] ROS time; robot_monitor says something every second
 def robot_from_status(message: RobotStatus) -> ConnectedRobot:
     """Converts what is connected to one robot."""
     return ConnectedRobot(
-        message.robot,
-        bool(message.move_base),
-        message.plans_round_borders,
-        message.driver,
-        message.localized,
-        message.obeys_stop,
-        message.obeys_speed,
-        tuple(message.maps),
-        tuple(message.missing_maps),
-        tuple(message.unheard),
+        name=message.robot,
+        navigation=bool(message.move_base),
+        plans_round_borders=message.plans_round_borders,
+        driver=message.driver,
+        localized=message.localized,
+        obeys_stop=message.obeys_stop,
+        obeys_speed=message.obeys_speed,
+        maps=tuple(message.maps),
+        missing_maps=tuple(message.missing_maps),
+        unheard=tuple(message.unheard),
     )
 
 
@@ -35,7 +35,7 @@ def connections_from_message(message: RobotStatusArray) -> Connections:
 
 
 class OfferListener:
-    """Hears from robot_monitor what is connected; what it said before it fell silent is not known any more.
+    """Hears from robot_monitor what is connected, and forgets it once robot_monitor is silent.
 
     Args:
         on_message: called from rospy's thread after each message.
@@ -47,7 +47,7 @@ class OfferListener:
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
     def current(self) -> Optional[Tuple[RobotStatusArray, Offer]]:
-        """Returns the newest message and what is offered by it; None if it is too old, or there was none."""
+        """Returns the newest message and the offer made from it; None if it is too old, or there was none."""
         newest = self._newest
         if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
             return None

@@ -22,7 +22,7 @@ def call(
     Args:
         name: the service's name.
         service: its class, for instance vb_msgs.srv.AddBorder.
-        who: for the sentence: "the map integrator", or "$map_integrator" for the word in the reader's language.
+        who: the node in the error's sentence: "the map integrator", or "$map_integrator" for the reader's language.
         service_timeout: [s] how long to wait for the service to appear.
         response_timeout: [s] how long to wait for its response after that.
 

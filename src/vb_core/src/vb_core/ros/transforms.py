@@ -34,24 +34,24 @@ class TransformLookup:
                 "bad_transform" if its rotation is invalid.
         """
         try:
-            found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout))
+            stamped = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout))
         except (tf2_ros.TransformException, rospy.ROSException) as error:
-            # of a frame that it has never heard of, tf says only that its argument is wrong
+            # if tf has never heard of a frame, its error says only that the argument is wrong
             known = f"Frame {source} exists" in self._buffer.all_frames_as_string()
             reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
-        return transform_from_message(found.transform)
+        return transform_from_message(stamped.transform)
 
     def pose_on_map(self, frame: str, silence: float) -> Optional[Pose]:
-        """Returns where a frame is on the map, (x, y, yaw) [m, m, rad]; None if nobody has told it for so long [s]."""
+        """Returns where a frame is on the map, (x, y, yaw) [m, m, rad]; None if the newest pose is older than `silence` [s]."""
         stamp = self.newest(names.MAP_FRAME, frame)
         if not stamp.is_zero() and abs((rospy.Time.now() - stamp).to_sec()) > silence:
             return None
         try:
-            found = pose2d_from_transform(self.lookup(names.MAP_FRAME, frame, stamp, 0.0))
+            pose = pose2d_from_transform(self.lookup(names.MAP_FRAME, frame, stamp, 0.0))
         except CodedError:
             return None
-        return found if np.isfinite(found).all() else None
+        return pose if np.isfinite(pose).all() else None
 
     def newest(self, target: str, source: str) -> rospy.Time:
         """Returns the time of the newest transform; zero for a fixed one, and if there is none."""

@@ -40,8 +40,8 @@ class Scheduler:
         self.closed = False
         self._hub = greenlet.getcurrent()
         self._ready: Deque[Tuple[Task, int]] = deque()
-        self._timed: List[Tuple[int, int, Task, int]] = []
-        self._later: List[Tuple[int, int, Callable[[], None]]] = []
+        # (when [ns], in which order, a task, the wait of it that ends then), or (when, in which order, None, what is done)
+        self._due: List[Tuple[int, int, Optional[Task], Any]] = []
         self._count = 0
         self._tasks: List[Task] = []
         self._fault: Optional[BaseException] = None
@@ -82,10 +82,7 @@ class Scheduler:
             raise greenlet.GreenletExit
         task.waits += 1
         if timeout_ns is not None:
-            self._count += 1
-            heapq.heappush(
-                self._timed, (self.now_ns + max(int(timeout_ns), SHORTEST_NS), self._count, task, task.waits)
-            )
+            self._push(max(int(timeout_ns), SHORTEST_NS), task, task.waits)
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:
@@ -94,8 +91,11 @@ class Scheduler:
 
     def later(self, delay_ns: int, work: Callable[[], None]) -> None:
         """Does something short after a time [ns]; it must not wait."""
+        self._push(delay_ns, None, work)
+
+    def _push(self, delay_ns: int, task: Optional[Task], what: Any) -> None:
         self._count += 1
-        heapq.heappush(self._later, (self.now_ns + delay_ns, self._count, work))
+        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, what))
 
     def run(self, over: Callable[[], bool], until_ns: int) -> None:
         """Runs the tasks until something is over or a time [ns] is reached.
@@ -107,14 +107,14 @@ class Scheduler:
             if self._ready:
                 task, waits = self._ready.popleft()
                 self._resume(task, waits, True)
-            elif self._later and (not self._timed or self._later[0][:2] <= self._timed[0][:2]):
-                self.now_ns, _, work = heapq.heappop(self._later)
-                work()
-            elif self._timed:
-                due, _, task, waits = heapq.heappop(self._timed)
-                if not task.dead and task.waits == waits:
+            elif self._due:
+                due, _, task, what = heapq.heappop(self._due)
+                if task is None:
                     self.now_ns = due
-                    self._resume(task, waits, False)
+                    what()
+                elif not task.dead and task.waits == what:
+                    self.now_ns = due
+                    self._resume(task, what, False)
             else:
                 return
             if self._fault is not None:

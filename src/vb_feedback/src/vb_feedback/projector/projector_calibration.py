@@ -117,7 +117,7 @@ def load(path: Path) -> ProjectorCalibration:
     except yaml.YAMLError:
         raise CodedError("bad_calibration", f"'{path}' is not valid YAML") from None
     except (TypeError, ValueError) as error:
-        raise CodedError("bad_calibration", f"'{path}' is no projector's calibration: {error}") from None
+        raise CodedError("bad_calibration", f"'{path}' is not a projector's calibration: {error}") from None
 
 
 def _corners(width: int, height: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.blocks import Region, max_channel
+from vb_laser_detect.detection.background import Region, max_channel, relight
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
@@ -71,40 +71,40 @@ class ImageTraits(NamedTuple):
 
 def measure(
     image: np.ndarray,
-    background: np.ndarray,
-    seed: Region,
-    largest: float,
-    camera: ImageTraits,
-    widest: float = math.inf,
+    reference: np.ndarray,
+    region: Region,
+    max_diameter: float,
+    traits: ImageTraits,
+    max_width: float = math.inf,
 ) -> Blob:
     """Measures the brightest blob of a region.
 
     Args:
         image: (H, W) or (H, W, 3) uint8.
-        background: the same shape; what the place looks like without a spot.
-        seed: region that holds the peak.
-        largest: [px] a spot's largest diameter.
-        widest: [px] what is wider became brighter with the floor around it, and belongs to the background.
+        reference: the same shape; what the floor there looks like without a spot.
+        region: that holds the peak.
+        max_diameter: [px] a spot's largest diameter.
+        max_width: [px] what is wider became brighter with the floor around it, and belongs to the background.
 
     Returns:
         The blob; see its `problem`.
     """
-    left, top, right, bottom = seed
+    left, top, right, bottom = region
     margin, missing = 20, 1
     while missing > 0:
         # even bounds keep each pixel's place in a Bayer image's pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         window = slice(y0, bottom + margin), slice(x0, right + margin)
-        now, before = image[window], background[window]
-        if widest < math.inf:
-            before = cv2.max(before, relight(before, now, widest))
+        now, before = image[window], reference[window]
+        if max_width < math.inf:
+            before = cv2.max(before, relight(before, now, max_width))
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
         smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, before)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
         _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
         label = labels[at[1] + top - y0, at[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
-        if peak < 4 or max(bw, bh) > _MAX_ELONGATION * largest:
+        if peak < 4 or max(bw, bh) > _MAX_ELONGATION * max_diameter:
             middle = (left + right) / 2.0, (top + bottom) / 2.0
             return Blob(*middle, float(max(right - left, bottom - top)), "too_faint" if peak < 4 else "too_large")
         # the blob's surroundings must be in the window too
@@ -124,47 +124,35 @@ def measure(
     u, v = moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy
     area, elongation = _shape_of(mask)
     diameter = 2.0 * math.sqrt(area / math.pi)
-    if diameter > largest:
+    if diameter > max_diameter:
         return Blob(u, v, diameter, "too_large")
-    tint, features = _light_of(mask, diameter, smooth[part], now[part], before[part], camera)
+    tint, features = _light_of(mask, diameter, smooth[part], now[part], before[part], traits)
     return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **features})
 
 
 def _light_of(
-    mask: np.ndarray, diameter: float, light: np.ndarray, now: np.ndarray, before: np.ndarray, camera: ImageTraits
+    mask: np.ndarray, diameter: float, light: np.ndarray, now: np.ndarray, before: np.ndarray, traits: ImageTraits
 ) -> Tuple[Optional[np.ndarray], Dict[str, float]]:
     """Returns the tint of a blob's light, and the features that say how it differs from the floor.
 
     Args:
         mask: (H, W) uint8, the blob.
         light: (H, W) the rise of the brightest channel, smoothed.
-        now, before: image and background.
+        now, before: image and reference.
     """
-    levels, floor = means_over(mask, camera.mosaic, now, before)
+    levels, floor = means_over(mask, traits.mosaic, now, before)
     tint = tint_of(mask, light, now, before, levels, floor) if len(levels) > 1 else None
     channel = int(np.argmax(levels - floor)) if now.ndim == 3 else 0
     return tint, {
-        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.bright),
-        "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / camera.bright),
+        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / traits.bright),
+        "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / traits.bright),
         "edge": _edge(mask, _plane(now, channel), _plane(before, channel)),
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((floor - levels).max())) / camera.bright,
-        "diameter": math.log(diameter / camera.diagonal),
+        "fall": max(0.0, float((floor - levels).max())) / traits.bright,
+        "diameter": math.log(diameter / traits.diagonal),
         # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
-        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
+        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if traits.mosaic else math.nan,
     }
-
-
-def relight(background: np.ndarray, image: np.ndarray, widest: float) -> np.ndarray:
-    """Returns a background in the light of an image, of which nothing is taken that is narrower than `widest` [px]."""
-    half = 2 * math.ceil(widest / 4)
-    kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
-    # the places in a Bayer image's pattern are not mixed
-    step = 2 if image.ndim == 2 else 1
-    kernel[::step, ::step] = 1
-    gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
-    gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)
-    return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
 # ------------------------------------------------------------------ colour

@@ -274,8 +274,10 @@ class ImageGeometry:
         Raises:
             CodedError: where there is no floor point; "on_robot" if a body hides it.
         """
-        where, at = (self._camera, self.pose, u, v), self._projector
-        point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
+        if self._depth is None:
+            point = self._projector.on_plane(self._camera, self.pose, u, v)
+        else:
+            point = self._projector.with_depth(self._camera, self.pose, u, v, *self._depth())
         if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
             raise CodedError("on_robot")
         return point

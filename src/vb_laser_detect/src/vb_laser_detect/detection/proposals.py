@@ -1,7 +1,7 @@
 """Regions worth examining: what became brighter than the scene was, for every camera.
 
 One idea for all cameras: a keyframe, which is never taken from a spot. The background stays where it was taken, and each image
-is compared with it, through one motion from the keyframe to now if the camera moves (`image_registration` estimates it), so
+is compared with it, through one motion from the keyframe to now if the camera moves (`ImageRegistration` estimates it), so
 that nothing is resampled twice and no error adds up. Every second, or every few images of a camera that moves, the image
 itself becomes the keyframe, except where it shows a spot or has just changed. What shone in the keyframe within a pixel, the
 uncertainty of that motion, is not new.
@@ -13,229 +13,33 @@ switched, the floor under a spot that was followed until then is known in the ol
 from __future__ import annotations
 
 import math
-from typing import Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.blocks import (
-    BLOCK,
-    Region,
-    block_maxima,
-    blocks_around,
-    brightest,
-    find_regions,
-    mask_of_blocks,
-    max_channel,
-    sample_blocks,
-)
-from vb_laser_detect.detection.features import relight
-from vb_laser_detect.detection.image_registration import ImageRegistration
+from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, Region, relight
 from vb_laser_detect.detection.tracking import Expected, Spot
 
 _MIN_CHANGE = 0.15  # of what is bright in the room; what differs by less from the background becomes part of it
-_DARKEST, _BRIGHTEST = (
-    64.0,
-    191.0,
-)  # [grey levels] the reference brightness stays within them in very dark and very bright rooms
 _HALF_LEVEL = 0.8  # of its level, at least, a spot of few pixels has left in the half of an image
 _STILL = 0.02  # of what is `busy` in an image; where more is, ghosts may be left
 _UNSEEN = 1.0  # [s] between two images, in which a hand takes something away
 _MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
+_LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
 _MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts again
-_NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
-_PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noise is averaged over it
-_WEIGHT = 0.25  # of the image in a stationary camera's keyframe: the mean of some images has less noise
-_ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
-_GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] at the latest then what somebody took away is out of it
-_BRIGHT = 99.0  # [%] of the background are darker than what counts as bright in it
-_KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
-_KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
-_BANDS = 0.1  # the rows' light differs by this part at least where lamps flicker
-_SQUARE = np.ones((3, 3), np.uint8)
-
-
-class Background:
-    """The background of one camera at full resolution, and each block's noise.
-
-    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s; blocks that show a
-    spot are left out of any.
-
-    Args:
-        image: (H, W) or (H, W, 3) uint8, the first image as it is searched.
-        whole: the same at the camera's own size, if `image` is the half of it.
-
-    Attributes:
-        image: the background itself.
-        whole: the same at the camera's own size; None if that is searched.
-        reference: what the last image was compared with.
-        blocks: their rows and columns.
-        bright: [grey levels] of the brightest surfaces in it, see `ImageTraits`.
-        motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
-    """
-
-    def __init__(self, image: np.ndarray, whole: Optional[np.ndarray] = None) -> None:
-        self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
-        self._noise, self._deviation, self._changed_s = np.zeros((3,) + blocks, np.float32)
-        self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
-        self._noise_s, self._noise_known = 0.0, False
-        self.whole = whole
-        self._adopt(image.copy())
-        self.reference = self.image
-        self._gains: Optional[np.ndarray] = None  # of the rows of blocks, where the last image's light differs
-
-    def _adopt(self, image: np.ndarray) -> None:
-        """Makes an image the background."""
-        self.image, self._sample = image, sample_blocks(image)
-        self.motion: Optional[np.ndarray] = None
-        self._brightest: Optional[np.ndarray] = None  # of nine pixels each
-        self._age, self._images = 0.0, 0
-        # of the room's brightest surfaces: single lamps are less than a hundredth of the image. The places in a Bayer
-        # image's pattern see different colours
-        seen = image if self.whole is None else self.whole
-        cells = seen if seen.ndim == 3 else cv2.dilate(seen, np.ones((2, 2), np.uint8), anchor=(0, 0))
-        bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
-        self.bright = min(max(bright, _DARKEST), _BRIGHTEST)
-
-    def subtract_background(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
-        """Compares an image with the background.
-
-        Args:
-            motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
-
-        Returns:
-            Each block's largest rise above the background, and by how much a sample of it became darker, (rows, columns)
-            uint8. While the camera moves nothing is called darker: what became so is taken from the image soon.
-        """
-        self.motion, self.reference, self._gains = motion, self.image, None
-        if motion is None:
-            return block_maxima(image, self.image), max_channel(cv2.subtract(self._sample, sample_blocks(image)))
-        if self._brightest is None:
-            self._brightest = cv2.dilate(self.image, _SQUARE)
-        # fractions of a pixel do not matter to the brightest of nine
-        self.reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
-        rise = block_maxima(image, self.reference)
-        return rise, np.zeros_like(rise)
-
-    def subtract_bands(self, image: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
-        """Compares an image with the background in the light of each of its rows; None if all rows have the same.
-
-        Lamps that flicker light the rows of a rolling shutter one after the other.
-        """
-        now, before = (max_channel(sample).astype(np.float32) + 1.0 for sample in (sample_blocks(image), self._sample))
-        gains = np.median(now / before, axis=1)
-        if np.ptp(gains) < _BANDS * gains.mean():
-            return None
-        self._gains, self.reference = gains, _in_light(self.image, gains, BLOCK)
-        darker = cv2.subtract(sample_blocks(self.reference), sample_blocks(image))
-        return block_maxima(image, self.reference), max_channel(darker)
-
-    def whole_reference(self) -> np.ndarray:
-        """Returns the reference at the camera's own size."""
-        if self.whole is None:
-            return self.reference
-        return self.whole if self._gains is None else _in_light(self.whole, self._gains, 2 * BLOCK)
-
-    def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
-        """Returns a part of the background as the camera sees it now; of the image where nothing was in view."""
-        if self.motion is None:
-            return self.image[part]
-        there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
-        return _warp(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
-
-    def foreground_blocks(self, maxima: np.ndarray, threshold: float) -> np.ndarray:
-        """Finds the blocks (rows, columns) bool whose rise is at least `threshold` and exceeds the block's own noise."""
-        if not self._noise_known:
-            # the second image's: the whole scene's
-            middle = float(np.median(maxima))
-            self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
-            self._limit, self._noise_known = None, True
-        if self.motion is not None:
-            # a block's noise belongs to the edges that it showed
-            return maxima >= max(threshold, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
-        if self._limit is None:
-            # whole grey levels, as the rise has: comparing bytes is four times faster
-            self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
-        return cv2.compare(maxima, cv2.max(self._limit, math.ceil(threshold)), cv2.CMP_GE) > 0
-
-    def update(self, picture: AnyPicture, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
-        """Adds a frame.
-
-        Args:
-            picture: one that is searched at half its size is decoded whole for each keyframe.
-            rise: (rows, columns) of the blocks.
-            changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
-            dt: [s] since the last frame.
-
-        Returns:
-            Whether the image became the keyframe.
-        """
-        image = picture.searched
-        self._age, self._images = self._age + dt, self._images + 1
-        if self.motion is None:
-            self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
-            self._learn_noise(rise, ~(changed | spots), dt)
-            if self._age < _PERIOD:
-                return False
-            lasting = self._changed_s > _ABSORPTION_TIME
-            kept = (changed | spots) & ~lasting
-            self._changed_s[lasting] = 0.0
-            if self.whole is not None:
-                self.whole = self._renewed(self.whole, picture.pixels, lasting, kept)
-            self._adopt(self._renewed(self.image, image, lasting, kept))
-            return True
-        middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
-        far = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
-        if not far and self._images < _KEYFRAME:
-            return False
-        floor = image.copy()
-        self._changed_s[:] = 0.0
-        # a block's noise belongs to the edges that it showed
-        self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
-        left, top, wide, high = cv2.boundingRect(spots.view(np.uint8))
-        if wide:
-            part = slice(BLOCK * top, BLOCK * (top + high)), slice(BLOCK * left, BLOCK * (left + wide))
-            mask = mask_of_blocks(
-                np.ascontiguousarray(spots[top : top + high, left : left + wide]), *floor[part].shape[:2]
-            )
-            cv2.copyTo(self.moved_part(part, image), mask, floor[part])
-        self._adopt(floor)
-        return True
-
-    def _renewed(self, floor: np.ndarray, image: np.ndarray, lasting: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        """Returns a stationary camera's keyframe, at the size that is searched or the camera's own, with an image added.
-
-        Args:
-            lasting, kept: (rows, columns) bool, blocks that become as the image is, and that stay as they are.
-        """
-        result = cv2.addWeighted(image, _WEIGHT, floor, 1.0 - _WEIGHT, 0.0)
-        for blocks, source in ((lasting, image), (kept, floor)):
-            if blocks.any():
-                mask = mask_of_blocks(blocks, *self.image.shape[:2])
-                cv2.copyTo(source, cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST), result)
-        return result
-
-    def _learn_noise(self, rise: np.ndarray, steady: np.ndarray, dt: float) -> None:
-        """Averages the rise of steady blocks, and its deviation; both change slowly, and not with each image."""
-        self._noise_s += dt
-        if self._noise_s < _PERIOD / 8:
-            return
-        weight, mask, values = 1.0 - math.exp(-self._noise_s / _PERIOD), steady.view(np.uint8), rise.astype(np.float32)
-        cv2.accumulateWeighted(values, self._noise, weight, mask)
-        cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
-        self._noise_s, self._limit = 0.0, None
-
-
-def _warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
-    """Moves an image by a motion (3, 3), in place of all pixels of another one that it covers."""
-    return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
-
-
-def _in_light(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:
-    """Returns an image in the light of each row of its blocks, of an edge [px]."""
-    rows = np.interp(np.arange(len(image)), edge * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
-    return cv2.convertScaleAbs(image * rows.reshape((-1, 1) + (1,) * (image.ndim - 2)))
+_WIDTH = 240  # [px] at least, of the images in which corners are followed
+_CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
+_AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
+_SHARE = 0.35  # of the corners have to agree
+_STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
+_FLOW = dict(
+    winSize=(11, 11),
+    maxLevel=2,
+    criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
+    flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+)
 
 
 class SearchedImage(NamedTuple):
@@ -281,6 +85,72 @@ class SearchedImage(NamedTuple):
         passed = np.count_nonzero(self.restless[around]) > np.count_nonzero(self.restless[own])
         is_ghost = busy >= _STILL or passed or self.background.motion is not None
         return {"busy": busy} if is_ghost else {"busy": busy, "edge": math.nan}
+
+
+class ImageRegistration:
+    """Estimates how one camera moved since a keyframe: shift, turn and scale, which for some images describe any motion.
+
+    Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what
+    moves by itself, people and the laser spot, does not agree and is left out (RANSAC).
+    """
+
+    def __init__(self) -> None:
+        self._keyframe: Optional[np.ndarray] = None
+        self._latest: Optional[np.ndarray] = None
+        self._corners: Optional[np.ndarray] = None
+        self._motion = np.eye(3)  # since the keyframe
+
+    def motion_to(self, image: np.ndarray) -> Optional[np.ndarray]:
+        """Estimates the motion (3, 3) from pixels of the keyframe to those of this image; None if it is not known.
+
+        The first image is a keyframe.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8.
+        """
+        gray, scale = image, 1.0
+        while gray.shape[1] >= 2 * _WIDTH:
+            height, width = (number // 2 for number in gray.shape[:2])
+            gray = cv2.resize(gray[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
+            scale *= 0.5
+        self._latest = gray if gray.ndim == 2 else cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)
+        if self._keyframe is None:
+            self.set_keyframe()
+        motion = self._follow()
+        if motion is None:
+            return None
+        shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1.0]])
+        # numpy's inverse starts threads
+        motion = cv2.invert(shrink)[1] @ motion @ shrink
+        height, width = image.shape[:2]
+        corners = np.array([[(0, 0), (width, 0), (0, height), (width, height)]], float)
+        still = np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _STILL_PX
+        return np.eye(3) if still else motion
+
+    def set_keyframe(self) -> None:
+        """Makes the last image the keyframe."""
+        self._keyframe = self._latest
+        # where exactly a corner is does not matter
+        half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        found = cv2.goodFeaturesToTrack(half, _CORNERS, 0.01, 4)
+        self._corners = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
+        self._motion = np.eye(3)
+
+    def _follow(self) -> Optional[np.ndarray]:
+        """Finds the motion since the keyframe on which most corners agree; None if too few do."""
+        if len(self._corners) < _FEWEST:
+            return None
+        ahead = cv2.perspectiveTransform(self._corners, self._motion)
+        found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, ahead, **_FLOW)
+        good = good.ravel() > 0
+        if good.sum() < _FEWEST:
+            return None
+        # RANSAC, by default
+        motion, agree = cv2.estimateAffinePartial2D(self._corners[good], found[good], ransacReprojThreshold=_AGREE_PX)
+        if motion is None or agree.sum() < max(_FEWEST, _SHARE * good.sum()):
+            return None
+        self._motion = np.vstack([motion, (0.0, 0.0, 1.0)])
+        return self._motion
 
 
 class Proposer:
@@ -337,12 +207,12 @@ class Proposer:
         edge, before = BLOCK * picture.scale, self._background
         floors = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
         for one in expected:
-            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.widest, edge)
+            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.max_width, edge)
             for size, floor in zip((picture.scale, 1), floors):
                 part = tuple(slice(edge // size * side.start, edge // size * side.stop) for side in (rows, columns))
                 if floor[part].size:
                     old = before.moved_part(part, floor) if floor is floors[0] else before.whole[part]
-                    floor[part] = relight(old, floor[part], one.widest / size)
+                    floor[part] = relight(old, floor[part], one.max_width / size)
         self._background = Background(*floors)
         self._restless_s = np.zeros(self._background.blocks, np.float32)  # for how long each block will count as that
         self._begin()
@@ -369,7 +239,7 @@ class Proposer:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.edge, view.edge)] = True
         # of what happened between images far apart nothing is known
         moved = (view.changed & ~held) | (elapsed >= _UNSEEN)
-        self._restless_s = np.where(moved, _GHOST_TIME, self._restless_s - elapsed)
+        self._restless_s = np.where(moved, GHOST_TIME, self._restless_s - elapsed)
         if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
             self._begin()
 
@@ -388,3 +258,49 @@ def _much(hot: np.ndarray, darker: np.ndarray) -> bool:
     A person close to the camera darkens much of the image too, and must not become its background.
     """
     return max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > _MAX_CHANGE * hot.size
+
+
+# ------------------------------------------------------------------ blocks and regions
+def brightest(image: np.ndarray, region: Region) -> float:
+    """Returns the brightest sample [grey levels] of a region."""
+    left, top, right, bottom = region
+    # columns and channels side by side
+    return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
+
+
+def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, edge: int = BLOCK) -> Tuple[slice, slice]:
+    """Returns the rows and columns of a grid (rows, columns) of blocks of an edge within `reach` of a place [px]."""
+    top, bottom = int(max(0.0, v - reach)) // edge, int(max(-1.0, v + reach)) // edge + 1
+    left, right = int(max(0.0, u - reach)) // edge, int(max(-1.0, u + reach)) // edge + 1
+    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
+
+
+def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Region]:
+    """Finds regions [px] of connected hot blocks, those with the highest peaks first.
+
+    A large region is cut down to the parts above 60 % of its peak: a spot beside a person must not be lost in the
+    person's region.
+    """
+    # few blocks are hot, and they are close together: the rest is done only there
+    x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
+    if not wide:
+        return []
+    hot, maxima = (np.ascontiguousarray(blocks[y : y + high, x : x + wide]) for blocks in (hot, maxima))
+    labels, stats, peaks = _components(hot, maxima)
+    large = stats[:, 2:4].max(axis=1) > _LARGE
+    large[0] = False
+    if large.any():
+        labels, stats, peaks = _components(hot & ~(large[labels] & (maxima <= 0.6 * peaks[labels])), maxima)
+    result = []
+    for label in np.argsort(-peaks[1:], kind="stable") + 1:
+        left, top, width, height = ((stats[label, :4] + (x, y, 0, 0)) * BLOCK).tolist()
+        result.append((left, top, left + width, top + height))
+    return result
+
+
+def _components(hot: np.ndarray, maxima: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Labels (rows, columns), OpenCV's statistics and the peak of each connected component."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.view(np.uint8), connectivity=8)
+    peaks = np.zeros(len(stats))
+    np.maximum.at(peaks, labels[hot], maxima[hot])
+    return labels, stats, peaks

@@ -2,11 +2,11 @@
 
 The only part of the detector that knows time. A track moves on at a constant velocity in the image, and with it as the
 camera turns; every limit is given in seconds and holds for some images at least, so that a camera
-of two images a second works as one of sixty does. A track that is published stays so until it is lost.
+of two images a second works as one of sixty does. The published track stays the published one until it is lost.
 
-What shines at one place for long, in whatever rhythm, is a lamp and no pointer. How long a place was lit is counted
-without tracks: a blinking light, one that others cross, one that is lost and found again are all the same to it. A stroke lights each of
-its places for a moment, and they are soon forgotten.
+A light that stays in one place is a lamp, even if it blinks. So the time for which each place was lit is counted
+independently of tracks: it goes on while the light blinks, is crossed by another one, or is lost and found again. A stroke
+lights each of its places for a moment only, and they are soon forgotten.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from vb_laser_detect.detection.blocks import Region
+from vb_laser_detect.detection.background import Region
 from vb_laser_detect.detection.projection import FloorPoint
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
 
 _SLACK_PX = 12.0  # [px] what noise alone may move a spot between two images
-_BLINK = 1.5  # [s] light that is away from a place for no longer is taken to be there all the time
-_MEMORY = 10.0  # a place is remembered for so many times as long as it was lit
+_BLINK = 1.5  # [s] a light that is away from its place for no longer counts as having been there all the time
+_MEMORY = 10.0  # a place is forgotten after ten times the time for which it was lit
 _MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
-# a spot may be hidden so long, a leg's time or the dark half of a pointer's blinking, and be missing in two images of any
-# camera
-_GAP_TIME, _GAP_PERIODS = (0.35, 3.5)
+# [s], [images] a track survives the longer of them without a sighting: while a leg passes, or in the dark half of a
+# pointer's blinking; and in any camera two missing images
+_GAP_TIME, _GAP_PERIODS = 0.35, 3.5
 _RECALL_TIME = 1.0  # [s] older sightings of a spot confirmed late are not published
 _PERIODS = 15  # [images] whose mean distance in time is the period
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
@@ -55,7 +55,7 @@ class Spot:
         rejection: why it is not published, or "".
         tint: what `features.tint_of` said; None: without colour.
         stamp: [s] when the image was taken.
-        place: on the floor; None if camera or pose are not known.
+        floor_point: where it is on the floor; None if camera or pose are not known.
     """
 
     u: float
@@ -66,7 +66,7 @@ class Spot:
     rejection: str = ""
     tint: Optional[np.ndarray] = field(default=None, compare=False)
     stamp: float = 0.0
-    place: Optional[FloorPoint] = field(default=None, compare=False)
+    floor_point: Optional[FloorPoint] = field(default=None, compare=False)
 
 
 class Expected(NamedTuple):
@@ -74,13 +74,13 @@ class Expected(NamedTuple):
 
     Attributes:
         reach: [px] about its place (u, v).
-        widest: [px] what is wider cannot be the spot.
+        max_width: [px] what is wider cannot be the spot.
     """
 
     u: float
     v: float
     reach: float
-    widest: float
+    max_width: float
 
     def holds(self, u: float, v: float) -> bool:
         """Returns whether a place [px] is within reach."""
@@ -107,14 +107,14 @@ class Track:
     """A spot that is followed.
 
     Attributes:
-        place, velocity: (2,) [px], [px/s] u and v, the last ones.
+        pixel, velocity: (2,) [px], [px/s] u and v, the last ones.
         created: [s] when it was seen first.
         lit_s: [s] for how long there has been light where it is now.
         unpublished: what was seen before it was confirmed, the oldest first.
     """
 
     number: int
-    place: np.ndarray
+    pixel: np.ndarray
     stamp: float
     created: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -145,7 +145,7 @@ class SpotTracker:
         self._stamp: Optional[float] = None
         self._lit = np.zeros((0, 4))  # places u, v [px], lit for, last lit at [s]
 
-    def begin(self, stamp: float, camera: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
+    def begin(self, stamp: float, traits: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
         """Begins the next image; call it before `update`.
 
         Args:
@@ -160,38 +160,36 @@ class SpotTracker:
             # of several images: some come in bursts; without the longest, which may be a pause
             many = sorted(self._periods)[:-1] or self._periods
             self.period = sum(many) / len(many)
-        self._stamp, self._camera = stamp, camera
+        self._stamp, self._traits = stamp, traits
         gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         self._lit = self._lit[self._lit[:, 3] + _BLINK + _MEMORY * self._lit[:, 2] >= stamp]
-        for place in [track.place for track in self._tracks] + list(self._lit) if motion is not None else ():
+        for place in [track.pixel for track in self._tracks] + list(self._lit) if motion is not None else ():
             place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
         return [self._expect(track) for track in self._tracks if track.confirmed]
 
     def _expect(self, track: Track) -> Expected:
         elapsed = self._since(track)
-        u, v = (track.place + track.velocity * elapsed).tolist()
+        u, v = (track.pixel + track.velocity * elapsed).tolist()
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
         return Expected(u, v, reach, 2.0 * track.diameter)
 
     def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each, None for lamps."""
         lit_s = [self._light(spot) for spot in spots]
-        lamps = [seconds > self.params.max_dwell_time for seconds in lit_s]
-        self._end_tracks([spot for spot, lamp in zip(spots, lamps) if lamp])
-        spots = [spot for spot, lamp in zip(spots, lamps) if not lamp]
-        tracks = self._assign(spots)
-        for track, seconds in zip(tracks, (one for one, lamp in zip(lit_s, lamps) if not lamp)):
-            track.lit_s = seconds
+        lamps = [number for number, seconds in enumerate(lit_s) if seconds > self.params.max_dwell_time]
+        self._end_tracks([spots[number] for number in lamps])
+        followed = [number for number in range(len(spots)) if number not in lamps]
+        track_of = dict(zip(followed, self._assign([spots[number] for number in followed])))
         oldest = self._stamp - max(_RECALL_TIME, (self.params.confirm_frames + 1) * self.period)
-        for spot, track in zip(spots, tracks):
-            self._see(track, spot)
+        for number, track in track_of.items():
+            track.lit_s = lit_s[number]
+            self._see(track, spots[number])
             track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
             if not track.confirmed:
-                track.unpublished.append(replace(spot, track=track.number))
-        self._choose(tracks)
-        others = iter(tracks)
-        return [None if lamp else next(others) for lamp in lamps]
+                track.unpublished.append(replace(spots[number], track=track.number))
+        self._choose(list(track_of.values()))
+        return [track_of.get(number) for number in range(len(spots))]
 
     def _light(self, spot: Spot) -> float:
         """Records the light at a spot's place; returns for how long [s] it has been lit by now."""
@@ -207,7 +205,7 @@ class SpotTracker:
     def _end_tracks(self, lamps: Sequence[Spot]) -> None:
         """Ends the tracks at places of lights that turned out to be lamps, also a published one."""
         for track in list(self._tracks):
-            here = any(math.hypot(track.place[0] - lamp.u, track.place[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
+            here = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
             if here and track.lit_s > _STEP_TIME:
                 self._tracks.remove(track)
                 self.lamps += track.published
@@ -223,10 +221,10 @@ class SpotTracker:
         places = np.array([(one.u, one.v) for one in spots])
         found: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
-            last = np.array([track.place for track in self._tracks])
+            last = np.array([track.pixel for track in self._tracks])
             elapsed = np.array([self._since(track) for track in self._tracks])
             ahead = last + elapsed[:, None] * [track.velocity for track in self._tracks]
-            near = cdist(places, last) <= _SLACK_PX + _MAX_SPEED * self._camera.diagonal * elapsed
+            near = cdist(places, last) <= _SLACK_PX + _MAX_SPEED * self._traits.diagonal * elapsed
             for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places, ahead), 1e9))):
                 if near[row, column]:
                     found[row] = self._tracks[column]
@@ -237,8 +235,8 @@ class SpotTracker:
                 found[row] = Track(self._numbers, place, self._stamp, self._stamp)
                 self._tracks.append(found[row])
             elif self._stamp > track.stamp:
-                track.velocity = (place - track.place) / self._since(track)
-                track.place, track.stamp = place, self._stamp
+                track.velocity = (place - track.pixel) / self._since(track)
+                track.pixel, track.stamp = place, self._stamp
         return found
 
     def _see(self, track: Track, spot: Spot) -> None:
@@ -254,7 +252,7 @@ class SpotTracker:
         if self._stamp - track.created < _STEP_TIME:
             least = _VIVID
         else:
-            least = _PALE if self._camera.mosaic else 0.0
+            least = _PALE if self._traits.mosaic else 0.0
         track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:

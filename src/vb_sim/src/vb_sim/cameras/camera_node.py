@@ -33,7 +33,7 @@ class ImageStream:
     Args:
         topic: below which image_raw and camera_info are.
         frame: of the images.
-        every: only so many of the camera's images are of this kind.
+        every: only every n-th image of the camera is of this kind, for instance every third depth image.
     """
 
     def __init__(

@@ -66,7 +66,7 @@ def static_costs(data: np.ndarray) -> np.ndarray:
 def inflate(static: np.ndarray, distance: np.ndarray, radius: float, inflation: float) -> np.ndarray:
     """Costs (H, W) uint8 with the decay of inflation_layer's computeCost about obstacles; the higher cost wins."""
     decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - radius))
-    # a distance of just so many cells is within a radius of just so many, whatever the last bit says
+    # a cell whose distance equals the radius is within it, whatever the last bit says
     inflated = np.where(distance <= radius + 1e-6, INSCRIBED, decay)
     inflated[distance > radius + inflation + 1e-6] = 0
     costs = np.maximum(static, np.minimum(inflated, INSCRIBED).astype(np.uint8))
