@@ -195,7 +195,7 @@ class OwnRobots(unittest.TestCase):
         self.goals[robot].publish(goal)
 
     # ------------------------------------------------------------- step 1: the map only
-    def test_1_a_robot_that_plans_round_borders_and_one_that_does_not(self):
+    def test_1_a_robot_reports_whether_it_plans_round_borders(self):
         self.start("rviz:=true", DISPLAY="", WAYLAND_DISPLAY="")
         # within a minute it is printed what is wired and what is not, by this launch alone
         told = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
@@ -215,7 +215,7 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: any(sentences.translate("no_screen") in text for _, text in self.logged), "RViz to wait")
         self.assertTrue(rosgraph.Master("/test").lookupNode("/rviz"))
 
-    def test_2_a_border_says_who_does_not_keep_it_and_for_whom_it_is(self):
+    def test_2_a_border_names_its_robots_and_those_that_ignore_it(self):
         self.add("Rug", robots=["ada"])
         maps = [f"/{name}/virtual_borders/map" for name in ("ada", "bob")]
         restricted = lambda topic: (grid_from_message(self.heard[topic]).data > 50).sum()  # noqa: E731
@@ -242,7 +242,7 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: list(self.heard[names.BORDERS].borders[0].robots) == ["bob"], "the border to be bob's")
         self.assertEqual(self.browser.faults(), [])
 
-    def test_3_why_a_goal_is_refused_is_told_at_once(self):
+    def test_3_the_reason_for_a_refused_goal_is_reported_at_once(self):
         self.add("Rug")
         self.wait(lambda: self.status("ada").localized, "ada's place")
         self.drive("ada", 4.1, 1.4)
@@ -254,7 +254,7 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: ("goal_behind_border", "ada") in self.notices(), "why ada does not get there")
         self.browser.wait_text("#notices", "'Hall' is in the way")
 
-    def test_4_a_robot_caught_inside_is_told_as_long_as_it_lasts(self):
+    def test_4_a_robot_caught_inside_is_reported_while_it_lasts(self):
         self.robots.put("ada", (4.1, 1.4, 0.0))
         self.addCleanup(self.robots.put, "ada", START["ada"])
         self.wait(lambda: abs(self.robots.poses["ada"][0] - 4.1) < 0.01, "ada to be put")
@@ -268,7 +268,7 @@ class OwnRobots(unittest.TestCase):
         self.robots.put("ada", START["ada"])
         self.wait(lambda: ("robot_caught_in_border", "ada") not in self.notices(), "ada to be out")
 
-    def test_5_go_there(self):
+    def test_5_the_page_sends_a_robot_to_a_place(self):
         self.add("Rug")
         self.browser.click("#go")
         # bob, which would drive through borders, is not offered
@@ -285,7 +285,7 @@ class OwnRobots(unittest.TestCase):
         self.assertEqual(self.browser.faults(), [])
 
     # ------------------------------------------------------------- step 2: obeying through navigation
-    def test_6_stop_through_navigation_alone(self):
+    def test_6_a_robot_stops_through_navigation_alone(self):
         self.start("rviz:=false", "obey:=true")
         self.browser.wait("document.body.dataset.state == 'default'", what="the manager")
         self.wait(lambda: self.status("ada").obeys_stop and self.status("ada").localized, "ada to obey")
@@ -307,7 +307,7 @@ class OwnRobots(unittest.TestCase):
         self.drive("ada", 6.5, 1.5)
         self.wait(lambda: self.status("ada").has_goal, "ada to go on")
 
-    def test_7_slow_zones_through_navigation_alone(self):
+    def test_7_a_robot_obeys_slow_zones_through_navigation_alone(self):
         """bob has a local planner whose speed can be set; it is in the zone."""
         planner = LocalPlanner("/bob/move_base/DWAPlannerROS")
         self.wait(lambda: self.status("bob").obeys_speed, "bob to obey")
@@ -329,7 +329,7 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: planner.limit() == 0.5, "bob's usual speed")
 
     # ------------------------------------------------------------- step 3: the driver, without cameras
-    def test_8_the_driver_without_cameras(self):
+    def test_8_the_driver_runs_without_cameras(self):
         self.start("rviz:=false", "robot_types:=turtlebot2", robots="cid")
         driver = (names.DRIVERS, "cid")
         self.wait(lambda: driver in self.heard and self.heard[driver].code == "idle", "cid's driver")

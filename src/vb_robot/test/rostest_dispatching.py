@@ -153,7 +153,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(self.goals("bob"), [])
 
     # ------------------------------------------------------------- faults
-    def test_abort_another_takes_over(self):
+    def test_another_robot_takes_over_after_an_abort(self):
         self.bases["ada"].aborts = True
         self.draw()
         self.is_sent("bob")

@@ -128,7 +128,7 @@ class DriverTest(unittest.TestCase):
         wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
         self.wait_notice("robot_state_lost", there=False)
 
-    def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
+    def test_a_driver_restarted_without_a_manager_stays_stopped(self):
         self.stop_all()
         self.stimulus.silent = True
         said = Newest(names.DRIVERS, DriverState).all
@@ -156,7 +156,7 @@ class DriverTest(unittest.TestCase):
         self.wait_driven()
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
 
-    def test_maps_of_different_geometry_stop_it(self):
+    def test_maps_of_different_geometry_stop_the_robot(self):
         self.drive()
         self.stimulus.publish_map(room(6.0), physical=room(6.5))
         self.wait_hold("no_map")
@@ -182,7 +182,7 @@ class DriverTest(unittest.TestCase):
         other.unregister()
         wait_until(lambda: self.drivers[""][1] == "idle", "a driver without the other one")
 
-    def test_a_base_that_does_not_listen_is_told(self):
+    def test_a_base_that_does_not_listen_is_reported(self):
         # drivers that came up before this process listened have said so, too
         for robot in ("", "ada"):
             self.wait_notice("base_not_listening", robot, there=False)
@@ -192,7 +192,7 @@ class DriverTest(unittest.TestCase):
         self.listen(self.ada)
         self.wait_notice("base_not_listening", "ada", there=False)
 
-    def test_a_command_that_goes_sideways_stops_it(self):
+    def test_a_command_that_goes_sideways_stops_the_robot(self):
         self.drive()
         sideways = Twist()
         sideways.linear.x, sideways.linear.y = 0.05, 0.1
@@ -221,7 +221,7 @@ class DriverTest(unittest.TestCase):
         gaps = np.diff([one.header.stamp.to_sec() for one in newest()])
         self.assertTrue((gaps > 0.4).all(), gaps)  # at most twice; how late on a busy computer does not matter
 
-    def test_a_localisation_that_does_not_know_looks_around_if_it_ever_knew_or_was_shown(self):
+    def test_a_lost_localisation_looks_around_if_it_was_ever_located(self):
         known, unknown = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()
         unknown.pose.covariance[0] = unknown.pose.covariance[7] = 0.25  # as AMCL starts, and as RViz shows a pose
         poses = rospy.Publisher("ada/amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)

@@ -1,4 +1,4 @@
-"""Who drives, and whether it may; and the closed loop of following, on a unicycle without ROS."""
+"""Which source drives a robot, and whether it may; and the closed loop of following, on a unicycle without ROS."""
 
 import math
 
@@ -7,101 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plain_rooms import VIEW, empty, scan_of, with_border
+from driving_rig import DT, PROFILE, Rig
+from plain_rooms import VIEW, empty, with_border
 
 from vb_core.poses import to_base
-from vb_core.robot_profile import RobotProfile
-from vb_core.stop_latch import HeldStops, StopLatch
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
-from vb_robot.driving.arbiter import Arbiter
-from vb_robot.driving.gate import NAVIGATION, TELEOP
+from vb_core.stop_latch import HeldStops
+from vb_core.vocabulary import BORDER, GUIDE, SEED
 from vb_robot.driving.spot_follower import FAR_DISTANCE, MAX_TURN, NEAR_DISTANCE
-from vb_robot.driving.workspace import MIN_UNCERTAINTY, PoseUncertainty, Workspace
+from vb_robot.driving.workspace import MIN_UNCERTAINTY
 from vb_robot.spots import Sighting, Sightings
-
-DT, PROFILE = 0.05, RobotProfile()
-
-
-class Rig:
-    """An arbiter on a unicycle in an empty room; what is `silent` does not come any more."""
-
-    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), stops=None):
-        self.now, self.pose, self.silent = 100.0, pose, set()
-        self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
-        self.set_grid(grid or empty())
-        self.camera, self.state, self.latch = camera, (DEFAULT, "", 0.0), StopLatch()
-        self.spot = self.navigation = self.teleop = None
-        self.ranges = np.full(fov, math.inf)
-        self.commands, self.cancelled = [], 0
-        self.goal = False  # whether navigation has one
-        self.off = 0.0  # [m] by which the localisation believes to be farther back than it is
-        self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
-
-    def set_grid(self, grid):
-        self.arbiter.gate.workspace = Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters)
-
-    def set_state(self, state, interaction="a"):
-        self.state, self._said = (state, interaction if state != DEFAULT else "", self.now), -math.inf
-
-    def see(self, place, camera):
-        """A robot's camera sees the spot."""
-        self.arbiter.add(Sighting(self.now, tuple(place), camera, True))
-
-    def step(self, seconds=DT):
-        for _ in range(max(1, int(round(seconds / DT)))):
-            self._step()
-        return self.commands[-1]
-
-    def _step(self):
-        self.now += DT
-        if "state" not in self.silent and self.now - self._said >= 0.1 - 1e-9:
-            self._said = self.now
-            self.arbiter.set_state(*self.state, self.now)
-            self.arbiter.stops.follow(self.latch.stopped, self.latch.stops)
-        if "pose" not in self.silent:
-            if "localisation" not in self.silent:
-                self.correction = self.now + 0.3  # dated ahead, as AMCL does
-            x, y, yaw = self.pose
-            believed = x - self.off * math.cos(yaw), y - self.off * math.sin(yaw), yaw
-            self.arbiter.gate.set_pose(believed, self.now, self.correction)
-        if "scan" not in self.silent:
-            self.arbiter.gate.set_scan(scan_of(self.ranges), self.now)
-        if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
-            self.see(self.spot, self.camera)
-        for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
-            if wish is not None:
-                self.arbiter.request(who, *wish, self.now)
-        # its clock stands, and the world goes on
-        self._stood = self.arbiter.gate.clock_age = self._stood + DT if "clock" in self.silent else 0.0
-        if "goal" not in self.silent and self.goal:
-            self.arbiter.set_goal(True, self.now)
-        command = self.arbiter.step(self.now)
-        self.cancelled += command.cancel
-        self.commands.append(command)
-        middle = self.pose[2] + 0.5 * command.w * DT
-        self.pose = (
-            self.pose[0] + command.v * DT * math.cos(middle),
-            self.pose[1] + command.v * DT * math.sin(middle),
-            self.pose[2] + command.w * DT,
-        )
-
-    def drives(self, v=0.3, w=0.0):
-        """On its way as navigation wishes."""
-        self.navigation = (v, w)
-        assert self.step(1.0).v == v
-        return self
-
-    def follows(self, distance=1.6):
-        """Guided, and on its way to a spot ahead."""
-        self.set_state(GUIDE)
-        self.spot = (self.pose[0] + distance, self.pose[1])
-        self.step(0.8)
-        assert self.commands[-1].source == "follow" and self.commands[-1].v > 0.1
-        return self
 
 
 # ------------------------------------------------------------ who drives
-def test_the_first_that_wants_to_drives():
+def test_the_source_of_highest_priority_drives():
     rig = Rig()
     assert rig.step(4.0).source == "none" and not rig.commands[-1].publish
     rig.navigation = (0.3, 0.1)
@@ -115,7 +33,7 @@ def test_the_first_that_wants_to_drives():
     assert (command.source, command.v, command.publish) == ("stop", 0.0, True)
 
 
-def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
+def test_navigation_goals_are_cancelled_while_the_robot_follows():
     rig = Rig().follows()
     rig.navigation = (0.5, 1.0)
     rig.goal = True
@@ -127,7 +45,7 @@ def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
     assert rig.cancelled - before == 3, "and cancels the goal again each second"
 
 
-def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
+def test_another_publisher_stops_the_robot_and_is_named():
     rig = Rig().drives()
     rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
     assert rig.step().code == "other_cmd_vel_publisher"
@@ -153,7 +71,7 @@ def test_stop_is_latched_until_released(by):
     assert rig.step(0.6).v == 0.3
 
 
-def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(tmp_path):
+def test_a_restarted_driver_stays_stopped(tmp_path):
     HeldStops(tmp_path / "stops")  # it ran before, without a stop
     before = HeldStops(tmp_path / "stops")
     before.hear("a")
@@ -168,7 +86,7 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 
 # ------------------------------------------------------------ the gate
 @pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])
-def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
+def test_the_robot_backs_off_only_where_the_scanner_looks(fov, backs):
     rig = Rig(fov=fov)
     rig.set_state(GUIDE)
     rig.spot = (2.6, 2.5)
@@ -179,7 +97,7 @@ def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
 
 @pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
 @pytest.mark.parametrize("off", [0.0, MIN_UNCERTAINTY])
-def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is_off(who, off):
+def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(who, off):
     for gap in (0.05, 0.15, 0.3):
         rig = Rig()
         rig.off = off
@@ -202,7 +120,7 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
     st.sampled_from([BORDER, SEED, GUIDE]),
     st.lists(st.tuples(st.sampled_from(["red", "robot"]), st.floats(0.0, 1.0)), min_size=1, max_size=30),
 )
-def test_somebody_always_acts_and_never_two(state, seen):
+def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, seen):
     """Driver and dispatcher each keep their own record; both hear the same spots."""
     driver, dispatcher = Sightings(mobile_cameras=["robot"]), Sightings(mobile_cameras=["robot"])
     for record in (driver, dispatcher):
@@ -218,7 +136,7 @@ def test_somebody_always_acts_and_never_two(state, seen):
 
 
 @given(*(st.lists(st.integers(0, 80), min_size=1, max_size=20, unique=True).map(sorted),) * 2)
-def test_all_drivers_agree_on_who_follows_in_whichever_order_they_hear_the_robots_cameras(one, other):
+def test_drivers_agree_on_who_follows_in_any_order_of_sightings(one, other):
     seen = [[Sighting(0.1 * k, (1.0, 1.0), name, True) for k in at] for name, at in (("a", one), ("b", other))]
     drivers = [Sightings(), Sightings()]
     for driver, order in zip(drivers, (seen, seen[::-1])):
@@ -230,7 +148,7 @@ def test_all_drivers_agree_on_who_follows_in_whichever_order_they_hear_the_robot
     assert follows[0] == follows[1] and sum(follows[0]) == 1
 
 
-def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
+def test_guide_leaves_alone_a_robot_that_does_not_see_the_spot():
     far = Rig(pose=(6.0, 2.5, 0.0), camera="robot2", cameras=("robot1", "robot2"))
     far.navigation = (0.3, 0.0)
     far.goal = True
@@ -242,7 +160,7 @@ def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
     assert far.cancelled == 0 and all(command.source == "navigation" for command in far.commands)
 
 
-def test_the_robot_that_has_seen_the_spot_longest_follows_and_stays_so_while_nobody_sees_it():
+def test_a_robot_follows_until_another_one_sees_the_lost_spot():
     rig = Rig(cameras=("robot", "other"))
     rig.follows()
     rig.see((3.0, 2.5), "other")
@@ -290,7 +208,7 @@ DRAGS = {
 
 
 @pytest.mark.parametrize("path, speed", DRAGS.values(), ids=DRAGS)
-def test_spot_stays_in_view(path, speed):
+def test_the_spot_stays_in_view(path, speed):
     start = np.asarray(path, dtype=float)[0]
     run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0))
     assert np.abs(run[:, 2]).max() <= 0.2 + 1e-9 and np.abs(run[:, 3]).max() <= MAX_TURN + 1e-9

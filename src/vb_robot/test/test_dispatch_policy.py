@@ -1,6 +1,7 @@
 """The dispatch policy, and what is known about the spot."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -28,9 +29,9 @@ class Robot:
     """One robot of the bench: places it could go to, where (x) it would see the spot and has room; what navigation says."""
 
     def __init__(self, *offers, sees=at(), **how):
-        self.offers, self.sees, self.room, self.asked = offers, sees, lambda x: True, 0
-        self.goal, self.pose, self.given = NONE, (9.0, 9.0, 0.0), None
-        self.busy, self.server, self.localized, self.knows = False, True, True, True
+        self.offers, self.sees, self.room, self.searches = offers, sees, lambda x: True, 0
+        self.goal, self.pose, self.destination = NONE, (9.0, 9.0, 0.0), None
+        self.busy, self.server, self.localized, self.has_map = False, True, True, True
         vars(self).update(how)
 
     # as a ViewpointPlanner
@@ -41,7 +42,7 @@ class Robot:
         return self.room(pose[0])
 
     def best_viewpoint(self, _robot, avoid):
-        self.asked += 1
+        self.searches += 1
         free = (one for one in self.offers if all(math.dist(one.pose[:2], (x, y)) >= r for x, y, r in avoid))
         return next(free, None)
 
@@ -51,101 +52,122 @@ class Bench:
 
     def __init__(self, **robots):
         self.robots, self.fleet = robots, Fleet(robots)
-        self.now, self.wanted, self.key, self.silent = 100.0, True, ("a", 1), 0.0
+        self.now, self.robot_wanted, self.key, self.unseen_s = 100.0, True, ("a", 1), 0.0
 
-    def __getattr__(self, name):
-        return self.robots[name]
-
-    def change(self, **changes):
-        """Changes something of the bench, or of ada."""
-        for name, value in changes.items():
-            setattr(self if name in vars(self) else self.ada, name, value)
-
-    def step(self, **changes):
+    def step(self):
         """Returns the place (x) that some robot was sent to, or None."""
-        self.change(**changes)
         self.now += 0.25
-        seeing = {}
+        fleet = {}
         for name, robot in self.robots.items():
             status = RobotStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
-            seeing[name] = (status, robot if robot.knows else None)
-        goals = self.fleet.step(self.now, self.key if self.wanted else None, self.silent, seeing)
+            fleet[name] = (status, robot if robot.has_map else None)
+        goals = self.fleet.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
         sent = None
         for name, goal in goals.items():
-            robot, before = self.robots[name], self.robots[name].given
-            robot.given = goal
+            robot, before = self.robots[name], self.robots[name].destination
+            robot.destination = goal
             if goal is not None and goal is not before:
                 robot.goal, sent = ACTIVE, goal.pose[0]
-            elif goal is None and before is not None and seeing[name][0].goal.under_way:
+            elif goal is None and before is not None and fleet[name][0].goal.under_way:
                 robot.goal = NONE
         return sent
 
-    def run(self, steps, **changes):
+    def run(self, steps):
         """Returns all places (x) that robots were sent to."""
-        return [sent for sent in (self.step(**changes) for _ in range(steps)) if sent is not None]
+        return [sent for sent in (self.step() for _ in range(steps)) if sent is not None]
 
 
-@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localized=False)])
-def test_sends_nothing_without(missing):
-    assert not Bench(ada=Robot(place(1))).run(10, **missing)
+@pytest.mark.parametrize("state", [dict(server=False), dict(has_map=False), dict(localized=False)])
+def test_a_robot_that_is_not_ready_is_not_sent(state):
+    assert not Bench(ada=Robot(place(1), **state)).run(10)
 
 
-# How a robot goes on that is on its way to 1 m, from where it would see the spot: what changes, for how many steps,
-# where it is sent meanwhile.
+def test_a_robot_that_is_not_wanted_is_not_sent():
+    bench = Bench(ada=Robot(place(1)))
+    bench.robot_wanted = False
+    assert not bench.run(10)
+
+
+class Then(NamedTuple):
+    """What changes of the robot and of the bench; then for how many steps, and where (x) the robot is sent meanwhile."""
+
+    steps: int
+    sent: list
+    robot: dict = {}
+    bench: dict = {}
+
+
+# How a robot goes on that is on its way to 1 m, from where it would see the spot.
 AFTERWARDS = {
     "another goal is another place, and it comes after some patience": [
-        (dict(offers=[place(1.1), place(1)], sees=at()), 20, []),
-        (dict(offers=[place(3)]), 1, [3]),
-        (dict(offers=[place(5)]), 5, []),
-        ({}, 1, [5]),
+        Then(20, [], dict(offers=[place(1.1), place(1)], sees=at())),
+        Then(1, [3], dict(offers=[place(3)])),
+        Then(5, [], dict(offers=[place(5)])),
+        Then(1, [5]),
     ],
     "one that has arrived is not sent to about the same place again": [
-        (dict(goal=REACHED, pose=(1.0, 0.0, 0.0), offers=[place(1.1)], sees=at()), 20, []),
-        (dict(offers=[place(1.3)]), 20, [1.3]),
+        Then(20, [], dict(goal=REACHED, pose=(1.0, 0.0, 0.0), offers=[place(1.1)], sees=at())),
+        Then(20, [1.3], dict(offers=[place(1.3)])),
     ],
     "a goal that a new border takes is replaced": [
-        (dict(room=lambda x: x != 1, offers=[place(3)], sees=at(1, 3)), 12, [3])
+        Then(12, [3], dict(room=lambda x: x != 1, offers=[place(3)], sees=at(1, 3)))
     ],
     "flicker at the edge does not change it": [
-        (dict(offers=[place(5)], sees=lambda x, flicker=iter([True, False] * 100): x != 9.0 and next(flicker)), 60, [])
+        Then(
+            60,
+            [],
+            dict(offers=[place(5)], sees=lambda x, flicker=iter([True, False] * 100): x != 9.0 and next(flicker)),
+        )
     ],
     "a spot that is lost is no matter of patience": [
-        ({}, 4, []),
-        (dict(offers=[place(3)], sees=at(3), silent=1.0), 1, [3]),
-        (dict(offers=[place(5)], sees=at(5)), 1, []),
-        ({}, 1, [5]),
+        Then(4, []),
+        Then(1, [3], dict(offers=[place(3)], sees=at(3)), dict(unseen_s=1.0)),
+        Then(1, [], dict(offers=[place(5)], sees=at(5))),
+        Then(1, [5]),
     ],
-    "into the interaction's next state it goes on": [(dict(key=("a", 2)), 20, [])],
+    "into the interaction's next state it goes on": [Then(20, [], bench=dict(key=("a", 2)))],
     "the next interaction begins from scratch even if no decision fell between": [
-        (dict(goal=NONE, key=("b", 1)), 1, [1])
+        Then(1, [1], dict(goal=NONE), dict(key=("b", 1)))
     ],
     "one that was carried away comes back": [
-        (dict(goal=REACHED, pose=(1.0, 0.0, 0.0)), 10, []),
-        (dict(pose=(5.0, 0.0, 0.0)), 10, [1]),
+        Then(10, [], dict(goal=REACHED, pose=(1.0, 0.0, 0.0))),
+        Then(10, [1], dict(pose=(5.0, 0.0, 0.0))),
     ],
-    "a place that failed is tried again after a while": [(dict(goal=FAILED), int(4 * FAILED_MEMORY), []), ({}, 8, [1])],
-    "it is left for a while to the node that preempted the goal": [(dict(goal=PREEMPTED), 4 * 15, []), ({}, 2, [1])],
-    "time that jumps back does not silence it": [(dict(goal=PREEMPTED), 1, []), (dict(now=5.0, goal=NONE), 1, [1])],
+    "a place that failed is tried again after a while": [
+        Then(int(4 * FAILED_MEMORY), [], dict(goal=FAILED)),
+        Then(8, [1]),
+    ],
+    "it is left for a while to the node that preempted the goal": [
+        Then(4 * 15, [], dict(goal=PREEMPTED)),
+        Then(2, [1]),
+    ],
+    "time that jumps back does not silence it": [
+        Then(1, [], dict(goal=PREEMPTED)),
+        Then(1, [1], dict(goal=NONE), dict(now=5.0)),
+    ],
 }
 
 
-@pytest.mark.parametrize("then", AFTERWARDS.values(), ids=AFTERWARDS)
-def test_when_a_robot_is_sent_again(then):
-    bench = Bench(ada=Robot(place(1), sees=at(1)))
+@pytest.mark.parametrize("phases", AFTERWARDS.values(), ids=AFTERWARDS)
+def test_when_a_robot_is_sent_again(phases):
+    ada = Robot(place(1), sees=at(1))
+    bench = Bench(ada=ada)
     assert bench.step() == 1
-    for changes, steps, sent in then:
-        bench.change(**changes)
-        assert bench.run(steps) == sent
+    for then in phases:
+        vars(ada).update(then.robot)
+        vars(bench).update(then.bench)
+        assert bench.run(then.steps) == then.sent
 
 
-def test_next_candidate_after_failure_and_longer_pauses_after_many():
-    bench, tried = Bench(ada=Robot(*map(place, range(1, 20)))), []
+def test_each_failure_tries_the_next_place_after_a_longer_pause():
+    ada = Robot(*map(place, range(1, 20)))
+    bench, tried = Bench(ada=ada), []
     for _ in range(40):
         goal = bench.step()
         if goal:
             tried.append((bench.now, goal))
-            bench.ada.goal = FAILED
+            ada.goal = FAILED
     assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
     assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
     pauses = np.diff([when for when, _ in tried])
@@ -153,15 +175,17 @@ def test_next_candidate_after_failure_and_longer_pauses_after_many():
 
 
 @pytest.mark.parametrize("seen", [True, False])
-def test_progress_keeps_the_goal_whether_the_spot_is_seen_or_not(seen):
-    bench = Bench(ada=Robot(place(1), place(2), sees=at(1, 2)))
+def test_a_robot_that_makes_progress_keeps_its_goal(seen):
+    ada = Robot(place(1), place(2), sees=at(1, 2))
+    bench = Bench(ada=ada)
     bench.step()
     for i in range(200):
-        assert not bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0), silent=0.0 if seen else 0.25 * i)
-        assert bench.ada.goal is ACTIVE
+        ada.pose, bench.unseen_s = (9.0 - 0.02 * i, 9.0, 0.0), 0.0 if seen else 0.25 * i
+        assert not bench.step()
+        assert ada.goal is ACTIVE
 
 
-def test_what_navigation_says_of_a_goal_ends_it_or_keeps_it_on_its_way():
+def test_a_goals_state_follows_navigations_status():
     for before in (SENT, ACTIVE):
         said = [follow(before, getattr(GoalStatus, name)) for name in "ACTIVE SUCCEEDED PREEMPTED ABORTED".split()]
         assert said == [ACTIVE, REACHED, PREEMPTED, FAILED]
@@ -170,24 +194,27 @@ def test_what_navigation_says_of_a_goal_ends_it_or_keeps_it_on_its_way():
     assert follow(REACHED, GoalStatus.ABORTED) is REACHED
 
 
-def test_a_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
-    bench = Bench(ada=Robot(place(1), place(1.2), place(2), place(3), sees=at(1, 2, 3)))
+def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
+    ada = Robot(place(1), place(1.2), place(2), place(3), sees=at(1, 2, 3))
+    bench = Bench(ada=ada)
     bench.step()
-    bench.change(goal=REACHED, pose=(1.0, 0.0, 0.0))
+    ada.goal, ada.pose = REACHED, (1.0, 0.0, 0.0)
 
     def stand(steps):
         """Steps while the spot stays unseen; a robot that is sent arrives at once. Counts its goals."""
         sent = 0
         for unseen in range(1, steps + 1):
-            goal = bench.step(silent=0.25 * unseen)
+            bench.unseen_s = 0.25 * unseen
+            goal = bench.step()
             if goal is not None:
                 sent += 1
-                bench.change(goal=REACHED, pose=(goal, 0.0, 0.0))
+                ada.goal, ada.pose = REACHED, (goal, 0.0, 0.0)
         return sent
 
-    assert not bench.run(60, silent=0.0)
+    assert not bench.run(60)
     assert stand(60) == 2
-    bench.run(4, silent=0.0)
+    bench.unseen_s = 0.0
+    bench.run(4)
     bench.now += FAILED_MEMORY
     assert stand(20), "the tries count again"
 
@@ -204,7 +231,7 @@ def drawing_since(stamp):
     return known
 
 
-def test_target_follows_and_a_false_spot_does_not_move_it():
+def test_a_false_spot_does_not_move_the_target():
     known = drawing_since(10.0)
     known.add(seen(10.0, 0.0))
     assert known.target() is None
@@ -215,7 +242,7 @@ def test_target_follows_and_a_false_spot_does_not_move_it():
     assert known.velocity() == pytest.approx((0.25, 0.0), abs=0.03)
 
 
-def test_what_is_remembered_for_how_long():
+def test_a_new_state_or_interaction_resets_the_sightings():
     known = Sightings(mobile_cameras=["robot"])
     known.add(seen(1.0, 0.0))
     assert known.newest() is None and not known.stationary_seen, "Default ignores spots"
@@ -237,7 +264,7 @@ def test_what_is_remembered_for_how_long():
     assert not known.stationary_seen and known.first_mobile is None
 
 
-def test_who_watches_the_spot():
+def test_a_stationary_camera_watches_a_spot_that_it_saw_lately():
     known = drawing_since(0.0)
     known.add(seen(1.0, 0.0))
     known.add(seen(2.5, 0.0, camera="robot", mobile=True))
@@ -251,7 +278,7 @@ def test_who_watches_the_spot():
     assert known.seen_by_stationary(9.0), "the seed stays where it was seen"
 
 
-def test_how_long_nobody_has_seen_the_spot():
+def test_the_time_since_the_spot_was_seen_counts_while_drawing():
     known = drawing_since(0.0)
     assert known.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
     known.add(seen(1.0, 0.0))
@@ -261,7 +288,7 @@ def test_how_long_nobody_has_seen_the_spot():
     assert known.time_since_seen(12.0) == 0.0, "the seed does not move"
 
 
-def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
+def test_a_spots_velocity_points_along_the_end_of_its_line():
     for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
         known, straight = drawing_since(0.0), {}
         for i in range(200):
@@ -275,7 +302,7 @@ def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
         assert len(after) and np.allclose(after, (0.0, 1.0), atol=0.4)
 
 
-def test_a_spot_that_rests_has_no_direction_and_cameras_that_differ_are_no_motion():
+def test_a_resting_spot_has_no_velocity_even_if_cameras_disagree():
     known, rng = drawing_since(0.0), np.random.default_rng(0)
     for i in range(40):
         known.add(seen(1.0 + 0.04 * i, *rng.normal(0.0, 0.005, 2)))
@@ -287,18 +314,18 @@ def test_a_spot_that_rests_has_no_direction_and_cameras_that_differ_are_no_motio
 
 
 # ------------------------------------------------------------------ several robots: ada's places are below 20 m
-def test_the_one_with_the_shorter_path_goes_and_keeps_going():
-    bench = Bench(ada=Robot(place(5)), bob=Robot(place(20, 2.0), sees=at(20)), eve=Robot())
-    assert bench.run(40) == [20]
-    assert bench.ada.asked == 1, "nothing is worked out while the goal is fit"
+def test_the_robot_with_the_shorter_path_goes_and_keeps_going():
+    ada = Robot(place(5))
+    assert Bench(ada=ada, bob=Robot(place(20, 2.0), sees=at(20)), eve=Robot()).run(40) == [20]
+    assert ada.searches == 1, "nothing is worked out while the goal is fit"
 
 
-def test_a_robot_that_sees_the_spot_from_where_it_is_need_not_be_sent():
+def test_a_robot_that_already_sees_the_spot_is_not_sent():
     bench = Bench(ada=Robot(place(1)), bob=Robot(place(20, 2.0), sees=at(9)))
     assert not bench.run(20) and bench.fleet.serving == "bob"
 
 
-def test_a_free_robot_comes_before_one_that_somebody_else_sent():
+def test_a_free_robot_is_sent_before_a_busy_one():
     busy = Robot(place(1), sees=at(1), busy=True)
     assert Bench(ada=busy, bob=Robot(place(20, 6.0), sees=at(20))).run(20) == [20]
     assert Bench(ada=busy).run(20) == [1], "if there is no other, the person comes first"
@@ -315,15 +342,16 @@ def test_a_free_robot_comes_before_one_that_somebody_else_sent():
         ({}, 15.0),  # it is stuck
     ],
 )
-def test_another_takes_over_when_one_fails(fault, limit):
-    bench = Bench(ada=Robot(place(1), place(2), sees=at(1, 2)), bob=Robot(place(20, 3.0), sees=at(20)))
+def test_another_robot_takes_over_when_one_fails(fault, limit):
+    ada = Robot(place(1), place(2), sees=at(1, 2))
+    bench = Bench(ada=ada, bob=Robot(place(20, 3.0), sees=at(20)))
     assert bench.step() == 1
-    bench.change(**fault)
+    vars(ada).update(fault)
     assert not bench.run(int(4 * limit) - 1)
     assert bench.run(5) == [20] and bench.fleet.serving == "bob", "at once, or when the time is up"
 
 
-def test_goes_back_to_the_first_when_the_second_fails_too():
+def test_the_first_robot_is_sent_again_when_the_second_fails_too():
     bench, order = Bench(ada=Robot(place(1), place(2), place(3)), bob=Robot(place(20, 3.0))), []
     for _ in range(40):
         goal = bench.step()
@@ -333,42 +361,49 @@ def test_goes_back_to_the_first_when_the_second_fails_too():
     assert order[:3] == [1, 20, 2], "each place is tried once"
 
 
-def test_one_that_has_failed_comes_after_one_that_has_not():
-    bench = Bench(ada=Robot(place(1), place(2)), bob=Robot(place(20, 3.0)))
+def test_a_robot_that_failed_comes_after_one_that_did_not():
+    ada, bob = Robot(place(1), place(2)), Robot(place(20, 3.0))
+    bench = Bench(ada=ada, bob=bob)
     bench.step()
-    bench.ada.goal = FAILED
-    for knows, steps in ((False, 20), (True, 1)):  # until ada need not rest any more
-        bench.ada.knows = bench.bob.knows = knows
+    ada.goal = FAILED
+    for has_map, steps in ((False, 20), (True, 1)):  # until ada need not rest any more
+        ada.has_map = bob.has_map = has_map
         bench.run(steps)
     assert bench.fleet.serving == "bob"
 
 
-def test_two_that_are_about_equally_near_do_not_take_turns():
-    bench, sent = Bench(ada=Robot(), bob=Robot()), []
+def test_two_robots_about_equally_near_do_not_take_turns():
+    ada, bob = Robot(), Robot()
+    bench, sent = Bench(ada=ada, bob=bob), []
     for i in range(30):
         # the spot goes on, now this one is a little nearer, now that one
         shift = 0.3 * (-1) ** i
-        bench.ada.offers, bench.bob.offers = [place(1 + 0.5 * i, 2.0 - shift)], [place(20 + 0.5 * i, 2.0 + shift)]
+        ada.offers, bob.offers = [place(1 + 0.5 * i, 2.0 - shift)], [place(20 + 0.5 * i, 2.0 + shift)]
         sent += bench.run(8)
     assert len(sent) > 10 and max(sent) < 20
 
 
-def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
-    bench = Bench(ada=Robot(place(2)), bob=Robot(place(20, 5.0), sees=at(20)))
+def test_a_notably_nearer_robot_takes_over_from_another():
+    ada, bob = Robot(place(2)), Robot(place(20, 5.0), sees=at(20))
+    bench = Bench(ada=ada, bob=bob)
     assert bench.step() == 2
-    bench.ada.offers, bench.bob.offers = [place(9, 2.2)], [place(20, 1.0)]
-    assert bench.run(20) == [20] and bench.ada.goal is NONE
+    ada.offers, bob.offers = [place(9, 2.2)], [place(20, 1.0)]
+    assert bench.run(20) == [20] and ada.goal is NONE
 
 
-def test_a_robot_on_its_way_off_the_seeds_side_goes_on_although_another_would_see_the_spot():
-    bench = Bench(ada=Robot(place(1, sees_spot=False)), bob=Robot())
+def test_a_robot_leaving_the_seeds_side_is_not_replaced():
+    ada, bob = Robot(place(1, sees_spot=False)), Robot()
+    bench = Bench(ada=ada, bob=bob)
     assert bench.run(4) == [1]
-    bench.bob.offers = [place(20, 1.0)]
+    bob.offers = [place(20, 1.0)]
     assert not bench.run(40)
-    assert bench.run(8, goal=REACHED) == [20], "until it is off"
+    ada.goal = REACHED
+    assert bench.run(8) == [20], "until it is off"
 
 
-def test_all_are_cancelled_when_none_is_wanted():
-    bench = Bench(ada=Robot(place(2)), bob=Robot(place(20)))
+def test_all_goals_are_cancelled_when_no_robot_is_wanted():
+    ada = Robot(place(2))
+    bench = Bench(ada=ada, bob=Robot(place(20)))
     bench.step()
-    assert not bench.run(1, wanted=False, key=("", 0)) and bench.ada.goal is NONE and bench.fleet.serving is None
+    bench.robot_wanted = False
+    assert bench.step() is None and ada.goal is NONE and bench.fleet.serving is None

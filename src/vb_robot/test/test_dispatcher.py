@@ -58,7 +58,7 @@ class Lab:
             self.step(speed, **how)
 
 
-def test_robot_has_the_spot_in_view_when_ceiling_cameras_lose_it():
+def test_the_robot_sees_the_spot_when_ceiling_cameras_lose_it():
     lab = Lab()
     lab.draw_until(EDGE - 0.1)
     for x in np.arange(EDGE - 0.1, EDGE + 0.6, 0.1):
@@ -66,7 +66,7 @@ def test_robot_has_the_spot_in_view_when_ceiling_cameras_lose_it():
         assert lab.robot_views(lab.spot), f"from {lab.robot}"
 
 
-def test_camera_that_reports_nothing_from_its_place_another_place_is_taken():
+def test_another_place_is_tried_when_the_camera_reports_nothing():
     lab = Lab()
     lab.draw_until(EDGE + 0.25, robot_sees=False)  # its camera is there, but tells of no spot
     place, lost, known = lab.robot, lab.now, len(lab.sent)
@@ -83,7 +83,7 @@ def test_camera_that_reports_nothing_from_its_place_another_place_is_taken():
     assert len(lab.sent) == known + 2, "it stays where it sees the spot"
 
 
-def test_lost_spot_people_hold_still_where_they_notice_and_the_robot_looks_there():
+def test_the_robot_looks_where_people_notice_that_the_spot_is_lost():
     lab = Lab()
     lab.draw_until(EDGE - 0.05, speed=0.5, robot_sees=False)
     lab.robot = (7.0, 0.5, 0.0)  # somebody has moved it
@@ -95,7 +95,7 @@ def test_lost_spot_people_hold_still_where_they_notice_and_the_robot_looks_there
         assert lab.robot_views((EDGE + beyond, 2.5))
 
 
-def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes():
+def test_a_restarted_dispatcher_sends_a_robot_to_a_blind_corner():
     lab = Lab()
     # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
     lab.spot = np.array([EDGE + 0.5, 2.5])
@@ -108,7 +108,7 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
     assert lab.sent and lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
 
 
-def test_what_people_are_told():
+def test_a_notice_says_that_a_robot_looks_for_the_spot():
     lab = Lab()
     lab.draw_until(EDGE - 0.4)
     assert lab.dispatcher.notice is None
@@ -126,7 +126,7 @@ def test_what_people_are_told():
     assert lab.dispatcher.notice is None
 
 
-def test_that_nobody_sees_the_spot_and_no_robot_comes_is_told_once_it_lasts():
+def test_a_notice_says_after_a_while_that_no_robot_comes():
     lab = Lab()
     lab.dispatcher.maps[""].update(None, room(), room())  # a robot whose camera is not known is not sent
     lab.draw_until(EDGE + 0.05, robot_sees=False)
@@ -150,7 +150,7 @@ def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
     assert lab.robot_views(carpet.mean(axis=0))
 
 
-def test_what_only_the_robots_camera_sees_once_the_pointer_is_off_is_no_other_seed():
+def test_a_bright_spot_after_the_seed_does_not_replace_it():
     lab = Lab(robot=(6.5, 3.6, 2.4))
     line, seed = np.array([[6.0, 4.95], [6.0, 3.4], [6.8, 3.4]]), np.array([5.3, 3.0])
     lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
@@ -194,7 +194,7 @@ def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     assert best.pose[0] < 0.5 and length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)
 
 
-def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit():
+def test_the_small_robot_goes_where_the_large_one_does_not_fit():
     parted = room()
     parted.data[:, 80] = 100
     parted.data[45:53, 80] = 0  # a gap of 0.4 m

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from driving_rig import PROFILE, Rig
 from plain_rooms import empty, scan_of, with_border
-from test_arbiter import PROFILE, Rig
 
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN
@@ -49,7 +49,7 @@ SPOT = st.tuples(st.floats(0.4, 1.7), st.floats(-0.8, 0.8))
 
 @settings(STEADY, max_examples=80)
 @given(st.lists(st.one_of(SPOT, SPOT, SPOT, st.sampled_from(["no spot", "no pose"])), min_size=5, max_size=30))
-def test_the_follower_keeps_its_law_and_begins_again_once_spot_or_pose_was_lost(spots):
+def test_the_follower_obeys_its_law_and_restarts_after_a_loss(spots):
     follower, law = SpotFollower(), Law()
     for spot in spots:
         if isinstance(spot, str):
@@ -67,7 +67,7 @@ def test_the_follower_keeps_its_law_and_begins_again_once_spot_or_pose_was_lost(
 
 # ------------------------------------------------------------ escaping
 class Pinched:
-    """A workspace in which the robot's rim is so far [m] from something, and the nearest place with room is there."""
+    """A workspace whose nearest obstacle is `gap` [m] from the robot's rim, and whose nearest room is at `place`."""
 
     def __init__(self, gap, place=(0.3, 0.0)):
         self.gap, self.place, self.asked = gap, place, []
@@ -81,14 +81,14 @@ class Pinched:
 
 
 def ask(escape, workspace, *times, goal=True, moves=False):
-    """Whether it is helped at each of these times [s]."""
+    """Returns for each of these times [s] whether the robot is helped."""
     return [escape.compute_request(now, (0.0, 0.0, 0.0), workspace, goal, moves) is not None for now in times]
 
 
 @pytest.mark.parametrize(
     "gap, helped", [(0.019, 1), (0.021, 0), (-PATH_MARGIN - RADIUS + 0.001, 1), (-PATH_MARGIN - RADIUS - 0.001, 0)]
 )
-def test_help_begins_two_centimetres_beyond_a_planners_margin_and_ends_two_later(gap, helped):
+def test_escape_begins_near_an_obstacle_and_ends_farther_away(gap, helped):
     """One whose centre is within something is not helped."""
     workspace, escape = Pinched(PATH_MARGIN + gap), Escape(RADIUS)
     assert ask(escape, workspace, 100.0, 101.4, 101.5, 102.0) == [False, False, helped, helped]
@@ -100,7 +100,7 @@ def test_help_begins_two_centimetres_beyond_a_planners_margin_and_ends_two_later
 
 
 @pytest.mark.parametrize("place", [(0.3, 0.0), None])
-def test_ten_seconds_of_help_then_twenty_of_rest(place):
+def test_escape_lasts_ten_seconds_and_then_rests_for_twenty(place):
     escape, workspace = Escape(RADIUS), Pinched(0.0, place)
     helped = place is not None
     assert ask(escape, workspace, 100.0, 101.5, 111.4, 111.6) == [False, helped, helped, False]
@@ -108,7 +108,7 @@ def test_ten_seconds_of_help_then_twenty_of_rest(place):
     assert len(workspace.asked) == 2
 
 
-def test_one_that_is_free_for_a_moment_rests_too():
+def test_escape_also_rests_after_the_robot_was_free_for_a_moment():
     escape, workspace = Escape(RADIUS), Pinched(0.0)
     assert ask(escape, workspace, 100.0, 101.5) == [False, True]
     workspace.gap = 1.0
@@ -117,13 +117,13 @@ def test_one_that_is_free_for_a_moment_rests_too():
     assert ask(escape, workspace, 101.7, 131.4, 131.6) == [False, False, True]
 
 
-def test_after_time_was_set_back_it_waits_as_at_the_start_and_does_not_rest():
+def test_escape_waits_but_does_not_rest_after_time_was_set_back():
     escape, workspace = Escape(RADIUS), Pinched(0.0)
     assert ask(escape, workspace, 100.0, 101.5, 101.2) == [False, True, False]
     assert ask(escape, workspace, 99.7, 101.1, 101.3) == [False, False, True]
 
 
-def test_who_is_moved_or_has_no_goal_begins_to_wait_again():
+def test_a_robot_that_moves_or_has_no_goal_begins_to_wait_again():
     for given_ in ({"moves": True}, {"goal": False}):
         escape, workspace = Escape(RADIUS), Pinched(0.0)
         ask(escape, workspace, 100.0)
@@ -135,7 +135,7 @@ def test_who_is_moved_or_has_no_goal_begins_to_wait_again():
 
 @pytest.mark.parametrize("distance, v", [(0.01, 0.038), (0.1, 0.11), (0.5, 0.2)])
 @pytest.mark.parametrize("bearing, share, w", [(0.0, 1.0, 0.0), (12.5, 0.5, 0.3927), (-30.0, 0.0, -0.8)])
-def test_it_drives_to_the_place_and_slows_down_before_it(distance, v, bearing, share, w):
+def test_escape_drives_to_the_place_and_slows_down_before_it(distance, v, bearing, share, w):
     angle, yaw = math.radians(bearing), 3.0
     place = (1.0 + distance * math.cos(yaw + angle), 2.0 + distance * math.sin(yaw + angle))
     escape, workspace = Escape(RADIUS), Pinched(0.0, place)
@@ -145,12 +145,13 @@ def test_it_drives_to_the_place_and_slows_down_before_it(distance, v, bearing, s
 
 
 # ------------------------------------------------------------ who drives
-def test_zeros_go_to_a_new_listener_for_three_seconds_unless_somebody_drives():
+def test_a_new_listener_hears_zeros_for_three_seconds():
     arbiter = Arbiter(PROFILE)
 
     def published(*times, listeners=1):
         return [arbiter.step(now, listeners).publish for now in times]
 
+    assert published(9.0, listeners=0) == [False]
     assert published(10.0, 12.9, 13.1) == [True, True, False]
     assert published(14.0, listeners=2) == [True] and published(14.5, 17.1) == [True, False], "one of them left"
     assert published(20.0, listeners=2) == [True]
@@ -160,14 +161,14 @@ def test_zeros_go_to_a_new_listener_for_three_seconds_unless_somebody_drives():
 
 @pytest.mark.parametrize("age, drives", [(-0.11, False), (-0.09, True), (0.49, True), (0.51, False)])
 @pytest.mark.parametrize("source", [TELEOP, NAVIGATION])
-def test_a_command_is_one_for_half_a_second(source, age, drives):
+def test_a_command_expires_after_half_a_second(source, age, drives):
     arbiter = Arbiter(PROFILE)
     arbiter.request(source, 0.1, 0.0, 50.0)
     assert (arbiter.step(50.0 + age).source == source) is drives
 
 
 @pytest.mark.parametrize("age, cancels", [(-0.1, False), (0.0, True), (0.9, True), (1.1, False)])
-def test_a_goal_that_navigation_named_within_a_second_is_cancelled_while_it_follows(age, cancels):
+def test_following_cancels_a_goal_reported_within_a_second(age, cancels):
     rig = Rig().follows()
     rig.arbiter.set_goal(True, rig.now)
     assert rig.arbiter.step(rig.now + age).cancel is cancels
@@ -175,7 +176,7 @@ def test_a_goal_that_navigation_named_within_a_second_is_cancelled_while_it_foll
     assert not rig.arbiter.step(rig.now + age + 2.0).cancel
 
 
-def test_halting_stops_what_drives_with_the_faults_code():
+def test_halting_stops_the_robot_with_the_faults_code():
     halted = Rig().drives().arbiter.halt("fault")
     assert (halted.v, halted.w, halted.source, halted.code, halted.publish) == (0.0, 0.0, "navigation", "fault", True)
 
@@ -185,7 +186,7 @@ def test_halting_stops_what_drives_with_the_faults_code():
 @given(
     st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-0.6, 0.6)), min_size=1, max_size=6), st.sampled_from([1, -1])
 )
-def test_the_free_distance_is_where_a_round_robot_that_drives_straight_meets_the_first_point(points, direction):
+def test_the_free_distance_ends_where_a_round_robot_meets_a_point(points, direction):
     points = [point for point in points if math.hypot(*point) > 0.2] or [(1.0, 0.0)]
     ranges, angles = np.hypot(*np.transpose(points)), np.arctan2(*np.transpose(points)[::-1])
     scan = scan_of([0.0], 0.0, 0.01)
@@ -228,7 +229,7 @@ def test_beams_to_its_left_show_the_arc_to_the_left(v, w, seen):
     st.integers(-200, 199),
     st.integers(3, 60),
 )
-def test_a_sector_is_covered_up_to_its_edges_and_without_a_hole(holes, alone, bearing, half):
+def test_a_covered_sector_has_beams_to_its_edges_and_no_hole(holes, alone, bearing, half):
     """In degrees, with beams 0.9 apart; at an edge, as within, four may be dark."""
     ranges, bearing, half = np.full(400, math.inf), 0.9 * bearing + 0.45, 0.9 * half + 0.2
     for begin, wide in holes:
@@ -255,25 +256,32 @@ def along_y(y):
 
 
 @pytest.mark.parametrize(
-    "distance, radius, counts",
-    [(0.16, 0.18, True), (0.14, 0.18, False), (7.9, 0.18, True), (8.1, 0.18, False), (0.225, 0.25, True)]
-    + [(0.215, 0.25, False)],
+    "radius, distances, counts",
+    [
+        (0.18, [0.16, 7.7], True),
+        (0.18, [0.14, 7.9], False),
+        (0.25, [0.225], True),
+        (0.25, [0.215], False),
+        (0.05, [0.022], True),
+        (0.05, [0.015], False),
+        (0.02, [0.001], True),  # a robot smaller than the margin takes no echo for a part of its own
+    ],
 )
-def test_an_echo_counts_within_the_scanners_range_and_outside_of_the_robots_own_parts(distance, radius, counts):
-    found = scan_of([distance + 0.02], 0.0, 0.01, along_y(-0.02), radius).points
-    assert (len(found) == 1) is counts
-    assert not len(found) or found[0] == pytest.approx([0.0, distance])
+def test_an_echo_counts_in_range_and_outside_the_robots_own_parts(radius, distances, counts):
+    for distance in distances:
+        points = scan_of([distance + 0.2], 0.0, 0.01, along_y(-0.2), radius).points
+        assert points == pytest.approx(np.array([[0.0, distance]] if counts else np.zeros((0, 2))))
 
 
 @pytest.mark.parametrize("at, point", [(0.0, 0.18), (0.3, 0.35)])
-def test_something_too_near_to_be_measured_touches_the_robot_or_is_before_the_scanner(at, point):
+def test_an_echo_too_near_to_measure_touches_robot_or_scanner(at, point):
     mount = along_y(at)
     assert scan_of([0.05], 0.0, 0.01, mount).points[0] == pytest.approx([0.0, point])
     assert scan_of([-math.inf], 0.0, 0.01, mount).points[0] == pytest.approx([0.0, max(at, 0.18)])
 
 
 # ------------------------------------------------------------ the gate
-def known(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limits=None):
+def knowing_gate(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limits=None):
     """A gate that knows everything at 10 s."""
     gate = Gate(profile)
     gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
@@ -289,8 +297,8 @@ def known(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limi
 
 @settings(STEADY)
 @given(st.floats(0.0, 0.48), st.floats(0.05, 0.3), st.floats(-3.0, 3.0), st.sampled_from(["scan", "state", "pose"]))
-def test_a_command_is_what_the_brakes_can_end_before_its_oldest_input_is_too_old(age, v, w, what):
-    gate, limits = known(), PROFILE.limits
+def test_the_brakes_can_end_a_command_before_an_input_is_too_old(age, v, w, what):
+    gate, limits = knowing_gate(), PROFILE.limits
     for other in {"scan", "state", "pose"} - {what}:
         gate.stamps[other] = 10.0 + age
     left = 0.5 - 1.0 / 20.0 - 0.02 - age
@@ -303,7 +311,7 @@ def test_a_command_is_what_the_brakes_can_end_before_its_oldest_input_is_too_old
         assert found == (pytest.approx(share * v), pytest.approx(share * turn), "driving")
 
 
-def test_what_is_missing_is_named_and_a_person_with_a_joystick_needs_only_the_scan():
+def test_a_missing_input_is_named_and_a_joystick_needs_only_the_scan():
     wish = VelocityRequest(0.1, 0.0, "driving")
     for lose, code in (
         (lambda gate: setattr(gate, "workspace", None), "no_map"),
@@ -313,7 +321,7 @@ def test_what_is_missing_is_named_and_a_person_with_a_joystick_needs_only_the_sc
         (lambda gate: gate.stamps.pop("state"), "state_lost"),
         (lambda gate: gate.stamps.update(spot=8.0), "driving"),
     ):
-        gate = known()
+        gate = knowing_gate()
         lose(gate)
         assert gate.limit(10.0, NAVIGATION, wish)[2] == code
         assert gate.limit(10.0, TELEOP, wish) == (0.1, 0.0, "driving")
@@ -337,9 +345,9 @@ def test_what_is_missing_is_named_and_a_person_with_a_joystick_needs_only_the_sc
         ("navigation", 0.04, 0, -0.04),
     ],
 )
-def test_what_each_source_keeps_clear_ahead_beside_and_of_the_maps_cells(source, ahead, sides, cells):
+def test_each_source_keeps_its_own_clearances(source, ahead, sides, cells):
     def drives(point, border=9.0):
-        gate = known()
+        gate = knowing_gate()
         gate._scan.points = np.array([point])
         floor = empty(resolution=0.01)
         gate.workspace = Workspace(with_border(floor, border, 0.0, 8.0, 5.0), floor, RADIUS)
@@ -359,35 +367,35 @@ BLIND = RobotProfile(scanner=Scanner(present=False))
 @pytest.mark.parametrize(
     "source, gate, wish, found",
     [
-        (NAVIGATION, known(), (0.3, 0.2), (0.3, 0.2, "driving")),
+        (NAVIGATION, knowing_gate(), (0.3, 0.2), (0.3, 0.2, "driving")),
         # what is too fast is slower on its arc
-        (NAVIGATION, known(), (9.0, 0.9), (0.5, 0.05, "speed_limit")),
-        (FOLLOW, known(), (0.4, 0.2), (0.2, 0.1, "speed_limit")),
-        (ESCAPE, known(), (-0.4, 0.2), (-0.2, 0.1, "speed_limit")),
-        (NAVIGATION, known(speed_limits=SLOW), (0.4, 0.4), (0.2, 0.2, "speed_zone")),
-        (TELEOP, known(speed_limits=SLOW), (0.1, 0.4), (0.1, 0.4, "driving")),
-        (TELEOP, known(), (0.0, -7.0), (0.0, -1.0, "driving")),
+        (NAVIGATION, knowing_gate(), (9.0, 0.9), (0.5, 0.05, "speed_limit")),
+        (FOLLOW, knowing_gate(), (0.4, 0.2), (0.2, 0.1, "speed_limit")),
+        (ESCAPE, knowing_gate(), (-0.4, 0.2), (-0.2, 0.1, "speed_limit")),
+        (NAVIGATION, knowing_gate(speed_limits=SLOW), (0.4, 0.4), (0.2, 0.2, "speed_zone")),
+        (TELEOP, knowing_gate(speed_limits=SLOW), (0.1, 0.4), (0.1, 0.4, "driving")),
+        (TELEOP, knowing_gate(), (0.0, -7.0), (0.0, -1.0, "driving")),
         # without a scanner it drives slowly, by its map alone
-        (NAVIGATION, known(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
-        (TELEOP, known(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
+        (NAVIGATION, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
+        (TELEOP, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
         # below 2 cm/s it only turns
-        (NAVIGATION, known(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
-        (NAVIGATION, known(ranges=RADIUS + 0.0448), (0.2, 0.0), (0.03, 0.0, "obstacle")),
+        (NAVIGATION, knowing_gate(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
+        (NAVIGATION, knowing_gate(ranges=RADIUS + 0.0448), (0.2, 0.0), (0.03, 0.0, "obstacle")),
         # a contact lets it only back up and turn, another one not even that, and none is released by another one
-        (TELEOP, known(touched="forward"), (0.1, 0.2), (0.0, 0.2, "contact")),
-        (TELEOP, known(touched="forward"), (-0.1, 0.2), (-0.1, 0.2, "driving")),
-        (TELEOP, known(touched="all"), (-0.1, 0.0), (0.0, 0.0, "contact")),
-        (TELEOP, known(touched="all"), (0.0, 0.5), (0.0, 0.0, "contact")),
+        (TELEOP, knowing_gate(touched="forward"), (0.1, 0.2), (0.0, 0.2, "contact")),
+        (TELEOP, knowing_gate(touched="forward"), (-0.1, 0.2), (-0.1, 0.2, "driving")),
+        (TELEOP, knowing_gate(touched="all"), (-0.1, 0.0), (0.0, 0.0, "contact")),
+        (TELEOP, knowing_gate(touched="all"), (0.0, 0.5), (0.0, 0.0, "contact")),
         # numbers that are none
-        (TELEOP, known(), (math.nan, 0.0), (0.0, 0.0, "bad_command")),
-        (TELEOP, known(), (0.1, math.inf), (0.0, 0.0, "bad_command")),
+        (TELEOP, knowing_gate(), (math.nan, 0.0), (0.0, 0.0, "bad_command")),
+        (TELEOP, knowing_gate(), (0.1, math.inf), (0.0, 0.0, "bad_command")),
         # within a border only navigation may not drive
-        (NAVIGATION, known(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
-        (TELEOP, known(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
-        (FOLLOW, known(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
+        (NAVIGATION, knowing_gate(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
+        (TELEOP, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
+        (FOLLOW, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
     ],
 )
-def test_what_the_gate_makes_of_a_command(source, gate, wish, found):
+def test_the_gate_limits_a_command_and_names_the_reason(source, gate, wish, found):
     gate.stamps["spot"] = 10.0
     assert gate.limit(10.0, source, VelocityRequest(*wish)) == (*map(pytest.approx, found[:2]), found[2])
 
@@ -400,7 +408,7 @@ def test_what_the_gate_makes_of_a_command(source, gate, wish, found):
         max_size=12,
     )
 )
-def test_a_jump_of_the_localisation_within_a_second_or_since_its_last_pose_holds_the_robot_for_one(steps):
+def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps):
     """In units of 0.1 m, of a robot whose odometry stands; the clock may be set back. Three units are too many."""
     gate, now, place, fixes, held_until = Gate(PROFILE), 100.0, 0, [], -math.inf
     for seconds, shift in steps:
@@ -430,8 +438,8 @@ def test_a_jump_of_the_localisation_within_a_second_or_since_its_last_pose_holds
     ),
     st.sampled_from([-0.6, -0.4, -0.1, 0.02, 0.1, 0.3, 0.7]),
 )
-def test_the_age_of_an_input_is_less_what_its_last_five_periods_account_for(messages, later):
-    """A pause is no period; what is dated a little ahead is as new as the last command."""
+def test_an_inputs_age_is_reduced_by_its_usual_period(messages, later):
+    """A pause does not count as a period; a stamp a little ahead is as new as the last command."""
     gate, now, stamps, periods = Gate(PROFILE), 10.0, [], []
     for seconds, ahead in messages:
         now += seconds

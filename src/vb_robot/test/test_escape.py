@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from driving_rig import PROFILE, Rig
 from plain_rooms import empty, with_border
-from test_arbiter import PROFILE, Rig
 
 from vb_core.vocabulary import BORDER, DEFAULT
 from vb_robot.driving.escape import FREE, PINCHED_AFTER
@@ -16,7 +16,7 @@ EDGE = 4.0  # [m] where the border begins, along x
 
 
 def beside(gap, yaw=0.3):
-    """A robot with a goal that navigation does not move, so far [m] from a border on its left or right, or ahead."""
+    """A robot with a goal that navigation does not move, `gap` [m] from a border on its left or right, or ahead."""
     rig = Rig(grid=with_border(empty(), EDGE, 0.0, 8.0, 5.0), pose=(EDGE - RADIUS - gap, 2.5, yaw))
     rig.goal = True
     return rig
@@ -24,7 +24,7 @@ def beside(gap, yaw=0.3):
 
 @pytest.mark.parametrize("yaw", [0.3, 1.6, 3.1])
 @pytest.mark.parametrize("gap", [0.04, -0.02])
-def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_goal(gap, yaw):
+def test_a_pinched_robot_is_helped_away_and_keeps_its_goal(gap, yaw):
     rig = beside(gap, yaw)
     rig.step(10.0)
     assert {command.source for command in rig.commands} == {"none", "escape"} and rig.cancelled == 0
@@ -37,7 +37,7 @@ def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_go
 @pytest.mark.parametrize(
     "wish, yaw", [((0.2, 0.1), 0.0), ((0.2, 0.0), math.pi / 2)], ids=["into a border", "past a wall"]
 )
-def test_navigation_that_moves_nothing_because_of_the_gate_is_helped_away_too(wish, yaw):
+def test_a_robot_that_the_gate_holds_is_helped_away_too(wish, yaw):
     rig = beside(0.01, yaw)
     ahead = np.abs(np.linspace(-math.pi, math.pi, 360, endpoint=False)) < math.radians(20)
     farthest = -math.inf
@@ -50,7 +50,7 @@ def test_navigation_that_moves_nothing_because_of_the_gate_is_helped_away_too(wi
     assert "escape" in {command.source for command in rig.commands} and farthest < EDGE - RADIUS + 0.03
 
 
-def test_it_does_not_drive_into_the_unknown():
+def test_escape_does_not_drive_into_the_unknown():
     rig = beside(0.02)
     grid = with_border(empty(), EDGE, 0.0, 8.0, 5.0)
     x = grid.cell_to_world(np.argwhere(np.ones(grid.shape)))[:, 0].reshape(grid.shape)
@@ -60,7 +60,7 @@ def test_it_does_not_drive_into_the_unknown():
 
 
 @pytest.mark.parametrize("stops", [False, True])
-def test_after_a_person_stopped_or_drove_it_elsewhere_it_does_not_go_on_to_where_it_was_going(stops):
+def test_escape_forgets_its_place_once_a_person_intervenes(stops):
     rig = beside(0.02, math.pi)
     assert rig.step(PINCHED_AFTER + 0.5).source == "escape"
     if stops:
@@ -78,7 +78,7 @@ def test_after_a_person_stopped_or_drove_it_elsewhere_it_does_not_go_on_to_where
     assert rig.pose[0] < EDGE - RADIUS - FREE + 0.03 and rig.pose[1] == pytest.approx(1.0, abs=0.1)
 
 
-def test_it_waits_while_somebody_draws():
+def test_escape_waits_while_somebody_draws():
     rig = beside(0.02)
     rig.set_state(BORDER)
     rig.step(5.0)
@@ -88,7 +88,7 @@ def test_it_waits_while_somebody_draws():
 
 
 @pytest.mark.parametrize("left_alone", ["no goal", "navigation is dead", "within the border", "navigation drives it"])
-def test_any_other_robot_is_left_alone(left_alone):
+def test_a_robot_that_is_not_pinched_is_left_alone(left_alone):
     rig = beside(-0.5 if left_alone == "within the border" else 0.02, math.pi)
     rig.goal = left_alone != "no goal"
     if left_alone == "navigation is dead":

@@ -70,7 +70,7 @@ def test_whether_a_robot_plans_round_borders(robot, maps, parameters, plans):
     assert wiring.observe(graph(maps, robot), "bob", parameters) == Wiring()
 
 
-def test_a_move_base_that_waits_for_a_map_is_found_and_what_it_lacks_is_named():
+def test_a_move_base_that_waits_for_a_map_is_found():
     """Without a driver nobody publishes keep_out: move_base has no action server then, and says so at INFO only."""
     seen = wiring.observe(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
     assert (seen.move_base, seen.missing_maps, seen.unheard) == ("/move_base", (MARGIN,), ("/cmd_vel",))
@@ -136,28 +136,28 @@ def test_why_a_goal_will_be_refused(areas, start, goal, why):
     assert reviewed(areas).review(start, np.array(goal)) == why
 
 
-def test_what_walls_cut_off_is_not_laid_to_a_border():
+def test_a_border_is_not_blamed_for_what_walls_cut_off():
     assert reviewed(RUG, physical=WALLED).review(START, np.array(FAR)) == ("goal_out_of_reach", "")
 
 
-def test_of_borders_that_touch_the_one_that_encloses_a_place_is_named_and_a_curve_if_none_does():
+def test_the_border_that_encloses_a_place_is_named_else_a_curve():
     known = [known_border("carpet", 0.5, 0.5, 1.5, 1.5), known_border("mat", 1.5, 0.5, 2.5, 1.5)]
     known.append(KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False))
     assert [name_of(known, place) for place in ((1.0, 1.0), (2.0, 1.0), (0.5, 4.0))] == ["carpet", "mat", "left part"]
     assert name_of([], (1.0, 1.0)) == ""
 
 
-def test_a_robot_is_inside_where_only_a_border_forbids_to_be():
+def test_a_robot_is_inside_where_only_a_border_forbids_it():
     plain = room(8.0, 4.0)
     borders = with_border(with_border(plain, 2.0, 1.0, 3.0, 2.0), 2.0, 2.5, 3.0, 3.0, 75)
     physical = with_border(plain, 0.0, 1.5, 8.0, 2.0, -1)
     places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
     assert [is_inside(borders, physical, place) for place in places] == [True, True, False, False, False]
-    assert not is_inside(borders, physical, (0.03, 2.0)), "a wall is no border"
+    assert not is_inside(borders, physical, (0.03, 2.0)), "a wall is not a border"
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))
-def test_maps_may_come_in_any_order_before_it_is_told_that_a_robot_is_in_a_border(order):
+def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
     robot = WatchedRobot("", "base_link", None, None)
     robot.wiring = Wiring(move_base="/move_base", maps=("/robot_driver/keep_out",), radius=0.2)
     robot.pose = (2.5, 1.5, 0.0)
@@ -171,7 +171,7 @@ def test_maps_may_come_in_any_order_before_it_is_told_that_a_robot_is_in_a_borde
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_goal_is_refused_exactly_where_a_search_of_its_own_finds_no_path(seed):
+def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
     """An independent oracle: the floors of cells that are far enough from every blocked one, by a tree of these."""
     rng, areas = np.random.default_rng(seed), {}
     for name in "abc":
@@ -246,7 +246,7 @@ def planner(monkeypatch):
 
 
 @pytest.mark.parametrize("restarted", [False, True])
-def test_the_usual_speed_comes_back_behind_a_slow_zone_also_if_the_node_was_restarted_in_it(planner, restarted):
+def test_the_usual_speed_returns_after_a_slow_zone(planner, restarted):
     speed = planner.speed()
     speed.apply(math.inf)
     for _ in range(3):
@@ -258,7 +258,7 @@ def test_the_usual_speed_comes_back_behind_a_slow_zone_also_if_the_node_was_rest
     assert planner.values == planner.usual and planner.kept == {}
 
 
-def test_what_a_person_sets_between_zones_is_the_usual_speed_from_then_on(planner):
+def test_a_speed_set_between_zones_is_the_usual_one_from_then_on(planner):
     speed = planner.speed()
     for limit in (0.2, math.inf):
         speed.apply(limit)
@@ -268,7 +268,7 @@ def test_what_a_person_sets_between_zones_is_the_usual_speed_from_then_on(planne
     assert planner.values["max_vel_x"] == 0.4
 
 
-def test_a_planner_that_keeps_its_speed_does_not_obey_and_is_asked_again(planner):
+def test_a_planner_that_keeps_its_speed_is_asked_again(planner):
     planner.refuses, speed = True, planner.speed()
     for _ in range(2):
         with pytest.raises(CodedError) as caught:
@@ -279,7 +279,7 @@ def test_a_planner_that_keeps_its_speed_does_not_obey_and_is_asked_again(planner
     assert planner.values["max_vel_x"] == 0.2
 
 
-def test_a_higher_speed_that_is_set_in_a_slow_zone_is_limited_again_and_only_that(planner):
+def test_a_higher_speed_set_in_a_slow_zone_is_limited_again(planner):
     """So is a planner that was restarted there: it says its values as it starts."""
     speed = planner.speed()
     speed.apply(0.2)
@@ -294,7 +294,7 @@ def test_a_higher_speed_that_is_set_in_a_slow_zone_is_limited_again_and_only_tha
     assert {name: planner.values[name] for name in planner.usual} == planner.usual
 
 
-def test_a_planner_that_hangs_keeps_nobody_waiting_and_is_not_said_to_obey(planner):
+def test_a_planner_that_hangs_blocks_nobody_and_does_not_obey(planner):
     planner.answers.clear()
     speed = planner.speed()
     speed.ask(0.2)

@@ -99,7 +99,7 @@ def test_a_path_that_bends_is_followed_from_the_nearest_place():
     assert given.v == 0.0 and given.w > 0.0
 
 
-def test_a_recovery_that_turns_round_is_let_through_until_navigation_drives_on():
+def test_a_turning_recovery_passes_until_navigation_drives_on():
     shim = shim_with()
     assert align(shim, 0.0, 1.0, -3.0)[1] > 0.0
     shim.recover(NOW)

@@ -41,18 +41,18 @@ def test_safe_speed_stops_in_time(free, delay):
     assert stop_distance(v, LIMITS, delay) == pytest.approx(v * delay + v * v / 3.0)
 
 
-@pytest.mark.parametrize("said, told", [(0.0, "zero"), (math.nan, "nan")])
-def test_a_scanner_says_otherwise_that_nothing_came_back_if_its_profile_tells(said, told):
-    ranges = np.full(360, said)
-    assert scan_of(ranges, no_return=told).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-    assert scan_of(ranges, no_return=told).sees_path(0.2, 0.0, RADIUS, 0.05)
-    untold = scan_of(ranges)
-    assert untold.free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0 or not untold.sees_path(0.2, 0.0, RADIUS, 0.05)
+@pytest.mark.parametrize("reading, no_return", [(0.0, "zero"), (math.nan, "nan")])
+def test_a_profile_says_which_range_means_no_echo(reading, no_return):
+    ranges = np.full(360, reading)
+    assert scan_of(ranges, no_return=no_return).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan_of(ranges, no_return=no_return).sees_path(0.2, 0.0, RADIUS, 0.05)
+    by_default = scan_of(ranges)
+    assert by_default.free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0 or not by_default.sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("v", [0.2, -0.2])
-def test_what_stands_beside_its_way_is_passed_and_what_stands_in_it_is_not(v, side):
+def test_a_robot_passes_only_what_stands_beside_its_way(v, side):
     width = RADIUS + KEEP.sides
     for across, passed in ((0.9 * width, False), (1.1 * width, True)):
         post = post_at(math.copysign(0.8, v), side * across)
@@ -73,7 +73,7 @@ def test_a_post_on_its_arc_is_as_far_as_the_arc_is_long(v, w):
 
 @pytest.mark.parametrize("room", [0.05, 0.1])
 @pytest.mark.parametrize("age", [0.0, 0.1, 0.25])
-def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_it_has(age, room):
+def test_a_robot_stops_before_what_it_saw_however_old_the_scan(age, room):
     gate, ranges = Gate(RobotProfile()), np.full(360, math.inf)
     ranges[178:182] = RADIUS + CLEARANCES[TELEOP].ahead + room  # straight ahead
     gate.set_scan(scan_of(ranges), 10.0)
@@ -84,7 +84,7 @@ def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_i
 
 
 @given(st.floats(1.5, 3.5), st.floats(0.0, 1.0), st.integers(-45, 45), st.integers(-45, 45))
-def test_speed_limits_count_where_the_robot_is_and_as_far_as_it_needs_to_stop(x, reach, up, right):
+def test_speed_limits_count_within_the_stop_distance(x, reach, up, right):
     zones = empty(5.0, 5.0)
     row, column = zones.world_to_cell((x, 2.5))[0] + (up, right)
     zones.data[row, column] = 20
@@ -92,7 +92,7 @@ def test_speed_limits_count_where_the_robot_is_and_as_far_as_it_needs_to_stop(x,
     assert limit_around(zones, (x, 2.5), reach) == (0.2 if gap <= reach + 2.0 * 0.025 else math.inf)
 
 
-def test_of_two_speed_limits_the_lower_one_counts_and_off_the_map_there_is_none():
+def test_the_lower_of_two_speed_limits_counts():
     zones = with_border(with_border(empty(), 3.0, 1.0, 4.0, 2.0, 20), 4.0, 1.0, 5.0, 2.0, 10)
     for place, limit in (((1.0, 1.5), math.inf), ((2.6, 1.5), 0.2), ((3.8, 1.5), 0.1), ((-5.0, 1.0), math.inf)):
         assert limit_around(zones, place, 0.5) == pytest.approx(limit)
@@ -107,9 +107,7 @@ POSES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.
 
 
 @given(POSES, POSES, st.one_of(st.none(), st.tuples(POSES, POSES)), st.floats(0.01, 2.0))
-def test_a_jump_of_the_pose_is_what_the_odometry_does_not_tell_or_what_no_robot_drives(
-    before, after, odometry, seconds
-):
+def test_a_jump_is_what_odometry_or_top_speed_cannot_explain(before, after, odometry, seconds):
     """A turn of 1 rad counts as 0.5 m; without odometry 1 m/s and 3 rad/s may have been driven. In complex numbers."""
     (p, turned_p), (q, turned_q) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in (before, after))
     moved, turned, spare = 0.0, 1.0, seconds

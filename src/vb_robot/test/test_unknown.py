@@ -9,8 +9,8 @@ import pytest
 import roslaunch
 import roslib.packages
 
+from driving_rig import DT, PROFILE, Rig
 from plain_rooms import empty, scan_of
-from test_arbiter import DT, PROFILE, Rig
 
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
@@ -23,7 +23,7 @@ from vb_robot.spots import Sighting, Sightings
 
 # ------------------------------------------------------------ one way to the wheels
 @pytest.mark.parametrize("situation", ["idle", "stopped", "driving"])
-def test_another_node_that_could_drive_the_base_is_told_in_every_state(situation):
+def test_another_publisher_is_reported_in_every_state(situation):
     rig = Rig()
     rig.step(5.0)
     if situation == "stopped":
@@ -58,7 +58,7 @@ def test_behind_a_mux_every_other_way_to_the_base_is_found():
 
 
 @pytest.mark.parametrize("kind", [kind for kind, why in KINDS.items() if why])
-def test_a_robot_of_a_kind_that_is_not_supported_is_refused_in_one_sentence(kind):
+def test_an_unsupported_kind_of_robot_is_refused_in_one_sentence(kind):
     with pytest.raises(ParameterError, match="not supported"):
         RobotProfile.from_mapping({"base": {"kind": kind}})
 
@@ -76,8 +76,8 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
 
 # ------------------------------------------------------------ where it is
 @pytest.mark.parametrize("known", [True, False])
-def test_amcl_starts_where_a_robot_was_said_to_be_or_the_robot_does_not_know(known, tmp_path):
-    """Without a pose AMCL itself takes (0, 0, 0), with variances of 0.25 m^2: that is no knowledge."""
+def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
+    """Without a pose AMCL itself takes (0, 0, 0), with variances of 0.25 m^2: the robot does not know where it is."""
     launch = (Path(roslib.packages.get_pkg_dir("vb_bringup")) / "launch" / "navigation.launch").read_text()
     file = tmp_path / "navigation.launch"
     file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # they ask whether AMCL is installed
@@ -94,7 +94,7 @@ def test_amcl_starts_where_a_robot_was_said_to_be_or_the_robot_does_not_know(kno
     assert uncertainty.lost is not known
 
 
-def test_a_state_that_is_not_known_moves_no_robot():
+def test_an_unknown_state_moves_no_robot():
     record = Sightings(mobile_cameras=("robot",))
     record.set_state(state_of("of_a_newer_version"), "a", 0.0)
     for step in range(40):
@@ -204,8 +204,8 @@ def lose(what, who, seed):
 
 @pytest.mark.parametrize("who", ["follow", "navigation"])
 @pytest.mark.parametrize("what", FAULTS)
-def test_what_is_lost_while_it_drives_rests_it_in_time_for_good_and_says_so(what, who):
-    """Twenty moments each; a base whose brakes can follow, and it goes on when what was lost is back."""
+def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(what, who):
+    """At twenty moments each. A base's brakes can follow, and the robot goes on when the input is back."""
     _, code, latest = FAULTS[what]
     for seed in range(20):
         took, rig, meanwhile = lose(what, who, seed)

@@ -53,7 +53,7 @@ def test_base_and_map_are_inverse(x, y, yaw, px, py):
 
 
 # ------------------------------------------------------------------ clearance map
-def test_clearance_never_says_more_than_there_is():
+def test_clearance_is_never_overestimated():
     rng = np.random.default_rng(3)
     blocked = rng.random((30, 40)) < 0.03
     clearance = clearance_grid(blocked, 0.1)
@@ -67,7 +67,7 @@ def test_clearance_never_says_more_than_there_is():
 
 
 @pytest.mark.parametrize("closed", [range(0), range(146, 160), range(146, 174)])
-def test_paths_lead_through_a_doorway_that_is_wide_enough_and_nowhere_else(closed):
+def test_paths_lead_only_through_a_doorway_that_is_wide_enough(closed):
     grid = two_rooms()
     grid.data[closed, 158:162] = 100  # of half of it 0.35 m are left, the robot needs 0.42 m
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
@@ -77,7 +77,7 @@ def test_paths_lead_through_a_doorway_that_is_wide_enough_and_nowhere_else(close
     assert way == np.inf if closed else least <= way <= 1.15 * least
 
 
-def test_borders_hide_nothing_but_walls_do():
+def test_walls_hide_floor_and_borders_do_not():
     grid = two_rooms()
     data = grid.data.copy()
     data[:, 200:210] = 100
@@ -116,7 +116,7 @@ RIGHTWARDS = np.array([0.3, 0.0])  # [m/s]
     ],
     ids="rests seed slow quick very_quick left to_a_wall at_a_wall".split(),
 )
-def test_looks_ahead_of_a_spot_that_moves_and_not_into_a_wall(x, velocity, seeding, expected):
+def test_the_target_is_ahead_of_a_moving_spot_and_not_in_a_wall(x, velocity, seeding, expected):
     clearance_map = ClearanceMap(room(), 0.18)
     drawing = DrawingState(np.array([x, 2.5]), velocity=velocity, seeding=seeding)
     ahead = drawing.line_ahead(clearance_map)
@@ -192,7 +192,7 @@ def test_places_of_other_robots_are_taken():
         assert math.dist(viewpoint.pose[:2], taken[0]) >= 2 * 0.18 + 0.10
 
 
-def test_paths_lead_round_other_robots_and_not_through_a_doorway_that_one_is_in():
+def test_paths_lead_round_other_robots():
     start, goal = (6.0, 1.0), np.array([[6.0, 3.0]])
     straight = CLEARANCE_MAP.path_lengths(start, goal)[0]
     assert straight == pytest.approx(2.0, abs=0.1)
@@ -221,7 +221,7 @@ CARPET = np.array([[5.1, 1.6], [7.1, 1.6], [7.1, 2.9], [5.1, 2.9]])
 
 @settings(max_examples=8)
 @given(st.floats(5.15, 7.05), st.floats(1.65, 2.85), st.floats(0, 6.28), st.booleans())
-def test_a_robot_goes_nowhere_where_the_border_would_lock_it_in(x, y, yaw, seeding):
+def test_a_robot_is_not_sent_where_the_border_would_lock_it_in(x, y, yaw, seeding):
     # three sides are drawn; while the seed is shown a robot within them has to leave
     spot, velocity = (CARPET.mean(axis=0), None) if seeding else (CARPET[3], np.array([0.0, -1.0]))
     drawing = DrawingState(spot, CARPET, velocity, closed=seeding, seeding=seeding, seen_by_stationary=True)
@@ -253,20 +253,20 @@ def test_a_robot_is_not_sent_over_the_area_that_is_being_drawn(robot, drawn):
 
 @settings(max_examples=25)
 @given(st.floats(4.5, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28))
-def test_while_the_seed_is_shown_a_robot_that_need_not_come_crosses_no_area(x, y, yaw):
+def test_no_area_is_crossed_while_another_camera_sees_the_seed(x, y, yaw):
     assume(Polygon(CARPET).distance(Point(x, y)) > CLEARANCE_MAP.radius + 0.05)
     best = ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, True)).best_viewpoint((x, y, yaw))
     assert best is None or crossed((x, y), best) < 0.65  # it may cut a corner
 
 
-def test_a_robot_crosses_the_seeds_side_only_if_no_other_camera_sees_the_seed():
+def test_a_robot_crosses_the_seeds_side_only_for_an_unseen_seed():
     robot, failed = (6.1, 1.2, math.pi), [(6.1, 0.6, 2.35)]  # all places but those beyond the carpet
     best = ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, False)).best_viewpoint(robot, failed)
     assert crossed(robot, best) > 0.5
     assert ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, True)).best_viewpoint(robot, failed) is None
 
 
-def test_where_everything_that_shows_the_spot_would_be_locked_in_a_robot_comes_all_the_same_until_the_seed_is_shown():
+def test_a_view_from_inside_the_border_is_offered_only_until_the_seed_is_shown():
     ring = np.array([[4.4, 0.3], [7.7, 0.3], [7.7, 4.7], [4.4, 4.7]])
     robot = (1.0, 4.0, 0.0)
     assert list(offers(CLEARANCE_MAP, robot, DrawingState(np.array([6.0, 2.5]), ring)))

@@ -23,7 +23,7 @@ def test_a_map_lets_a_robot_out_but_not_further_in():
     assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05) == math.inf
 
 
-def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls():
+def test_borders_but_not_walls_grow_by_the_pose_uncertainty():
     plain, physical = workspace()
     uncertain = Workspace(plain.borders, physical, 0.18, uncertainty=0.1)
     beside_border, beside_wall = (2.0, 1.0, math.pi), (2.4, 4.0, 0.0)
@@ -34,7 +34,7 @@ def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls(
     assert np.array_equal(soft.keep_out.data, soft.borders.data), "what may be entered is not made larger"
 
 
-def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
+def test_navigations_map_has_what_the_driver_keeps_out_of():
     plain, physical = workspace()
     data = plain.borders.data.copy()
     data[31:, :] = -1
@@ -53,7 +53,7 @@ def spread(std, turned=np.eye(2)):
     return covariance
 
 
-def test_the_uncertainty_follows_the_localisations_own_spread_at_once_up_and_slowly_down():
+def test_the_uncertainty_rises_at_once_and_falls_slowly():
     uncertainty = PoseUncertainty()
     assert uncertainty.meters == MIN_UNCERTAINTY, "without a covariance"
     assert not uncertainty.add(spread([0.01, 0.005])) and uncertainty.meters == MIN_UNCERTAINTY

@@ -46,7 +46,7 @@ STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
 WIRING_PERIOD, LOOK_PERIOD = 1.0, 0.3  # [s] wall time
 LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
-# what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
+# what is reported to people, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
@@ -342,20 +342,20 @@ class RobotDriverNode:
         self._notices.set(self._list_notices(command, now))
 
     def _list_notices(self, command: Command, now: float) -> List[Notice]:
-        found = []
+        notices = []
         if command.cancel:
-            found.append(self._notice("goal_cancelled", Severity.INFO))
+            notices.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
         held = now - self._stopped_since[command.code] >= MIN_STOP
         if not self._heard:
             topic = rospy.resolve_name(self._profile.base.topic)
-            found.append(self._notice("base_not_listening", Severity.WARNING, topic=topic))
+            notices.append(self._notice("base_not_listening", Severity.WARNING, topic=topic))
         if held and self._stops.stopped and not self._stops.stored:
-            found.append(self._notice("stop_not_persisted", Severity.WARNING))
+            notices.append(self._notice("stop_not_persisted", Severity.WARNING))
         if command.code in STOP_CODES and (held or command.source == STOP):
             severity = SEVERITIES.get(command.code, Severity.WARNING)
-            found.append(self._notice(_told(command.code), severity, others=self._arbiter.gate.other_publishers(now)))
-        return found
+            notices.append(self._notice(_told(command.code), severity, others=self._arbiter.gate.other_publishers(now)))
+        return notices
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
         return Notice.of_robot(self._params.robot, code, severity, **values)

@@ -312,9 +312,9 @@ class RobotMonitorNode:
             self._offer = offer.offer(connections_from_message(message))
             faults = self._lasting(self._offer.notices(), now)
             self._log(now)
-            told = [notice for robot in self._robots.values() for notice in robot.notices(now)]
+            notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]
             unseen = self._dispatcher.notice
-            self._notices.set([*faults, *told, *([unseen] if unseen else [])])
+            self._notices.set([*faults, *notices, *([unseen] if unseen else [])])
 
     def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
         """Returns the faults that have held for SETTLING_TIME."""

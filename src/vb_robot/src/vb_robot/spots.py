@@ -169,8 +169,8 @@ class Sightings:
         recent = [s for s in self._recent if s.camera == newest.camera and s.stamp >= newest.stamp - VELOCITY_WINDOW]
         if len(recent) < MIN_VELOCITY_SIGHTINGS:
             return None
-        seen = np.array(sorted((s.stamp, *s.position) for s in recent))
-        thirds = np.array([np.median(third, axis=0) for third in np.array_split(seen, 3)])  # (3, 3): [s], x, y [m]
+        samples = np.array(sorted((s.stamp, *s.position) for s in recent))
+        thirds = np.array([np.median(third, axis=0) for third in np.array_split(samples, 3)])  # (3, 3): [s], x, y [m]
         (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
         if math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
             return None

@@ -112,11 +112,11 @@ class Fleet:
         if key is None or now < before[0] - 1.0:
             self._forget()  # also when time has jumped back: what was remembered is about another run
         elif key != before[1]:
-            kept = self.serving, self.goal, self._sent, self._awaited
+            on_its_way = self.serving, self.goal, self._sent, self._awaited
             running = self.serving is not None and self.goal is not None and robots[self.serving][0].goal.under_way
             self._forget()
             if running:  # a robot that is on its way goes on
-                self.serving, self.goal, self._sent, self._awaited = kept
+                self.serving, self.goal, self._sent, self._awaited = on_its_way
         able = {
             name: (status, planner)
             for name, (status, planner) in robots.items()
@@ -187,12 +187,12 @@ class Fleet:
             if not serves and not status.busy and planner.shows_target(status.pose):
                 offers[name] = (False, len(failures), False, 0.0), None
                 continue
-            found = planner.best_viewpoint(status.pose, [*self._blind, *failures])
-            if found is None:
+            viewpoint = planner.best_viewpoint(status.pose, [*self._blind, *failures])
+            if viewpoint is None:
                 self._rests_until[name] = now + MIN_INTERVAL  # asking again at once would give the same answer
                 continue
-            cost = found.cost - (SWITCH_GAIN if serves else 0.0)
-            offers[name] = (not found.sees_spot, len(failures), status.busy and not serves, cost), found
+            cost = viewpoint.cost - (SWITCH_GAIN if serves else 0.0)
+            offers[name] = (not viewpoint.sees_spot, len(failures), status.busy and not serves, cost), viewpoint
         if not offers:
             return
         best = min(offers, key=lambda name: offers[name][0])

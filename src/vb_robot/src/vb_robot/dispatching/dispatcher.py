@@ -20,7 +20,7 @@ from vb_robot.floor_view import FloorView
 from vb_robot.spots import LOST_TIMEOUT, Sightings
 
 
-# [s] Spots are confirmed late at the start of a stroke, and a robot is chosen within a second: only what lasts is told.
+# [s] Spots are confirmed late at the start of a stroke, and a robot is chosen within a second: only what lasts is reported.
 UNSERVED_TIME = 2.0
 
 
@@ -98,46 +98,46 @@ class Dispatcher:
 
     def decide(self, now: float, robots: Mapping[str, RobotStatus]) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new place."""
-        known, wanted = self.sightings, self.sightings.should_dispatch()
-        known.forget_after(now)
-        drawing = self._drawing(now) if wanted else None
-        time_since_seen = known.time_since_seen(now)
-        if known.newest() is None and drawing is not None and not drawing.seeding:
+        sightings, robot_wanted = self.sightings, self.sightings.should_dispatch()
+        sightings.forget_after(now)
+        drawing = self._drawing(now) if robot_wanted else None
+        time_since_seen = sightings.time_since_seen(now)
+        if sightings.newest() is None and drawing is not None and not drawing.seeding:
             time_since_seen = 2.0 * LOST_TIMEOUT  # started again in the middle of a drawing
         seeing = {}
         for name, status in robots.items():
             others = [its.pose[:2] for other, its in robots.items() if other != name and its.pose is not None]
             planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
             seeing[name] = (status, planner)
-        goals = self._fleet.step(now, known.key if wanted else None, time_since_seen, seeing)
+        goals = self._fleet.step(now, sightings.key if robot_wanted else None, time_since_seen, seeing)
         self._tell(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
-        known, (interaction, drawn) = self.sightings, self._drawn
-        if interaction != known.key[0]:
+        sightings, (interaction, drawn) = self.sightings, self._drawn
+        if interaction != sightings.key[0]:
             drawn = DrawingState()
-        if known.state == SEED and drawn.seed is not None:
+        if sightings.state == SEED and drawn.seed is not None:
             target = drawn.seed  # a camera that moves sees other bright things once the pointer is off
-        elif known.newest() is not None:
-            target = known.target()
+        elif sightings.newest() is not None:
+            target = sightings.target()
         else:
             # started again in the middle of a drawing, the line ends where the spot was seen last; the seed of a closed line
             # is most likely within, and a robot that stands there hides it
-            within = drawn.inside() if known.state == SEED else None
+            within = drawn.inside() if sightings.state == SEED else None
             target = drawn.spot if within is None else within
         if target is None:
             return None
         return replace(
             drawn,
             spot=target,
-            velocity=known.velocity(),
-            seeding=known.state == SEED,
-            seen_by_stationary=known.seen_by_stationary(now),
+            velocity=sightings.velocity(),
+            seeding=sightings.state == SEED,
+            seen_by_stationary=sightings.seen_by_stationary(now),
         )
 
     def _tell(self, now: float, lost: bool) -> None:
-        """Chooses what people are told while no camera sees the spot: whether a robot comes."""
+        """Chooses the notice while no camera sees the spot: it says whether a robot comes."""
         comes = self._fleet.goal is not None
         self._unserved_since = min(self._unserved_since, now) if lost and not comes else math.inf
         self.notice = None

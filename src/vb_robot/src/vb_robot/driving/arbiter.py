@@ -156,7 +156,7 @@ class Arbiter:
     def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
         """Chooses who drives; returns the source and its request."""
         if self.stops.stopped:
-            return STOP, VelocityRequest(0.0, 0.0, "stopped")
+            return STOP, VelocityRequest(code="stopped")
         teleop = self._command(TELEOP, now)
         if teleop is not None:
             return TELEOP, teleop
@@ -169,7 +169,7 @@ class Arbiter:
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
             return NAVIGATION, self._rotation_shim.align(navigation, self.gate.pose(now), now)
-        return NONE, VelocityRequest(0.0, 0.0, "idle")
+        return NONE, VelocityRequest(code="idle")
 
     def _command(self, source: str, now: float) -> Optional[VelocityRequest]:
         return (

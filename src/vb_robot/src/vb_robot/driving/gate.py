@@ -122,18 +122,18 @@ class Gate:
             if correction != self._correction[0]:
                 self._correction = correction, stamp
             stamp = min(stamp, self._correction[1]) if correction else stamp
-            known, self._located = self._located, pose is not None
+            was_located, self._located = self._located, pose is not None
             if pose is None:
                 self.stamps.pop("pose", None)
                 return
             fixes, fix = self._fixes, Fix(stamp, pose, odometry)
-            if not known or not fixes or stamp != fixes[-1].stamp:
+            if not was_located or not fixes or stamp != fixes[-1].stamp:
                 self.record_input("pose", stamp)  # the same one again is as old as before
             # the last one stays, however old: also after a pause it must be where the odometry says
             while len(fixes) > 1 and not stamp - JUMP_WINDOW <= fixes[0].stamp <= stamp:
                 fixes.popleft()
-            known_ones = {fixes[0], fixes[-1]} if fixes else ()
-            if any(before.stamp <= stamp and pose_jump(before, fix) > MAX_POSE_JUMP for before in known_ones):
+            compared = {fixes[0], fixes[-1]} if fixes else ()
+            if any(before.stamp <= stamp and pose_jump(before, fix) > MAX_POSE_JUMP for before in compared):
                 self._jump_hold_until = stamp + POSE_JUMP_HOLD
                 fixes.clear()
             fixes.append(fix)
@@ -226,28 +226,28 @@ class Gate:
     def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""
         limits, clearance, radius = self.profile.limits, CLEARANCES[source], self.profile.radius
-        found = [(MAX_SPEED if source in (FOLLOW, ESCAPE) else limits.max_speed, "speed_limit")]
+        speeds = [(MAX_SPEED if source in (FOLLOW, ESCAPE) else limits.max_speed, "speed_limit")]
         if v > 0 and self.contacts:
-            found.append((0.0, "contact"))
+            speeds.append((0.0, "contact"))
         blind, delay = self._scan is None or not self.profile.scanner.present, limits.reaction_time
         if not blind:
             assert self._scan is not None
             # what it saw is as old as its scan
             late = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
-            found.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, late), "obstacle"))
+            speeds.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, late), "obstacle"))
             blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, late))
             if blind and source != TELEOP:
-                found.append((0.0, "floor_not_scanned"))
+                speeds.append((0.0, "floor_not_scanned"))
         if blind:
-            found.append((BLIND_SPEED, "floor_not_scanned"))
+            speeds.append((BLIND_SPEED, "floor_not_scanned"))
         pose, workspace = self.pose(now), self.workspace
         if pose is not None and workspace is not None:
             if source == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
-                found.append((0.0, "inside_border"))
-            found.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits, delay), "border"))
+                speeds.append((0.0, "inside_border"))
+            speeds.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits, delay), "border"))
         if pose is not None and self.speed_limits is not None:
-            found.append((limit_around(self.speed_limits, pose[:2], stop_distance(v, limits, delay)), "speed_zone"))
-        return min(found, key=lambda entry: entry[0])
+            speeds.append((limit_around(self.speed_limits, pose[:2], stop_distance(v, limits, delay)), "speed_zone"))
+        return min(speeds, key=lambda entry: entry[0])
 
     def _age(self, now: float, what: str) -> float:
         """Returns how old [s] the newest of something is, less what its period accounts for.

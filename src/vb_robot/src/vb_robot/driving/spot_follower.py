@@ -32,8 +32,8 @@ DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
 class VelocityRequest:
     """What a behaviour requests: forward speed [m/s], turn rate [rad/s], and why, as a code."""
 
-    v: float
-    w: float
+    v: float = 0.0
+    w: float = 0.0
     code: str = "driving"
 
 
@@ -57,7 +57,7 @@ class SpotFollower:
         """Computes the motion that keeps the spot in view of the robot at a pose; None: the pose is not known."""
         if pose is None or self.spot is None:
             self._turning, self._driving = False, 0
-            return VelocityRequest(0.0, 0.0, "spot_lost")
+            return VelocityRequest(code="spot_lost")
         v, w = self._servo(to_base(np.array(self.spot), pose).ravel())
         return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "driving" if v or w else "spot_in_view")
 

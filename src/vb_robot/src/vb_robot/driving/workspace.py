@@ -49,8 +49,8 @@ class PoseUncertainty:
         self.lost = worst > MAX_STD**2 or not 0.0 <= float(covariance[2, 2]) <= MAX_YAW_STD**2
         self._last.append(STD_FACTOR * math.sqrt(max(worst, 0.0)))
         before = self.meters
-        wanted = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
-        self.meters = UNCERTAINTY_STEP * math.floor(wanted / UNCERTAINTY_STEP + 1e-6)
+        uncertainty = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
+        self.meters = UNCERTAINTY_STEP * math.floor(uncertainty / UNCERTAINTY_STEP + 1e-6)
         return self.meters != before
 
 
@@ -92,7 +92,7 @@ class Workspace:
         return self._at(self._to_blocked, place)
 
     def nearest_room(self, place, clearance: float, reach: float) -> Optional[np.ndarray]:
-        """Finds the nearest known place (2,) [m] within reach [m] that is so far [m] from all that the robot keeps out of."""
+        """Finds the nearest known place (2,) [m] within reach [m] with a clearance [m] from all that the robot keeps out of."""
         room = (self._to_blocked >= clearance) & (self.borders.data >= 0)
         cell, center = nearest_cell(self.borders, room, place[:2], reach)
         return None if cell is None else center

@@ -32,8 +32,8 @@ from vb_robot.monitoring.wiring import Wiring, within
 DRIVER_SILENCE = 3.0  # [s] a driver reports twice a second
 NAVIGATION_SILENCE = 2.0  # [s] navigation sends its status five times a second
 POSE_SILENCE = 3.0  # [s] localisation that has not spoken for this long does not know where the robot is
-TOLD_AT_LEAST = 10.0  # [s] why a goal is refused is told while navigation works on it, and at least for this long
-PATH_POINTS = 100  # of a path are told
+TOLD_AT_LEAST = 10.0  # [s] a refusal is reported while navigation works on its goal, and at least for this long
+PATH_POINTS = 100  # of a path are published
 DEFAULT_RADIUS = 0.18  # [m] of a robot of which neither costmap nor profile tells it
 
 
@@ -195,21 +195,21 @@ class WatchedRobot:
     def judge(self, goal) -> Optional[Notice]:
         """Returns why a goal (2,) [m] will be refused; None if nothing speaks against it."""
         maps = self.review()
-        found = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
-        return self.notice(found[0], Severity.WARNING, border=quoted(found[1])) if found else None
+        refusal = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
+        return self.notice(refusal[0], Severity.WARNING, border=quoted(refusal[1])) if refusal else None
 
     def notices(self, now: float) -> List[Notice]:
         """Returns what people should know of its goal and its place at a time [s]."""
-        found = []
+        notices = []
         if self.refusal is not None and self._is_told(now):
-            found.append(self.refusal)
+            notices.append(self.refusal)
         review, pose = self.review(), self.pose
         if review is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not by the map that it plans on, which may have a margin
             if is_inside(self._with_borders(), self._maps["physical"], pose[:2]):
                 border = quoted(review.name_at(pose[:2]))
-                found.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
-        return found
+                notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
+        return notices
 
     def notice(self, code: str, severity: Severity, **values: str) -> Notice:
         """Makes a notice about this robot."""

@@ -1,0 +1,96 @@
+"""A robot's arbiter in the closed loop: it drives a unicycle through an empty room, without ROS."""
+
+import math
+
+import numpy as np
+
+from plain_rooms import VIEW, empty, scan_of
+
+from vb_core.poses import to_base
+from vb_core.robot_profile import RobotProfile
+from vb_core.stop_latch import StopLatch
+from vb_core.vocabulary import DEFAULT, GUIDE
+from vb_robot.driving.arbiter import Arbiter
+from vb_robot.driving.gate import NAVIGATION, TELEOP
+from vb_robot.driving.workspace import PoseUncertainty, Workspace
+from vb_robot.spots import Sighting
+
+DT, PROFILE = 0.05, RobotProfile()
+
+
+class Rig:
+    """An arbiter on a unicycle in an empty room; what is `silent` does not come any more."""
+
+    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), stops=None):
+        self.now, self.pose, self.silent = 100.0, pose, set()
+        self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
+        self.set_grid(grid or empty())
+        self.camera, self.state, self.latch = camera, (DEFAULT, "", 0.0), StopLatch()
+        self.spot = self.navigation = self.teleop = None
+        self.ranges = np.full(fov, math.inf)
+        self.commands, self.cancelled = [], 0
+        self.goal = False  # whether navigation has one
+        self.off = 0.0  # [m] by which the localisation believes to be farther back than it is
+        self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
+
+    def set_grid(self, grid):
+        self.arbiter.gate.workspace = Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters)
+
+    def set_state(self, state, interaction="a"):
+        self.state, self._said = (state, interaction if state != DEFAULT else "", self.now), -math.inf
+
+    def see(self, place, camera):
+        """A robot's camera sees the spot."""
+        self.arbiter.add(Sighting(self.now, tuple(place), camera, True))
+
+    def step(self, seconds=DT):
+        for _ in range(max(1, int(round(seconds / DT)))):
+            self._step()
+        return self.commands[-1]
+
+    def _step(self):
+        self.now += DT
+        if "state" not in self.silent and self.now - self._said >= 0.1 - 1e-9:
+            self._said = self.now
+            self.arbiter.set_state(*self.state, self.now)
+            self.arbiter.stops.follow(self.latch.stopped, self.latch.stops)
+        if "pose" not in self.silent:
+            if "localisation" not in self.silent:
+                self.correction = self.now + 0.3  # dated ahead, as AMCL does
+            x, y, yaw = self.pose
+            believed = x - self.off * math.cos(yaw), y - self.off * math.sin(yaw), yaw
+            self.arbiter.gate.set_pose(believed, self.now, self.correction)
+        if "scan" not in self.silent:
+            self.arbiter.gate.set_scan(scan_of(self.ranges), self.now)
+        if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
+            self.see(self.spot, self.camera)
+        for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
+            if wish is not None:
+                self.arbiter.request(who, *wish, self.now)
+        # its clock stands, and the world goes on
+        self._stood = self.arbiter.gate.clock_age = self._stood + DT if "clock" in self.silent else 0.0
+        if "goal" not in self.silent and self.goal:
+            self.arbiter.set_goal(True, self.now)
+        command = self.arbiter.step(self.now)
+        self.cancelled += command.cancel
+        self.commands.append(command)
+        middle = self.pose[2] + 0.5 * command.w * DT
+        self.pose = (
+            self.pose[0] + command.v * DT * math.cos(middle),
+            self.pose[1] + command.v * DT * math.sin(middle),
+            self.pose[2] + command.w * DT,
+        )
+
+    def drives(self, v=0.3, w=0.0):
+        """On its way as navigation wishes."""
+        self.navigation = (v, w)
+        assert self.step(1.0).v == v
+        return self
+
+    def follows(self, distance=1.6):
+        """Guided, and on its way to a spot ahead."""
+        self.set_state(GUIDE)
+        self.spot = (self.pose[0] + distance, self.pose[1])
+        self.step(0.8)
+        assert self.commands[-1].source == "follow" and self.commands[-1].v > 0.1
+        return self
