@@ -13,7 +13,7 @@ import rostest
 from vb_testing import TIMEOUT, wait_until
 
 from vb_core import names
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, State
+from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder
 
@@ -134,12 +134,6 @@ class BorderFusionTest(unittest.TestCase):
         self.show([(np.nan, 0)])
         self.wait(lambda: self.last(border_spots=400, ignored_spots=ignored + 3), "counting the ignored spots")
         self.enter(SEED, "one")
-        for camera in ("red", "green"):
-            self.show(np.random.default_rng(1).normal([4.5, 0.4], 0.01, (30, 2)), camera, since=0.01)
-        self.wait(lambda: self.last(seed_spots=60, has_seed=True), "a wrong seed")
-        self.enter(GUIDE, "one")
-        self.enter(SEED, "one")
-        self.assertFalse(self.progress[-1].has_seed)
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
         self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
         answer = self.candidate("one")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from strokes import Setting, draw
 
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
+from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.live_extraction import LiveExtractor
 from vb_fusion import collector as collecting
@@ -94,22 +94,6 @@ def test_a_drawing_begun_before_the_collector_is_lost():
     assert not collector.lost and collector.to_forget
     collector.set_state(BORDER, "b", 3.0, "cancelled")
     assert not collector.lost and not collector.to_forget
-
-
-@pytest.mark.parametrize("between, kept", [(PAUSED, 2), (GUIDE, 1), (BORDER, 1)])
-def test_entering_seed_again_discards_spots_except_after_a_pause(between, kept):
-    collector, live = in_border(), LiveExtractor(ExtractionParams(), share=1.0)
-    collector.add(spot(0.5))
-    for number, state in enumerate((SEED, between, SEED), 1):
-        collector.set_state(state, "a", 10.0 * number)
-        collector.set_state(state, "a", 10.0 * number)  # the state comes again with every change of anything in it
-        drawn = live.update(collector.collection(), float, force=True)
-        if state == SEED:
-            for k in range(50):
-                collector.add(spot(10.0 * number + 0.04 * k, x=number))
-    assert (len(drawn.dwells) == 0) == (kept == 1)
-    assert collector.counts[:2] == (1, 50 * kept)
-    assert live.update(collector.collection(), float, force=True).seed == pytest.approx([3.0, 0.0])
 
 
 @pytest.mark.parametrize("count", [1000, 2600])

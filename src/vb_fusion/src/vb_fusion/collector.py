@@ -10,7 +10,7 @@ from typing import Dict, List, Set, Tuple
 
 import numpy as np
 
-from vb_core.vocabulary import BORDER, DEFAULT, PAUSED, SEED, STATES, State
+from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
 MAX_SPOTS = 60_000  # kept of one state: ten minutes of four cameras at 25 Hz
 STAMP_TOLERANCE = 0.05  # [s] how much older than the state a spot may be and still count: one frame of a camera
@@ -80,7 +80,7 @@ class Collector:
 
     A change of state arrives late, and so do spots: what counts is the spot's own stamp against the stamps at
     which states were entered. Time is relative: a clock that is set back while somebody draws goes on as if it was not,
-    and a camera whose clock is off is left out and named. Entering Seed again discards the seed spots, except after a pause.
+    and a camera whose clock is off is left out and named.
     """
 
     def __init__(self) -> None:
@@ -123,8 +123,6 @@ class Collector:
                 # every interaction that ends has an outcome, unless the interaction manager was started again in it
                 self.lost = any(self.counts[:2]) and not outcome
             self.to_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
-            if state == SEED and self.state != PAUSED:
-                self._stores[SEED.collects].clear()
             self.state, self._entered = state, entered
             self._set_back, self._previous, self._newest = {}, {}, {}
         return fresh
