@@ -153,7 +153,7 @@ def test_pure_modules_load_without_ros(package):
 
 
 # ------------------------------------------------------------ docs/explanation/architecture.md
-def test_what_was_removed_from_a_launch_file_is_gone_at_the_next_start():
+def test_parameters_removed_from_a_launch_file_are_gone():
     # parameters outlive their nodes on the ROS master: a misspelt one would kill its node until the master is restarted
     kept = []
     for path in sorted(TOP.glob("launch/**/*.launch")):
@@ -216,7 +216,7 @@ def test_a_code_has_one_sentence():
     assert own_sentences("Issue(WARNING, 'robot_inside', 'it is in it')") == ["robot_inside"]
 
 
-def test_a_code_that_comes_without_a_sentence_has_one_in_the_catalogue():
+def test_every_code_has_a_sentence_in_the_catalogue():
     used = set()
     for path in TOP.glob("src/*/src/**/*.py"):
         source = path.read_text(encoding="utf-8")

@@ -66,7 +66,7 @@ ROUND = [OUT, (6.0, 0.3), (2.5, 0.3), GOAL]
         ("goal_not_reached", OUT, [OUT], [OUT], "time_is_up", ROUND),
     ],
 )
-def test_a_robot_that_drove_in_is_told_from_one_that_stood_where_the_border_was_saved(
+def test_verdict_distinguishes_entering_from_standing_inside(
     code, at_save, first, driven, outcome, after, tmp_path, capsys
 ):
     options = demo.parse(["--out", str(tmp_path)], TOP)

@@ -85,7 +85,7 @@ def test_the_robot_is_the_only_one_or_the_one_that_is_named(monkeypatch, robots,
 
 
 @pytest.mark.parametrize("trinary, good", [(True, None), (False, True)])
-def test_a_move_base_that_cannot_see_soft_borders_is_told_what_it_lacks(monkeypatch, trinary, good):
+def test_check_names_what_a_move_base_lacks_for_soft_borders(monkeypatch, trinary, good):
     Planner(monkeypatch)
     layer = {"static_layer": {"map_topic": names.MAP_WITH_BORDERS, "trinary_costmap": trinary}}
     monkeypatch.setattr(rospy, "get_param", lambda name, default: layer if name.endswith("costmap") else default)

@@ -21,7 +21,7 @@ def test_a_child_and_all_it_started_end(tmp_path):
     assert not child.running
 
 
-def test_a_free_port_can_be_listened_on_and_is_the_wanted_one_only_while_that_is_free():
+def test_free_port_is_the_wanted_one_while_that_is_free():
     with socket.socket() as first:
         first.bind(("127.0.0.1", free_port()))
         first.listen()

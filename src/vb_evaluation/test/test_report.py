@@ -74,7 +74,7 @@ def test_better_than_the_paper_is_no_agreement(full, low, high, reading):
 
 
 @pytest.mark.parametrize("bright, kept", [(0, 60), (1, 0)])
-def test_worlds_with_a_camera_that_is_too_bright_are_left_out_of_their_scope(full, tmp_path, bright, kept):
+def test_overexposed_worlds_are_outside_the_scope(full, tmp_path, bright, kept):
     folder = shutil.copytree(full[0], tmp_path / "study")
     rows = [dict(row, too_bright=bright) for row in rows_of(folder / "worlds.csv")]
     study_rows.write(folder / "worlds.csv", list(rows[0]), rows)
@@ -241,7 +241,7 @@ def test_a_sheet_is_read_as_spreadsheets_write_it(tmp_path):
         yes_or_no("perhaps", "here", "bad")
 
 
-def test_a_study_s_methods_and_scenarios_come_in_their_order_and_what_was_not_planned_is_left_out(tmp_path):
+def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path):
     columns = ["participant", "scenario", "method", "seed", "completed", *TIMES, "jaccard", "as_planned", "helped"]
     rows = [
         {"participant": who, "scenario": scenario, "method": method, "completed": done, "as_planned": planned}

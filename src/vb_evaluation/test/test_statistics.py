@@ -67,7 +67,7 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
 
 
 @pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
-def test_the_papers_accuracy_in_scenarios_1_and_2_is_an_exact_test_of_13_pairs(w, z, p):
+def test_paper_accuracy_is_an_exact_test_of_13_pairs(w, z, p):
     # Sect. 5.8.4: Z and p fit together for 13 pairs, those where both runs were completed (93.3 % each), and exact p
     signs = next(
         chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w

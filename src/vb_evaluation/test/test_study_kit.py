@@ -460,7 +460,7 @@ def test_a_copy_tells_nobody_and_who_asks_is_deleted(mishaps):
         privacy.delete(mishaps / "protocol.csv", "p99")
 
 
-def test_a_seed_is_right_if_the_nearest_free_floor_is_asked_for_and_within_reach():
+def test_seed_is_right_if_the_nearest_free_floor_was_asked_for():
     grid = room()
     free = np.argwhere(grid.data == 0)
     centers = grid.cell_to_world(free)

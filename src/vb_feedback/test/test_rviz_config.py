@@ -27,7 +27,7 @@ def fitted(folder, extent, screen, aspect=None):
 @pytest.mark.parametrize("screen", [(1920, 1080), (1920, 1200), (1024, 768), (3440, 1440)])
 @pytest.mark.parametrize("aspect", [None, 16 / 9])
 @pytest.mark.parametrize("extent", [LAB, Box(-20, -10, 30, 12), Box(1, 1, 2, 9)])
-def test_every_part_of_the_display_is_on_the_screen_and_as_large_as_it_can_be(extent, aspect, screen, tmp_path):
+def test_every_part_of_the_display_fills_its_place_on_the_screen(extent, aspect, screen, tmp_path):
     config, view = fitted(tmp_path, extent, screen, aspect)
     layout = fit_view(extent, aspect or screen[0] / screen[1])
     # an orthographic view from above: pixels per metre about its centre
@@ -58,7 +58,7 @@ def test_other_files_are_refused(text, tmp_path):
         write_fitted(str(source), tmp_path / "fitted.rviz", LAB, 1920, 1080)
 
 
-def test_a_file_that_is_not_there_and_a_map_without_extent_are_refused(tmp_path):
+def test_missing_file_and_empty_map_are_refused(tmp_path):
     with pytest.raises(CodedError, match="none.rviz"):
         write_fitted(str(tmp_path / "none.rviz"), tmp_path / "fitted.rviz", LAB, 1920, 1080)
     with pytest.raises(CodedError, match="extent"):

@@ -55,7 +55,7 @@ LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the do
     [[border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]]
     + [[border(name=name, seed=(7.9, 0.1))] for name in LONG_NAMES],
 )
-def test_labels_are_on_the_map_each_on_its_plate_and_not_on_each_other(stored):
+def test_labels_stay_on_the_map_and_do_not_overlap(stored):
     shapes = scene.borders(LAYOUT, stored)
     plates, texts = (text_boxes([one for one in shapes if one.kind == kind]) for kind in (scene.PLATE, scene.TEXT))
     assert len(plates) == len(stored) and any(shape.text for shape in shapes)

@@ -146,7 +146,7 @@ def test_a_window_in_the_image_keeps_the_exposure_short():
     assert 40 < find_exposure(camera) <= 62
 
 
-def test_the_saturated_share_is_that_of_the_surface_and_a_spot_is_none():
+def test_saturated_share_counts_surfaces_but_not_a_spot():
     image = np.full((480, 640, 3), 120, np.uint8)
     image[100:104, 200:204] = 255  # a laser spot
     assert saturated_share(image) <= 64 / (480 * 640)
@@ -183,7 +183,7 @@ def test_automatic_settings_are_switched_off_before_values_are_set():
     assert controls.plan(OLD, params)[:2] == ["exposure_auto=1", "exposure_absolute=120"]
 
 
-def test_what_is_not_wanted_stays_automatic_even_where_a_camera_has_no_such_setting():
+def test_settings_not_asked_for_stay_automatic():
     assert controls.plan(NEW, CaptureParams()) == ["auto_exposure=3", "white_balance_automatic=1"]
     assert controls.plan("", CaptureParams()) == []
     with refused("no_control"):

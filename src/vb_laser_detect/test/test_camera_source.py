@@ -116,7 +116,7 @@ def test_a_file_has_no_hurry(film, pause_s):
     assert np.diff(taken).min() > 1 / RATE - 1e-6 and taken[-1] - taken[0] > 29 * max(1 / RATE, pause_s) - 1.0 - 1e-6
 
 
-def test_images_of_a_network_that_come_too_late_are_left_out_until_one_stands_by_itself(camera):
+def test_late_network_images_are_left_out_until_a_key_frame(camera):
     # five times too slow, or more on a busy computer: without leaving any out, the last to be seen would be so many
     seen, _, late = slowly(camera, 0.2, 30)
     assert late > 50 and seen[-1] > 3 * len(seen)
@@ -125,7 +125,7 @@ def test_images_of_a_network_that_come_too_late_are_left_out_until_one_stands_by
     assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
 
 
-def test_a_fault_of_the_program_is_told_and_the_camera_is_opened_again(film):
+def test_internal_error_is_reported_and_the_camera_reopened(film):
     told, again = [], threading.Event()
 
     def handle(shot):

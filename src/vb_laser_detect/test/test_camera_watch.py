@@ -29,7 +29,7 @@ def test_a_detector_that_is_gone_is_told():
 
 
 @pytest.mark.parametrize("off, told_age", [(0.0, []), (3600.0, ["3600.01"]), (-4.0, ["-3.30"])])
-def test_a_computer_whose_clock_differs_is_told_and_one_that_is_busy_is_not(off, told_age):
+def test_clock_difference_is_reported_but_not_a_busy_computer(off, told_age):
     watch = CameraWatch(["north"], 0.0)
     for step in range(20):
         watch.report("north", Report(float(step), age=off + (0.01 if step % 8 == 0 else 0.7)))
@@ -61,7 +61,7 @@ def test_a_calibration_that_does_not_fit_is_told_with_what_cures_it(file, report
         assert all("{" not in notice.sentence(language) for notice in found)
 
 
-def test_a_camera_with_another_ones_frame_is_not_to_be_calibrated_first():
+def test_shared_frame_is_reported_before_calibration():
     watch = CameraWatch(["north", "south"], 0.0)
     for name in ("north", "south"):
         watch.report(name, Report(1.0, "head_camera"))
@@ -90,7 +90,7 @@ def test_two_files_that_name_each_others_frames_are_judged_together(tmp_path):
     assert codes() == {"a": "", "b": "", "c": "no_calibration"}
 
 
-def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agree():
+def test_cameras_that_disagree_are_named_until_they_agree():
     watch, random = CameraWatch((), 0.0), np.random.default_rng(5)
 
     def draw(began, off, lasts=30.0):

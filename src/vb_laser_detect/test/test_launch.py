@@ -26,7 +26,7 @@ def test_all_is_here_unless_said_otherwise():
 
 
 @pytest.mark.parametrize("names", ["true", "on off", "7"])
-def test_names_that_yaml_and_roslaunch_take_for_something_else_stay_names(names):
+def test_names_that_look_like_yaml_values_stay_names(names):
     config = load(f"cameras:={names}")
     # roslaunch itself capitalises a truth value; what counts is that a detector says that nothing comes from this
     # camera

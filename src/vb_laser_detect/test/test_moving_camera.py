@@ -99,7 +99,7 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     assert blank.motion_to(np.full((240, 320), 91, np.uint8)) is None
 
 
-def test_a_lamp_that_was_there_from_the_beginning_is_no_spot_and_what_moves_is():
+def test_moving_camera_rejects_a_lamp_and_finds_a_moving_spot():
     view, detector = View(7, still=True), ImageDetector(DetectorParams.mobile())
     lamp = [detector.detect(view.at(i, (200.0, 150.0)), 0.04 * i) for i in range(40)]
     assert not any(lamp)

@@ -49,7 +49,7 @@ def test_blocks_around_a_place_within_and_outside_the_image(u, v, marked):
 
 
 @pytest.mark.parametrize("bayer", [False, True])
-def test_a_background_in_new_light_keeps_its_texture_and_takes_no_spot_in(bayer):
+def test_relit_background_keeps_its_texture_without_the_spot(bayer):
     scene = tinted(Scene(200, 120, brightness=60.0, noise=0.0))
     before, place = scene.render(bayer=bayer), (120, 60)
     scene.floor[:, 60:] *= 1.8
@@ -169,7 +169,7 @@ def test_what_images_lack_is_told_once_it_lasts(missing, told):
     assert fault(watch, 66.5) == told, "what was there before is missed sooner"
 
 
-def test_images_without_a_pose_that_are_over_are_no_alarm_however_late_they_are_reported():
+def test_past_images_without_a_pose_raise_no_alarm():
     """A detector whose first images came before the poses, on a computer that starts slowly."""
     watch = InputWatch(0.0)
     for now in np.arange(20.0, 22.0, 0.1):
@@ -179,7 +179,7 @@ def test_images_without_a_pose_that_are_over_are_no_alarm_however_late_they_are_
 
 
 @pytest.mark.parametrize("started, images, silent", [(0.0, (), 1061), (50.0, (), 111), (50.0, (112.0,), 116)])
-def test_an_unplugged_camera_is_told_and_one_that_never_sent_anything_once_the_lab_has_started(started, images, silent):
+def test_silent_camera_is_reported_once_the_lab_has_started(started, images, silent):
     watch = InputWatch(started)  # 0: before simulated time
     assert fault(watch, 1000 if not started else 100) == ""
     for now in images:

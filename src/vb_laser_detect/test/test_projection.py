@@ -150,7 +150,7 @@ def test_points_above_and_below_the_floor_are_rejected(scale):
     dtype=st.sampled_from(["m", "mm"]),
     hole=st.sampled_from([np.nan, np.inf, 0.0]),
 )
-def test_depth_of_the_floor_is_its_own_also_at_the_edge_and_beside_holes(place, seed, holes, dtype, hole):
+def test_floor_depth_is_right_at_edges_and_beside_holes(place, seed, holes, dtype, hole):
     random, depth = np.random.default_rng(seed), depth_image(FORWARD, SMALL, dtype)
     missing = random.random(depth.shape) < holes
     missing[:, : random.integers(0, 160)] = True  # and all that is on one side

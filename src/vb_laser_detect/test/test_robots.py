@@ -83,7 +83,7 @@ def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
     assert not report.codes
 
 
-def test_a_lens_is_looked_up_twice_a_second_and_at_once_for_images_of_another_size(lab, monkeypatch):
+def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch):
     asked, clock = [], SimpleNamespace(monotonic=lambda: 100.0)
     monkeypatch.setattr(camera_geometry, "time", clock)
     info = SimpleNamespace(model_for=lambda size: asked.append(size) or CameraModel.ideal(*size, 500.0))

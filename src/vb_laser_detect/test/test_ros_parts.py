@@ -159,7 +159,7 @@ def test_a_camera_that_sends_nothing_is_silent_and_not_too_bright(report):
     assert codes == ["camera_silent"]
 
 
-def test_a_camera_that_the_detector_reads_says_why_it_is_silent_and_nothing_else(report):
+def test_source_reports_only_why_it_is_silent(report):
     red = report(own_source=True)
     red.set_source_fault(CodedError("camera_unplugged", source="/dev/video0"), is_silent=True)
     red.at(200.0)
@@ -186,7 +186,7 @@ def test_a_rate_that_varies_about_the_limit_is_told_throughout(report):
     assert told[-1] == []
 
 
-def test_a_robots_camera_is_not_to_be_calibrated_because_the_robot_is_lost(report):
+def test_lost_robot_does_not_ask_for_calibration(report):
     for mobile, code in ((False, "camera_no_pose"), (True, "camera_robot_lost")):
         red = report(mobile=mobile)
         for now in range(100, 140):

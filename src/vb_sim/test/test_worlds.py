@@ -35,7 +35,7 @@ def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("robot, world", [("turtlebot2", "lab"), ("turtlebot3_burger", "burger")])
-def test_a_robot_is_drawn_within_the_cylinder_that_its_profile_describes(robot, world):
+def test_robot_is_drawn_within_its_profiles_cylinder(robot, world):
     # else simulated cameras see parts of it that no detector takes for a robot's
     shape = RobotProfile.load(WORLDS.parents[2] / "robots" / f"{robot}.yaml").shape
     (drawn,) = load_world(WORLDS / f"{world}.yaml").robots

@@ -329,7 +329,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertTrue(self.command("resume").success)
         self.state.wait(lambda message: not message.stopped, "robots that may drive")
 
-    def test_a_stop_that_only_a_robot_has_heard_stops_all_until_a_resume_that_knows_of_it(self):
+    def test_stop_heard_by_one_robot_stops_all_until_resumed(self):
         robot = rospy.Publisher("/virtual_borders/drivers", DriverState, queue_size=1)
         wait_until(robot.get_num_connections, "the manager's ear")
         number = self.state.message.stop_number
@@ -344,7 +344,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertIn("heard while the manager was away", released.stops)
         self.assertEqual(self.command("resume").code, "not_stopped")
 
-    def test_a_resume_that_waits_behind_a_save_does_not_release_a_newer_stop(self):
+    def test_resume_waiting_behind_a_save_releases_no_newer_stop(self):
         self.command("stop")
         seen = self.state.wait(lambda message: message.stopped, "the first stop").stop_number
         saving, released = self.hang_while_saving()

@@ -114,7 +114,7 @@ def test_each_command_has_its_key_in_every_language(language):
     "typed, keys",
     [("b \u00fc", "b \u00fc"), ("\x1b[A", ""), ("\x1bOS", ""), ("\x1b[As", "s"), ("\x1b[15~\x1b[1;5C ", " ")],
 )
-def test_keys_are_told_from_arrow_and_function_keys_also_if_read_at_once(typed, keys):
+def test_keys_are_distinguished_from_escape_sequences(typed, keys):
     assert keys_in(typed) == keys
 
 

@@ -9,7 +9,7 @@ SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera
 
 
 @pytest.mark.parametrize("drawing_first", [True, False])
-def test_an_error_of_a_camera_before_or_while_one_draws_is_remembered_until_the_next_drawing(drawing_first):
+def test_camera_error_is_remembered_until_the_next_drawing(drawing_first):
     warnings = DrawingWarnings()
     for step in (warnings.start, lambda: warnings.update([SILENT]))[:: 1 if drawing_first else -1]:
         step()
@@ -34,7 +34,7 @@ def test_an_error_of_a_camera_before_or_while_one_draws_is_remembered_until_the_
         (Notice("robot_lost", Severity.ERROR, robot="ada"), False),
     ],
 )
-def test_what_is_left_out_is_a_doubt_for_as_long_as_it_is_said_and_other_notices_are_none(notice, doubtful):
+def test_only_notices_about_left_out_spots_are_doubts(notice, doubtful):
     warnings = DrawingWarnings()
     warnings.start()
     warnings.update([notice])

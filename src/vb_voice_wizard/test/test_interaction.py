@@ -106,7 +106,7 @@ def test_sensible_commands_are_accepted_and_lead_on(way):
 
 
 @pytest.mark.parametrize("history", [[], [UNDO], [REDO], [UNDO, REDO]])
-def test_undo_and_redo_are_suggested_while_there_is_something_to_undo_or_redo(history):
+def test_undo_and_redo_are_suggested_only_if_available(history):
     interaction = machine()
     interaction.history = history
     suggested = interaction.suggested_commands()
@@ -126,7 +126,7 @@ def test_unknown_commands_are_answered(way, command):
     assert interaction.state == (BORDER if way else DEFAULT)
 
 
-def test_while_saving_everything_else_waits_and_a_refusal_keeps_everything():
+def test_saving_blocks_other_commands_and_refusal_keeps_the_drawing():
     interaction = after(DEFINE_BORDER, DEFINE_SEED)
     identity = interaction.interaction_id
     assert interaction.command(SAVE, "voice", 5.0).success
@@ -170,7 +170,7 @@ steps = st.lists(
 
 @settings(max_examples=200, deadline=None)
 @given(steps)
-def test_any_sequence_is_timed_by_state_from_leaving_default_and_a_stop_holds(sequence):
+def test_any_sequence_is_timed_by_state_and_a_stop_holds(sequence):
     interaction, now, began, stopped, sources = machine(), 50.0, 0.0, False, []
     spent = {GUIDE: 0.0, BORDER: 0.0, SEED: 0.0}
 
@@ -273,7 +273,7 @@ ASKED_ABOUT = {(DEFINE_BORDER, DEFINE_SEED): (SAVE, CANCEL), (): (UNDO, REDO), (
 
 @settings(max_examples=300, deadline=None)
 @given(st.data())
-def test_what_is_in_doubt_is_done_once_the_one_who_was_asked_has_said_so_in_other_words_and_in_time(data):
+def test_doubtful_command_needs_a_timely_answer_in_other_words(data):
     way = data.draw(st.sampled_from(list(ASKED_ABOUT)))
     words = [*ASKED_ABOUT[way], *("yes_" + name for name in ASKED_ABOUT[way]), PAUSE, STOP, "nonsense"]
     pauses = st.floats(0.0, 1.2 * CONFIRM_WITHIN)
@@ -313,7 +313,7 @@ def test_what_is_in_doubt_is_done_once_the_one_who_was_asked_has_said_so_in_othe
 @pytest.mark.parametrize("laser_on", [False, True])
 @pytest.mark.parametrize("command", [*COMMANDS, *ANSWERS])
 @pytest.mark.parametrize("way", [(*way, *stop) for way in situations() for stop in ((), (STOP,))])
-def test_one_misheard_word_changes_no_map_and_loses_no_drawing_and_moves_no_robot(way, command, laser_on):
+def test_one_misheard_word_does_no_harm(way, command, laser_on):
     interaction = after(*way)
     drawing, missing, state = interaction.interaction_id, interaction.missing(), interaction.state
     if laser_on:
@@ -367,7 +367,7 @@ def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, c
     assert interaction.state == SEED and not interaction.pending
 
 
-def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
+def test_cancel_after_unanswered_save_promises_no_unchanged_map():
     interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.command(SAVE, "a", 3.0)
     interaction.unanswered_save = True
@@ -399,7 +399,7 @@ def test_without_a_robot_nobody_is_offered_to_guide_one():
     assert (answer.success, answer.code) == (False, "no_robot_to_guide")
 
 
-def test_a_person_whose_laser_nobody_sees_is_told_so_and_not_that_the_seed_is_missing():
+def test_unseen_laser_is_reported_instead_of_a_missing_seed():
     interaction = machine()
     interaction.command(DEFINE_BORDER, "test", 100.0)
     interaction.advance(100.0 + UNSEEN_AFTER - 0.1)

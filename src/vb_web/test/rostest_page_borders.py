@@ -153,7 +153,7 @@ class BordersTest(PageTest):
         self.assertIsNone(under)
         self.assertEqual(self.browser.faults(), [])
 
-    def test_what_is_pressed_again_is_asked_for_once_but_undo_after_a_change_that_was_shown_means_the_next_one(self):
+    def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
         sent = self.browser.driver.execute_async_script(
             """const done = arguments[0];
             Promise.all([import("/state.js"), import("/ui.js")]).then(([{ page, view }, { ask }]) => {
@@ -226,7 +226,7 @@ class BordersTest(PageTest):
                     part,
                 )
 
-    def test_each_border_in_view_has_its_name_or_its_mark_and_nothing_else_has(self):
+    def test_each_border_in_view_has_its_name_or_its_mark(self):
         self.browser.wait_arrived()
         lines = {"a": CARPET, "b": [[x + 0.4, y + 2.2] for x, y in CARPET]}
         lines.update((name, [[x, 2.3], [x, 3.0]]) for name, x in (("c", 3.9), ("d", 4.1), ("e", 4.3)))

@@ -39,7 +39,7 @@ class LostTest(PageTest):
         self.wait_borders(1)
         self.browser.click("#zoom-fit")
 
-    def test_a_robot_in_a_border_is_a_problem_and_a_monitor_that_fell_silent_is_told(self):
+    def test_robot_in_a_border_and_a_silent_monitor_are_problems(self):
         self.restart_page()  # without the cameras and robots of other tests
         self.browser.wait_ready()
         robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
@@ -58,7 +58,7 @@ class LostTest(PageTest):
         self.browser.wait("!document.getElementById('health-sum').textContent", what="the problem's end")
         self.restart_page()  # which forgets that there was a monitor
 
-    def test_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code(self):
+    def test_killed_page_comes_back_and_asks_for_the_code(self):
         self.store_carpet()
         self.restart_page("_address:=0.0.0.0")
         self.addCleanup(self.restart_page)  # for the tests after it, which have no code

@@ -105,7 +105,7 @@ class SeenTest(PageTest):
             small.click("#review button", "Abbrechen")
             self.assertEqual(small.faults(), [])
 
-    def test_each_robot_has_a_line_and_each_camera_its_picture_below_its_line(self):
+    def test_each_robot_has_a_line_and_each_camera_a_picture(self):
         driver = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         detector = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         images = rospy.Publisher("/page_test/debug_image", Image, queue_size=1)

@@ -90,7 +90,7 @@ class StopTest(PageTest):
         self.assertEqual(self.browser.run("return document.querySelectorAll('#placed .knob').length"), 1)
         self.browser.click("#review button", "Cancel")
 
-    def test_two_fingers_enlarge_the_page_and_stop_keeps_its_place_on_the_screen(self):
+    def test_stop_keeps_its_place_while_the_page_is_enlarged(self):
         with self.small_phone(mobile=True) as small:
             # on the screen, and not in the page: what was seen of it times the scale
             place = """const { scale, offsetLeft, offsetTop } = visualViewport,
@@ -124,7 +124,7 @@ class StopTest(PageTest):
                 self.assertGreaterEqual(small.run(gap), 24, size)
         self.resume()
 
-    def test_stop_reaches_robots_without_the_manager_and_one_of_them_tells_it(self):
+    def test_stop_reaches_robots_without_the_manager(self):
         self.heard.pop(names.STOP, None)
         robot = rospy.Publisher(names.DRIVERS, DriverState, queue_size=1)
         manager = process_of("/interaction_manager")

@@ -113,13 +113,13 @@ def test_who_holds_the_most_gives_up_a_place_for_others():
     assert [number for number, connection in enumerate(connections) if not connection.gone] == list(range(53, 63))
 
 
-def test_an_address_with_many_sessions_and_a_session_of_many_addresses_count_as_one():
+def test_sessions_and_addresses_of_one_person_count_as_one():
     for whose in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
         connections = filled(Places(10, yields=False), "phone one", *whose, "wall two")
         assert not connections[0].gone and not connections[-1].gone
 
 
-def test_where_all_hold_one_place_strangers_follow_each_other_and_known_people_stay():
+def test_strangers_replace_each_other_but_known_people_stay():
     names = [f"a{number}" for number in range(12)]
     assert [one.gone for one in filled(Places(10, yields=True), *names)] == [True] * 2 + [False] * 10
     assert [one.gone for one in filled(Places(10, yields=False), *names)] == [False] * 10 + [True] * 2

@@ -99,7 +99,7 @@ def test_camera_pictures_are_made_smaller_never_larger():
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
 
 
-def test_a_floor_that_lacks_a_camera_is_made_again_for_the_next_browser(monkeypatch):
+def test_floor_without_a_camera_is_made_again_for_the_next_browser(monkeypatch):
     there, made = {"red"}, []
     monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
     monkeypatch.setattr(

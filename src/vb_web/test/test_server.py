@@ -133,7 +133,7 @@ def network():
         yield running
 
 
-def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path):
+def test_certificate_makes_the_network_https_only(tmp_path):
     params = PageParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
     assert addresses(params, 8420, ["lab"]) == ["http://lab:8420/"]
     (tmp_path / "page.crt").write_text("")
@@ -226,7 +226,7 @@ def log_in(running, code, **headers):
     return running.ask("/session", "POST", json.dumps({"code": code}), **given)
 
 
-def test_a_code_gives_a_cookie_that_scripts_and_other_sites_do_not_get(network):
+def test_code_gives_a_cookie_hidden_from_scripts_and_other_sites(network):
     answer = log_in(network, "VIEW ER22")
     given = answer.headers["Set-Cookie"]
     assert answer.code == 200 and "HttpOnly" in given and "SameSite=Strict" in given
@@ -319,7 +319,7 @@ def test_stop_does_not_wait_for_what_takes_long(local):
     assert local.link(work)["ok"]
 
 
-def test_previews_of_one_person_wait_for_each_other_and_not_for_those_of_others(network):
+def test_previews_wait_only_for_those_of_the_same_person(network):
     network.backend.gate.clear()
 
     async def work(first):
@@ -461,7 +461,7 @@ def test_an_address_that_asks_too_often_is_told_so(local):
     assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
 
 
-def test_an_address_that_connects_too_often_is_hung_up_on_and_others_are_not(local):
+def test_address_that_connects_too_often_is_disconnected(local):
     local.server.connections = Limiter(rate=0.0, burst=3.0)
     for number in range(8):
         with local.socket(source_address=("127.0.5.5", 0)) as connection:

@@ -31,7 +31,7 @@ def test_a_browser_gets_what_is_newer_than_it_knows():
     assert len(told) == 3
 
 
-def test_numbers_that_are_none_never_reach_json():
+def test_nan_and_infinity_never_reach_json():
     assert rounded(float("nan")) is None and rounded(float("inf")) is None and rounded(1.23456) == 1.235
     with pytest.raises(ValueError):
         View().put("robots", float("nan"))
@@ -53,7 +53,7 @@ def test_a_border_keeps_its_mark_while_it_exists():
     assert mark_borders(marks, many[::-1]) == marks
 
 
-def test_the_page_has_every_word_that_it_uses_and_uses_every_word_that_it_has():
+def test_page_has_exactly_the_words_that_it_uses():
     pages, code = (
         set(re.findall(r"\bpage_[a-z_]+", "".join(path.read_text(encoding="utf-8") for path in paths)))
         for paths in (STATIC.iterdir(), STATIC.parent.glob("*.py"))
