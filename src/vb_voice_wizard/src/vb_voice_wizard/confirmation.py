@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vb_core.vocabulary import COMMANDS, NEVER
+from vb_core.vocabulary import ALWAYS, COMMANDS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
 
 # the answer to the question whether a command was meant, and that command
 ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.matters != NEVER}
@@ -18,8 +18,20 @@ ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.
 CONFIRM_WITHIN = 30.0
 
 
+def would_matter(command: str, drawn: bool, stopped: bool, points_elsewhere: bool) -> bool:
+    """Returns whether a command would at once move a robot, change the map or lose a drawing.
+
+    Args:
+        drawn: there is a border or a seed.
+        stopped: the robots are.
+        points_elsewhere: somebody points with the laser, and the command leads to another state.
+    """
+    now = {ALWAYS: True, NEVER: False, WHILE_DRAWN: drawn, WHILE_STOPPED: stopped, WHILE_POINTING: points_elsewhere}
+    return now[COMMANDS[command].matters]
+
+
 class Question(NamedTuple):
-    """The question that is open: whether a command is meant, the source that was asked, and when [s]; "": there is none."""
+    """The open question: which command, the source that was asked, and when [s]; "" if there is none."""
 
     command: str = ""
     source: str = ""

@@ -21,11 +21,10 @@ from typing import List, Optional
 
 from vb_core.sentences import spelled_out
 from vb_core.stop_latch import new_id
-from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import COMMANDS, DEFAULT, GUIDE, PAUSED, STATES, STOP, UNDO, State, normalize
 
-from vb_voice_wizard.confirmation import ANSWERS, Question
+from vb_voice_wizard.confirmation import ANSWERS, Question, would_matter
 from vb_voice_wizard.session import CANCELLED, SAVED, UNANSWERED, Answer, Session
 
 
@@ -126,23 +125,14 @@ class Interaction(Session):
             return None
         if said in ANSWERS:
             return Answer(False, "nothing_asked", {"command": spelled_out(name)})
-        if not (uncertain and self._would_matter(name)) and not (name == SAVE and doubtful_border):
+        points_elsewhere = self.laser_is_on(self._counted_until) and self._target(name) != self.state
+        matters = would_matter(name, len(self.missing()) < 2, self.latch.stopped, points_elsewhere)
+        if not (uncertain and matters) and not (name == SAVE and doubtful_border):
             return None
         self.question = Question(name, source, self._counted_until)
         answer = spelled_out(name if not uncertain else "yes_" + name)
         code = "confirm_save" if name == SAVE else "confirm_command"
         return Answer(False, code, {"command": spelled_out(name), "answer": answer})
-
-    def _would_matter(self, name: str) -> bool:
-        """Returns whether a command would at once move a robot, change the map or lose a drawing."""
-        now = {
-            ALWAYS: True,
-            NEVER: False,
-            WHILE_DRAWN: len(self.missing()) < 2,
-            WHILE_STOPPED: self.latch.stopped,
-            WHILE_POINTING: self.laser_is_on(self._counted_until) and self._target(name) != self.state,
-        }
-        return now[COMMANDS[name].matters]
 
     def _carry_out(self, name: str, source: str, seen_stop: str) -> Answer:
         if COMMANDS[name].carried_out_elsewhere:

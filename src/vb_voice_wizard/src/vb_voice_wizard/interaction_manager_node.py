@@ -145,6 +145,7 @@ class InteractionManagerNode:
         self._preview.on_progress(message)
 
     def _on_spot(self, message: LaserSpot) -> None:
+        # one assignment, which is read once: it needs no lock, and spots do not wait while a state is published
         self._interaction.see_laser(message.header.stamp.to_sec())
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
