@@ -98,7 +98,7 @@ def _is_whole(node: ast.AST) -> bool:
 
 
 def walk(node: ast.AST) -> Iterator[ast.AST]:
-    """Walks over what is no word for people."""
+    """Walks over everything but words for people."""
     called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
     if isinstance(node, (ast.Raise, ast.JoinedStr)) or called.startswith(("warnings.", "rospy.log", "CodedError")):
         return

@@ -6,7 +6,7 @@
     python3 bench/voice/recognition.py FOLDER --talk                 hours of talk: what is taken for a command
 
 FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's noise in
-kitchen.flac; with --talk, recordings in which nobody says a command, at any depth. Speakers are told by their file's name
+kitchen.flac; with --talk, recordings in which nobody says a command, at any depth. Speakers are recognised by their file's name
 and split by its checksum. All of it goes through one CommandListener as a microphone's samples do: in pieces, with a clock,
 beside our own sounds, and never reset. The last rows are what was taken for a command that was not meant.
 """
@@ -35,7 +35,7 @@ class Tally:
         self.wrong: List[str] = []
 
     def other(self, where: str, clip: Clip, taken: List[RecognitionResult]) -> None:
-        """Counts something that is no command, and whether it would be done at once or was only asked about."""
+        """Counts an utterance that is not a command, and whether it would be done at once or was only asked about."""
         matters = [one for one in taken if one.certain and one.command in ANSWERS.values()]
         self.figures[f"other speech taken, {where}"].append(bool(taken))
         self.figures["other speech done at once, that matters"].append(bool(matters))

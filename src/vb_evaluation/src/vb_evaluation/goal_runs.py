@@ -19,7 +19,7 @@ from vb_evaluation.observer import wait_until
 from vb_msgs.msg import LabState
 
 AT_GOAL = 0.5  # [m] navigation's tolerance, localisation and a false report are far apart: 0.1, 0.1 and some metres
-FALSE_REPORTS = 2  # a goal is sent again after so many
+FALSE_REPORTS = 2  # a goal is sent again until navigation has reported falsely this often
 OUTCOMES = {
     GoalStatus.SUCCEEDED: "reached",
     GoalStatus.ABORTED: "refused",

@@ -207,7 +207,7 @@ def main() -> None:
         robot = find_robot(options.robot)
         checks = NavigationCheck(tuple(options.goal), options.size, robot.move_base, robot.frame).run()
     except CodedError as error:
-        console.print(str(error), style="red", markup=False)  # a name in brackets is no markup
+        console.print(str(error), style="red", markup=False)  # a name in brackets is not markup
         sys.exit(1)
     table = Table("", "check", "found")
     for check in checks:

@@ -19,7 +19,7 @@ from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus
 
-_FAULT_LIFETIME = 5.0  # [s] for which a fault is told after it was met last
+_FAULT_LIFETIME = 5.0  # [s] for which a fault is reported after it last occurred
 _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
 
 
@@ -170,7 +170,7 @@ class DetectorDiagnostics:
         self._notices.set(told)
 
     def _quality(self) -> List[CodedError]:
-        """Returns what is wrong with images that come and can be placed; what varies about a limit is told throughout."""
+        """Returns what is wrong with images that come and can be placed; what varies about a limit is reported throughout."""
         found = self._counts.quality(not self._own_source)
         if self._bright > TOO_BRIGHT:
             found.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))

@@ -72,7 +72,7 @@ class SpotDetectorNode:
         self._projector = FloorProjection(params.projection)
         self._detector = SpotDetector(params.detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
-        # seconds as a float lose an image's nanoseconds; a spot is confirmed within so many images
+        # seconds as a float lose an image's nanoseconds; and a spot is confirmed within this many images
         self._stamps: Deque[rospy.Time] = deque(maxlen=256)
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()

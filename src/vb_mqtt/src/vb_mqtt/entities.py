@@ -21,7 +21,7 @@ from vb_core.vocabulary import COMMANDS, STATES, STOP
 PREFIX = "homeassistant"  # Home Assistant looks here
 ONLINE, OFFLINE = "online", "offline"
 MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, with each command
-COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages that are no states
+COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages that are not states
 ANSWERS = ("done", "asked", "refused")  # what becomes of a command
 NOTICES = ("info", "warning", "error")
 _KEY = re.compile(r"[A-Za-z0-9_-]{0,48}")

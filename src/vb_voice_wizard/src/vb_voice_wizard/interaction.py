@@ -111,7 +111,7 @@ class Interaction(Session):
         self._active = self._counted_until
         before = self.latch.stopped
         new = self.latch.stop(identity, source)
-        # one press may come twice, on the topic and as a command: it is one stop, and is told once
+        # one press may come twice, on the topic and as a command: it is one stop, and is reported once
         answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
         return self._answered(STOP, source, answer) if new and not before else answer
 

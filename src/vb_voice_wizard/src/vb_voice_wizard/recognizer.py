@@ -5,7 +5,7 @@ utterance makes each command than silence does (speech_model). The sound is look
 held against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds
 are enough to take a command, but not to be certain of it: what would move a robot, change the map or lose a drawing is
 then asked about, and answered with another phrase, "yes, save" (interaction.py). Who talks and then shouts *stop* makes one
-utterance of both: the end of what is no command is a *stop*, too, if it is one beyond doubt. Nothing is trained;
+utterance of both: the end of an utterance that is not a command is a *stop*, too, if it is one beyond doubt. Nothing is trained;
 bench/voice/recognition.py measures.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
@@ -46,7 +46,7 @@ THRESHOLD = 0.5  # confidence from which a command is taken: even odds
 _ENDINGS = (0.4, 0.6, 0.8)
 _STOP_AT_END = -0.7  # evidence from which it is one: there are many ends in an hour of talk
 _STOP_EVEN = -3.7  # the same for a whole utterance, by fewer looks: a stop too many harms less than one that is missed
-_MIN_LENGTH = 0.2  # [s] with its padding: less is no word
+_MIN_LENGTH = 0.2  # [s] with its padding: anything shorter is not a word
 # How each utterance is looked at: played at a speed, with silence [s] put before and after it, or sound taken off. What is
 # found is averaged: what noise, a breath before the word, or the network's whim hides in one look, another shows.
 _LOOKS = (
@@ -98,7 +98,7 @@ class CommandRecognizer:
         self._model = SpeechModel([text.lower() for _, text in said])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
-        """Classifies one utterance: as a whole, and if that is no command, whether it or its end may be a "stop"."""
+        """Classifies one utterance: as a whole, and if that is not a command, whether it or its end may be a "stop"."""
         if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
         result = RecognitionResult(reason="too_long") if utterance.too_long else self._judge(utterance.pcm)

@@ -109,7 +109,7 @@ class Sessions:
             pass  # everybody logs in again
 
     def open(self, typed: str) -> Optional[str]:
-        """Opens a session with a code as typed, and returns its cookie's value; None if that is no code.
+        """Opens a session with a code as typed, and returns its cookie's value; None if that is not a code.
 
         Digests are compared: how long that takes tells nothing of the code.
         """

@@ -27,7 +27,7 @@ from vb_web.view import as_message, refusal
 _SEND_PERIOD = 0.04
 MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNDERWAY = 4  # requests of one browser
-_MAX_FAULTS = 20  # messages that are no request; then the browser is disconnected
+_MAX_FAULTS = 20  # messages that are not requests; then the browser is disconnected
 
 
 def routes(page: Any) -> List[Tuple]:

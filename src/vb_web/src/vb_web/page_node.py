@@ -278,7 +278,7 @@ class PageNode:
         if not self._server.browsers:
             return
         poses = {robot: self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT) for robot, frame in self._frames.items()}
-        # a robot at rest is told of once
+        # a robot at rest is reported once
         seen = {robot: [rounded(value, 2) for value in pose] for robot, pose in poses.items() if pose is not None}
         self._view.put("robots", seen)
 

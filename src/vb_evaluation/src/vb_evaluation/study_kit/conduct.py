@@ -17,7 +17,7 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Tuple
 import yaml
 
 from vb_core.errors import CodedError
-from vb_core.map_files import write_atomically
+from vb_core.files import write_atomically
 from vb_evaluation.study_kit import protocol
 from vb_evaluation.study_kit.measure import deviations, last_attempt
 from vb_evaluation.study_kit.recording import BAGS, EVENTS, RUN, Recording

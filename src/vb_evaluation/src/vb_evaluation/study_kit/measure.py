@@ -89,7 +89,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
 
 def _physical(folders: List[Path]) -> GridMap:
     for folder in folders:
-        with contextlib.suppress(CodedError):  # what cannot be read is told with its run
+        with contextlib.suppress(CodedError):  # what cannot be read is reported with its run
             physical = Recording(folder).physical()
             if physical is not None:
                 return physical

@@ -89,7 +89,7 @@ def load(path: Path) -> CameraPose:
             raise ValueError(f"translation {translation}")
         focal = float(content.get("focal_px", 0.0))
     except (KeyError, TypeError, ValueError) as error:
-        raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
+        raise CodedError("bad_calibration", f"'{path}' is not a calibration: {error}") from None
     return CameraPose(path.stem, parent, frame, geometry.transform(rotation, translation), focal)
 
 

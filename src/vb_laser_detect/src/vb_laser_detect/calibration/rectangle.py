@@ -41,7 +41,7 @@ def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[i
         image: its width and height [px].
 
     Raises:
-        CodedError: "bad_rectangle" if they are no corners of such a rectangle that lies on the floor.
+        CodedError: "bad_rectangle" if they are not the corners of such a rectangle that lies on the floor.
     """
     pixels = np.asarray(pixels, float).reshape(4, 2)
     hull = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)

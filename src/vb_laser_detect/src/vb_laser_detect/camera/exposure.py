@@ -43,7 +43,7 @@ def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], Non
 
     Args:
         try_exposure: sets an exposure time and looks.
-        tell: is told each step.
+        tell: is called with the words for each step.
 
     Raises:
         CodedError: "too_dark", "too_bright" if no exposure time does it; "exposure_ignored" if it changes nothing.

@@ -38,7 +38,7 @@ _OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
 _CATCH_UP = 1.0
 _QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
 _HALVED_ROWS = 1000  # smaller images cost little, and a spot in them has few pixels
-# a sentence's code, to FFmpeg's errors that it tells of; others are told in FFmpeg's own words
+# a sentence's code to the FFmpeg errors that it stands for; others are reported in FFmpeg's own words
 _REASONS = {
     "camera_password": (av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError),
     "camera_no_stream": (av.error.HTTPNotFoundError, av.error.InvalidDataError),

@@ -203,7 +203,7 @@ class Proposer:
         return rise, self._background.foreground_blocks(rise, least), fall > least
 
     def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> None:
-        """Begins a background. A spot is no floor: where one is expected, the background before is taken in the new light."""
+        """Begins a background. A spot is not floor: where one is expected, the previous background is used, in the new light."""
         edge, before = BLOCK * picture.scale, self._background
         floors = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
         for one in expected:

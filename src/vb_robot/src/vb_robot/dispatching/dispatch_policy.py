@@ -26,7 +26,7 @@ MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new place mu
 FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a place that failed, nothing is tried for this long
 # What a place promises, and within which time [s]: move_base itself needs 40 s to give up.
 PROGRESS_TIMEOUTS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
-STUCK_DISTANCE = 0.10  # [m] less is no progress
+STUCK_DISTANCE = 0.10  # [m] a shorter move is not progress
 BLIND_TRIES = 2  # so often, until a camera sees the spot again: the laser may be off
 PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over

@@ -123,7 +123,7 @@ def limit_around(limits: GridMap, place, reach: float) -> float:
     """Returns the lowest speed limit [m/s] within `reach` [m] of a place (2,) [m]; inf if there is none.
 
     Args:
-        limits: the map that map_integrator publishes [cm/s]; 0 is no limit.
+        limits: the map that map_integrator publishes [cm/s]; 0 means no limit.
     """
     x, y = place
     reach += 2.0 * limits.resolution  # a cell's centre is not its edge

@@ -46,7 +46,7 @@ class WatchedRobot:
 
     Attributes:
         goals: of its navigation, as its newest message has them: status by id.
-        refusal: why its present goal is refused, to be told; None: it is not.
+        refusal: why its present goal is refused, to be reported; None: it is not.
     """
 
     def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:

