@@ -244,7 +244,7 @@ def _consensus(rays: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _minimal_sets(count: int) -> List[np.ndarray]:
-    """Returns sets of four of so many points; all of them where they are few, else a fixed random choice."""
+    """Returns sets of four of `count` points: all of them where they are few, else a fixed random choice."""
     if math.comb(count, 4) <= _MAX_SETS:
         return [np.array(chosen) for chosen in itertools.combinations(range(count), 4)]
     random = np.random.default_rng(0)

@@ -93,7 +93,7 @@ class Shot(NamedTuple):
         return HalvedPicture((width, height), decode)
 
     def _decode(self, whole: int, width: int, height: int) -> np.ndarray:
-        """Returns the pixels (H, W, 3) bgr at the image's size or half of it, of an image that is so many pixels wide.
+        """Returns the pixels (H, W, 3) bgr at the image's size or half of it, of an image that is `whole` pixels wide.
 
         Colours of a JPEG are not smoothed between pixels, which would take a third longer.
         """
