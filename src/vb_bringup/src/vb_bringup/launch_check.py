@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import difflib
 import os
-import re
 import signal
 import socket
 import sys
@@ -27,6 +26,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Sequence, Tuple
 import rosgraph
 import rosgraph.network
 
+from vb_bringup.new_lab import NAME, find_profile
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.robot_profile import RobotProfile
@@ -35,7 +35,6 @@ STARTED, REFUSED = 0, 1
 ANSWER_TIMEOUT = 3.0  # [s] within it a running node answers with its process id
 UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
 _CALLER = "/launch_check"
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # of a camera, a robot or a computer
 
 
 def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
@@ -128,14 +127,6 @@ def check_detectors(argument: str, value: str) -> None:
     """Checks the files of single cameras as `check_detector` does; raises "launch_bad_pairs" too."""
     for path in parse_pairs(argument, value).values():
         check_detector(argument, path)
-
-
-def find_profile(robot: str, folder: Path) -> Path:
-    """Returns the file of a robot type; raises CodedError "unknown_robot_type" if the folder has none."""
-    known = sorted(path.stem for path in folder.glob("*.yaml"))
-    if robot not in known:
-        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
-    return folder / f"{robot}.yaml"
 
 
 def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
