@@ -18,6 +18,7 @@ class FixedCamera:
     """Looks straight down from 2.95 m.
 
     Attributes:
+        T: (4, 4), its pose in the map.
         info: a stamp to the camera_info to be sent; None: none is sent.
     """
 
@@ -35,8 +36,10 @@ class FixedCamera:
         self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
 
     def play(self, stamp, point):
-        uv = self.camera.project(geometry.apply(geometry.invert(self.T), np.array([*point, 0.0]))[None])[0]
-        image = self.scene.render([uv], sigma=1.3, color=self.color, bayer=not self.compressed)
+        """Publishes an image with the spot at a point (x, y) of the floor; None: without a spot."""
+        points = np.array([[*point, 0.0]] if point is not None else []).reshape(-1, 3)
+        spots = self.camera.project(geometry.apply(geometry.invert(self.T), points))
+        image = self.scene.render(spots, sigma=1.3, color=self.color, bayer=not self.compressed)
         if self.compressed:
             message = CompressedImage(format="jpeg")
             message.data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()

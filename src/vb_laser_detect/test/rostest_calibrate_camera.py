@@ -12,21 +12,16 @@ import rospy
 import rostest
 import tf2_ros
 from geometry_msgs.msg import PointStamped
-from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import geometry, names
-from vb_core.camera_model import CameraModel
-from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.detection.projection import floor_points
 
-from scenes import Scene
+from players import FixedCamera
+from scenes import RED
 from terminal import Terminal
 from vb_testing import TIMEOUT, wait_until
-
-SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 
 
 def calibrate_camera(*arguments):
@@ -34,28 +29,25 @@ def calibrate_camera(*arguments):
 
 
 class Player:
-    """The camera red, which shows what it is told to."""
+    """Plays a camera while somebody looks, with the spot where `show` puts it."""
 
-    def __init__(self, render, rate=8):
-        self._render, self._shown = render, None
+    def __init__(self, camera, rate=8):
+        self._camera, self._spot = camera, None
         self._latest, self._interval = rospy.Time.now(), rospy.Duration(1.0 / rate)
-        self._images = rospy.Publisher("/red/image_raw", Image, queue_size=1)
-        self._infos = rospy.Publisher("/red/camera_info", CameraInfo, queue_size=1)
         self._timer = rospy.Timer(self._interval, self._play)
         self.close = self._timer.shutdown
 
     def _play(self, _event):
-        if self._images.get_num_connections() == 0:
+        if self._camera.images.get_num_connections() == 0:
             return
         # the images' own time: as many within a second of it on a busy machine as on any
-        frame, now = "red_optical_frame", self._latest + self._interval
-        self._infos.publish(info_from_camera(SMALL, now, frame))
-        self._images.publish(message_from_image(self._render(self._shown), "mono8", now, frame))
+        now = self._latest + self._interval
+        self._camera.play(now, self._spot)
         self._latest = now
 
-    def show(self, what, seconds):
-        """Shows something else, and waits until it was shown for so long, by the images' own time."""
-        self._shown, since = what, self._latest
+    def show(self, spot, seconds):
+        """Puts the spot at a point (x, y) of the floor, or nowhere (None), for this long by the images' own time."""
+        self._spot, since = spot, self._latest
         wait_until(lambda: (self._latest - since).to_sec() > seconds, "the camera's images")
 
 
@@ -92,19 +84,9 @@ class CalibrateCameraTest(unittest.TestCase):
         return pose
 
     def test_spots_clicked_in_rviz(self):
-        truth = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
-        scene, rng = Scene(640, 360, seed=4), np.random.default_rng(2)
-        base = np.clip(np.median([scene.render() for _ in range(3)], axis=0).max(axis=2), 0, 200).astype(np.uint8)
-        rows, columns = np.mgrid[:360, :640]
-
-        def render(spot):
-            picture = base + rng.normal(0, 2, base.shape)
-            if spot is not None:
-                u, v = spot
-                picture = picture + 400 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 1.6**2))
-            return np.clip(picture, 0, 255).astype(np.uint8)
-
-        red = Player(render)
+        camera, rng = FixedCamera("red", 2.0, 3.0, RED, compressed=False), np.random.default_rng(2)
+        camera.T = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
+        red = Player(camera)
         self.addCleanup(red.close)
         # where the running lab looks for calibrations
         rospy.set_param("/camera_poses/calibration_dir", self.folder.name)
@@ -112,7 +94,7 @@ class CalibrateCameraTest(unittest.TestCase):
         command = calibrate_camera("spots", "red")
         self.addCleanup(command.process.kill)
         command.shows("Hold the spot")
-        places = [(80.3, 60.6), (570.2, 70.4), (560.8, 300.1), (70.5, 290.9), (320.4, 60.2), (330.7, 300.8)]
+        places = [(60.3, 45.6), (427.2, 52.4), (420.8, 225.1), (52.5, 218.9), (240.4, 45.2), (248.7, 225.8)]
         command.press("done\n")
         command.shows("too_few_calibration_points")
         # a click that is not in the map's frame, as long as it takes to connect with the command
@@ -120,13 +102,14 @@ class CalibrateCameraTest(unittest.TestCase):
         self.click((0, 0), "odom")
         command.shows("set RViz' fixed frame")
         for i, pixel in enumerate(places):
-            point = floor_points(SMALL, truth, np.array([pixel]))[0, :2] + rng.normal(0, 0.003, 2)
+            spot = floor_points(camera.camera, camera.T, np.array([pixel]))[0, :2]
+            point = spot + rng.normal(0, 0.003, 2)
             if i == 4:
                 point = point + (0.5, 0.2)  # a slip of the mouse
             # as the refusal says: what is there in the first image that a busy computer sees belongs to the room
             for _ in range(10):
                 red.show(None, 1.0)
-                red.show(pixel, 2.2)
+                red.show(spot, 2.2)
                 before = len(command.text)
                 if i == 2:
                     command.press(f"{point[0]:.4f} {point[1]:.4f}\n")
@@ -143,7 +126,7 @@ class CalibrateCameraTest(unittest.TestCase):
         command.press("done\n")
         self.assertEqual(command.process.wait(TIMEOUT), 0, command.text)
         command.shows("5 of 6 points used")
-        pose = self.check_pose("red", truth, 0.05, 1.0)
+        pose = self.check_pose("red", camera.T, 0.05, 1.0)
         self.check_camera_poses(pose.T)
 
     def check_camera_poses(self, pose):

@@ -194,6 +194,7 @@ class SpotDetectorTest(unittest.TestCase):
         self.pose_comes()
         self.check_spots("red", [LaserSpot.GROUND_PLANE], 0.01)
         self.bad_images("red", self.red)
+        self.frame_is_shared()
         self.tuning()
         self.debug_image()
         self.nothing_on_a_robot_is_a_spot()
@@ -223,6 +224,17 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait_for_spots(name, 1)
         del self.spoil[camera]
         self.wait(lambda: not self.observer.notices[f"/spot_detector_{name}"], "all well again")
+
+    def frame_is_shared(self):
+        """No spot is placed while another ceiling camera has the same frame: one of the two poses is wrong."""
+        other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
+
+        def refusals():
+            other.publish(DetectorStatus(camera="other", frame_id=self.red.frame))
+            return self.observer.refused("red", "shared_frame")
+
+        self.wait(refusals, "the refusal of a shared frame")
+        self.wait_for_spots("red")
 
     def tuning(self):
         """The detector's parameters, and the projection's."""

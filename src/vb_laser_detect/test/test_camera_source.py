@@ -25,13 +25,8 @@ SDP = "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=-\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r
 def packets():
     """H.264 whose images stand by themselves once a second; each is as bright as its number."""
     codec = av.CodecContext.create("libx264", "w")
-    codec.width, codec.height, codec.pix_fmt, codec.framerate, codec.time_base = (
-        64,
-        64,
-        "yuv420p",
-        RATE,
-        Fraction(1, RATE),
-    )
+    codec.width, codec.height, codec.pix_fmt = 64, 64, "yuv420p"
+    codec.framerate, codec.time_base = RATE, Fraction(1, RATE)
     codec.options = {"g": str(KEY_EVERY), "tune": "zerolatency", "qp": "4", "sc_threshold": "0"}
     found = []
     for number in range(FRAMES):

@@ -449,18 +449,15 @@ def test_time_that_jumps_back_and_images_that_change_size():
 
 @pytest.mark.parametrize("bayer", [False, True])
 @pytest.mark.parametrize("preset", [DetectorParams, DetectorParams.mobile])
-def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer):
+@pytest.mark.parametrize("color", [(225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)])
+@pytest.mark.parametrize("radius", [3, 5, 9])
+def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer, color, radius):
     # dots of paper that are laid down are as sudden, round and bright as a spot, and more coloured
-    for color in ((225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)):
-        for radius in (3, 5, 9):
-            scene, detector = tinted(Scene(320, 240)), ImageDetector(preset(confirm_frames=1), bayer=bayer)
-            feed(detector, [scene.render(bayer=bayer) for _ in range(5)])
-            dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
-            dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]
-            laid = scene.floor * (1.0 - dot) + dot * np.array(color, np.float32)
-            assert feed(detector, [scene.render(floor=laid, bayer=bayer) for _ in range(3)], 0.2) == [[]] * 3, (
-                color,
-                radius,
-            )
-            # and light that falls beside it is one
-            assert len(detector.detect(scene.render([(60, 60)], floor=laid, bayer=bayer), 0.32)) == 1
+    scene, detector = tinted(Scene(320, 240)), ImageDetector(preset(confirm_frames=1), bayer=bayer)
+    feed(detector, [scene.render(bayer=bayer) for _ in range(5)])
+    dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
+    dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]
+    laid = scene.floor * (1.0 - dot) + dot * np.array(color, np.float32)
+    assert feed(detector, [scene.render(floor=laid, bayer=bayer) for _ in range(3)], 0.2) == [[]] * 3
+    # and light that falls beside it is one
+    assert len(detector.detect(scene.render([(60, 60)], floor=laid, bayer=bayer), 0.32)) == 1

@@ -84,6 +84,13 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
             keyframe = i
 
 
+def tint_of(lit, floor, bayer=False):
+    """The colour of the light that is in one image and not in the other."""
+    rise = cv2.GaussianBlur(max_channel(cv2.subtract(lit, floor)), (3, 3), 0)
+    blob = (rise > 0.35 * rise.max()).astype(np.uint8)
+    return features.tint_of(blob, rise, lit, floor, *features.means_over(blob, bayer, lit, floor))
+
+
 @pytest.mark.parametrize("bayer", [False, True])
 def test_tint_is_the_light_s_wherever_a_window_starts(bayer):
     scene = tinted(Scene(200, 160, noise=0.0))
@@ -92,10 +99,7 @@ def test_tint_is_the_light_s_wherever_a_window_starts(bayer):
         lit, tints = scene.render([place], 2.5, 100.0, light, bayer=bayer), []
         for left, top in ((60, 40), (62, 44), (58, 50)):
             window = (slice(top, top + 40), slice(left, left + 40))
-            rise = cv2.GaussianBlur(max_channel(cv2.subtract(lit[window], floor[window])), (3, 3), 0)
-            blob = (rise > 0.35 * rise.max()).astype(np.uint8)
-            means = features.means_over(blob, bayer, lit[window], floor[window])
-            tints.append(features.tint_of(blob, rise, lit[window], floor[window], *means))
+            tints.append(tint_of(lit[window], floor[window], bayer))
         assert np.allclose(tints, tints[0], atol=0.02)
         assert least <= features.chroma(tints[0]) <= most
     # four places of a pattern, of which green has two; three channels
@@ -108,13 +112,8 @@ def test_white_light_in_a_shadow_is_white():
     light[30, 30] = 1.0
     light = 9000.0 * cv2.GaussianBlur(light, (0, 0), 2.5)
     shaded = np.clip(0.7 * floor + light[:, :, None], 0, 255).astype(np.uint8)
-    rise = cv2.GaussianBlur(max_channel(cv2.subtract(shaded, floor)), (3, 3), 0)
-    blob = (rise > 0.35 * rise.max()).astype(np.uint8)
     # beside the saturated core the shadow takes most where the floor was brightest: that is no colour of the light
-    assert (
-        features.chroma(features.tint_of(blob, rise, shaded, floor, *features.means_over(blob, False, shaded, floor)))
-        < 0.12
-    )
+    assert features.chroma(tint_of(shaded, floor)) < 0.12
 
 
 def test_regions_part_a_bright_spot_from_what_it_touches():

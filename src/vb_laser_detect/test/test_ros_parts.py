@@ -24,19 +24,6 @@ from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus
 
 
-class Faults:
-    """A report that keeps what it is told."""
-
-    def __init__(self):
-        self.codes = []
-
-    def fault(self, error):
-        self.codes.append(error.code)
-
-    def require_own_frame(self, frame_id):
-        pass
-
-
 @pytest.fixture(autouse=True)
 def no_master(monkeypatch):
     monkeypatch.setattr(rospy, "Subscriber", lambda *_args, **_named: None)
@@ -57,7 +44,7 @@ def test_rectified_images_are_not_undistorted_again():
     assert not is_rectified("/rect/image_raw") and not is_rectified("/hall/image_raw")
     models = {}
     for rectified in (False, True):
-        topic = camera_geometry.InfoTopic("/hall/camera_info", Faults(), rectified)
+        topic = camera_geometry.InfoTopic("/hall/camera_info", SimpleNamespace(), rectified)
         topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
         models[rectified] = topic.model_for((640, 480))
     assert models[False].distorted and not models[True].distorted
@@ -65,16 +52,16 @@ def test_rectified_images_are_not_undistorted_again():
 
 
 def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
-    topic, report = camera_geometry.InfoTopic, Faults()
+    faults = []
     whole = info_of([-0.02, 0.004, 0.0, 0.0], distortion_model="equidistant")
     whole.roi.width, whole.roi.height = 640, 480
-    info = topic("/hall/camera_info", report)
+    info = camera_geometry.InfoTopic("/hall/camera_info", SimpleNamespace(fault=faults.append))
     info._on_info(whole)
-    assert info.model_for((640, 480)).fisheye and not report.codes
+    assert info.model_for((640, 480)).fisheye and not faults
     part = info_of([0.0] * 5)
     part.roi.width, part.roi.height = 320, 240
     info._on_info(part)
-    assert report.codes == ["unsupported_camera"]
+    assert [error.code for error in faults] == ["unsupported_camera"]
     with pytest.raises(CodedError):
         info.model_for((640, 480))
 

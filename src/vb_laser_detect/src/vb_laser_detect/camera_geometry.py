@@ -96,13 +96,13 @@ class DepthTopic:
     """The last depth images, registered to the colour image.
 
     Subscribed topics:
-        <topic> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <info_topic> (sensor_msgs/CameraInfo)
+        <topic> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), camera_info next to it (sensor_msgs/CameraInfo)
     """
 
-    def __init__(self, topic: str, info_topic: str, report: DetectorDiagnostics) -> None:
+    def __init__(self, topic: str, report: DetectorDiagnostics) -> None:
         self._report = report
         self._images: Deque[Image] = deque(maxlen=12)  # a busy computer searches an image late
-        self._info = InfoTopic(info_topic, report)
+        self._info = InfoTopic(sibling_topic(topic, "camera_info"), report)
         rospy.Subscriber(topic, Image, self._images.append, queue_size=1, buff_size=2**22)
 
     def nearest(self, stamp: rospy.Time, color_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
@@ -222,10 +222,8 @@ class CameraGeometry:
             size: of the image, width and height [px].
 
         Raises:
-            CodedError: what `DetectorDiagnostics.require_own_frame` raises; "no_camera_info"; "no_transform", "bad_transform" if tf
-                does not connect map and camera at all.
+            CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
-        self._report.require_own_frame(frame_id)
         now = time.monotonic()
         if self._of != (frame_id, size) or now - self._looked_up >= _LOOKUP_PERIOD:
             self._looked_up = -math.inf  # what there is not is asked for with each image

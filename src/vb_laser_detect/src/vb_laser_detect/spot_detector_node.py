@@ -99,8 +99,7 @@ class SpotDetectorNode:
         """Begins to take images; returns where their lens and their depth come from."""
         params, report = self._params, self._report
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
-        topic = rospy.resolve_name(params.depth) if params.depth else ""
-        depth = DepthTopic(topic, sibling_topic(topic, "camera_info"), report) if topic else None
+        depth = DepthTopic(rospy.resolve_name(params.depth), report) if params.depth else None
         if params.source:
             self._feed = CameraFeed(
                 params.camera,
@@ -185,6 +184,7 @@ class SpotDetectorNode:
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
+            self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, size), None
         except CodedError as error:
             return None, error.without_traceback()

@@ -33,7 +33,7 @@ _MIN_COMMON = 20  # sightings that two cameras must share before they are compar
 # a camera's usual interval between sightings, and one image that is lost; but no longer than a straight part of a slow
 # drawing lasts
 _GAP_PERIODS, _MAX_GAP = 2.5, 0.5  # [s]
-# [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
+# [s] a detector looks a fixed camera's pose up twice a second: what it sees until then may still have the former one
 _POSE_LATENCY = 5.0
 
 Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
