@@ -68,8 +68,16 @@ class Running:
         self.backend, self.view, self.images, self.faults = FakeBackend(), View(), ImageCache(), []
         self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
-        given = (self.view, self.images, self.backend, self.backend, lambda: BOUNDS, self.faults.append)
-        self.server = PageServer(params, sessions, *given)
+        self.server = PageServer(
+            params,
+            sessions,
+            view=self.view,
+            images=self.images,
+            actions=self.backend,
+            cameras=self.backend,
+            bounds=lambda: BOUNDS,
+            on_fault=self.faults.append,
+        )
         # one address asks for all: what limits it is tested on its own
         self.server.requests = self.server.connections = Limiter(rate=1e9, burst=1e9)
         self.server.start()
