@@ -77,8 +77,8 @@ class Session:
     def run(self):
         """A whole interaction; what came out."""
         wait(
-            lambda: self.state is not None and self.spots.get_num_connections() > 0,
-            "the state, and somebody who sees spots",
+            lambda: self.state is not None and self.spots.get_num_connections() == 2,
+            "the state, and fusion and manager, who see spots",
         )
         self.map.publish(
             message_from_grid(GridMap(np.zeros((100, 120), np.int8), 0.05, (0.0, 0.0, 0.0)), rospy.Time.now())
@@ -87,10 +87,13 @@ class Session:
         border, seed = recorded_spots(), np.tile([2.0, 1.7], (25, 1))
         self.give_command("define_border")
         wait(lambda: self.state.name == "border", "the state Border")
+        # the fusion may hear of it later than this test, and collects nothing until then
+        wait(lambda: self.progress and self.progress.interaction_id == self.state.interaction_id, "the fusion's Border")
         self.show(border)
         wait(lambda: self.progress is not None and self.progress.border_spots == len(border), "the border's spots")
         self.give_command("define_seed")
         wait(lambda: self.state.name == "seed", "the state Seed")
+        wait(lambda: self.progress.code == "no_spots", "the fusion's Seed")
         self.show(seed)
         wait(lambda: self.progress.seed_spots == len(seed), "the seed's spots")
         self.give_command("save")
