@@ -26,10 +26,10 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Sequence, Tuple
 import rosgraph
 import rosgraph.network
 
-from vb_bringup.new_lab import NAME, find_profile
 from vb_core import sentences
 from vb_core.errors import CodedError
-from vb_core.robot_profile import RobotProfile
+from vb_core.parameters import NAME
+from vb_core.robot_profile import RobotProfile, find_profile
 
 STARTED, REFUSED = 0, 1
 ANSWER_TIMEOUT = 3.0  # [s] within it a running node answers with its process id

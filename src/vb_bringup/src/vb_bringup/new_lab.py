@@ -6,7 +6,6 @@ The stack itself is unchanged, so that a newer version never touches a lab's set
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import sys
 from pathlib import Path
@@ -16,9 +15,10 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
+from vb_core.parameters import NAME
+from vb_core.robot_profile import find_profile
 
 CREATED, REFUSED = 0, 1
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # of a camera, a robot or a computer
 
 _LAUNCH = """\
 <launch>
@@ -154,14 +154,6 @@ def write_lab(
     except OSError as error:
         raise CodedError("cannot_write_lab", folder=folder, error=error.strerror) from None
     return written
-
-
-def find_profile(robot: str, folder: Path) -> Path:
-    """Returns the file of a robot type; raises CodedError "unknown_robot_type" if the folder has none."""
-    known = sorted(path.stem for path in folder.glob("*.yaml"))
-    if robot not in known:
-        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
-    return folder / f"{robot}.yaml"
 
 
 def parse_cameras(text: str) -> Dict[str, str]:

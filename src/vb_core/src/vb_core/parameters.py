@@ -15,11 +15,14 @@ from __future__ import annotations
 
 import dataclasses
 import operator
+import re
 from typing import Any, List, Mapping, Optional, Sequence, Type, TypeVar
 
 from vb_core.errors import ParameterError
 
 P = TypeVar("P", bound="Parameters")
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # of a camera, a robot or a computer
 
 
 def param(

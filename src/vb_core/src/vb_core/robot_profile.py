@@ -11,7 +11,7 @@ from pathlib import Path
 
 import yaml
 
-from vb_core.errors import ParameterError
+from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 
 
@@ -130,3 +130,11 @@ class RobotProfile(Parameters):
         except (yaml.YAMLError, ValueError, RecursionError):  # a date that does not exist is a ValueError
             raise ParameterError(path.name, f"{path} is not a YAML file") from None
         return cls.from_mapping(document, path.name)
+
+
+def find_profile(robot: str, folder: Path) -> Path:
+    """Returns the file of a robot type; raises CodedError "unknown_robot_type" if the folder has none."""
+    known = sorted(path.stem for path in folder.glob("*.yaml"))
+    if robot not in known:
+        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
+    return folder / f"{robot}.yaml"
