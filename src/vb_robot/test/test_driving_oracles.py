@@ -264,7 +264,7 @@ def along_y(y):
         (0.25, [0.215], False),
         (0.05, [0.022], True),
         (0.05, [0.015], False),
-        (0.02, [0.001], True),  # a robot smaller than the margin takes no echo for a part of its own
+        (0.02, [0.001], True),  # a robot smaller than the margin takes no echo for one of its parts
     ],
 )
 def test_an_echo_counts_in_range_and_outside_the_robots_own_parts(radius, distances, counts):

@@ -185,7 +185,8 @@ def test_any_sequence_is_timed_by_state_and_a_stop_holds(sequence):
         if before == DEFAULT and interaction.state != DEFAULT:
             began, sources = now, []
             spent.update(dict.fromkeys(spent, 0.0))
-        sources += [source] if command != STOP and source not in sources else []  # whoever stops need not take part
+        if command != STOP and source not in sources:  # a person who only stops does not take part
+            sources.append(source)
         if interaction.pending:
             now = pass_time(1.5)  # the others take their time
             interaction.finish(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
@@ -285,7 +286,7 @@ def test_doubtful_command_needs_a_timely_answer_in_other_words(data):
         answer = say(interaction, said, source, now, uncertain, doubtful)
         if said == "nonsense":
             assert answer.code == "unknown_command"
-            continue  # whoever was not understood says it again
+            continue  # a person who was not understood repeats it
         meant = asked[:2] == (name, source) and now - asked[2] <= CONFIRM_WITHIN
         asked = ("", "", 0.0)  # by anything else that is said
         if said in ANSWERS:

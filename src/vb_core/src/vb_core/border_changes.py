@@ -26,7 +26,7 @@ def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[
 def _drawn(border: Any) -> Tuple:
     """Lists what a person can change about a border, apart from its name and its switch.
 
-    Places are rounded to a centimetre: on a map that has grown, a border is placed anew by its walls and moves by less.
+    Places are rounded to a centimetre: on a map that has grown, a border is placed by its walls again and moves by less.
     """
     places = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
     return places, border.zone, border.max_speed

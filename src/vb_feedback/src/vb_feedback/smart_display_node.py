@@ -67,7 +67,7 @@ def _query_screen() -> Optional[str]:
 def _lack(code: str) -> None:
     """Logs once what RViz lacks, and keeps its code for check_lab; an empty one: nothing."""
     if code:
-        # before the parameter: who reads it may end this node, and rospy can hang if a signal interrupts its logging
+        # before the parameter: its reader may end this node, and rospy can hang if a signal interrupts its logging
         rospy.logwarn("smart_display: %s", sentences.translate(code))
     rospy.set_param("~lacking", code)
 

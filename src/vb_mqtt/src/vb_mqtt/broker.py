@@ -139,9 +139,8 @@ class Broker:
         if reason.is_failure:
             self.trouble = str(reason)
             return
-        client.subscribe(
-            [(topics, 1) for topics in self._subscriptions]
-        )  # first: whoever sees us online can be sure to be heard
+        # first: a hub that sees us online can be sure to be heard
+        client.subscribe([(topics, 1) for topics in self._subscriptions])
         with self._lock:
             self.connected, self.trouble = True, ""
             for topic, payload in self._states.items():

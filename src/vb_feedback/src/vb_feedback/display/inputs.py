@@ -67,10 +67,13 @@ class InputListener:
         region = newest.region if preview is not None else None
         return replace(newest, progress=progress, preview=preview, region=region, spots=spots)
 
-    def _store(self, what: Any, where: str, **more: Any) -> None:
+    def _change(self, **newest: Any) -> None:
         with self._lock:
-            self._newest = replace(self._newest, **{where: what}, **more)
+            self._newest = replace(self._newest, **newest)
         self._on_change()
+
+    def _store(self, message: Any, where: str) -> None:
+        self._change(**{where: message})
 
     def _on_preview(self, message: BorderPreview) -> None:
         region = None
@@ -78,10 +81,10 @@ class InputListener:
             region = grid_from_message(message.region) if len(message.region.data) else None
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: the preview: {error}")
-        self._store(message, "preview", region=region)
+        self._change(preview=message, region=region)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._store(tuple(message.borders), "borders")
+        self._change(borders=tuple(message.borders))
 
     def _on_spot(self, message: LaserSpot) -> None:
         x, y = message.position.x, message.position.y

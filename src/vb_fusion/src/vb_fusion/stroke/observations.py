@@ -88,20 +88,21 @@ def make_observations(
     at any hour.
     """
     array = np.asarray(points, dtype=float).reshape(-1, 2)
-    ones = np.ones(len(array), dtype=int)
-    numbers = 0 * ones if cameras is None else np.asarray(cameras)
-    if numbers.dtype.kind not in "iu" or (len(array) and not 0 <= numbers.min() <= numbers.max() < 256):
+    count = len(array)
+    numbers = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
+    if numbers.dtype.kind not in "iu" or (count and not 0 <= numbers.min() <= numbers.max() < 256):
         numbers = np.unique(numbers, return_inverse=True)[1]
-    moving = ones == 0 if mobile is None else np.asarray(mobile, dtype=bool)
+    moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
-    trust = 1.0 * ones if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
+    trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
     trust = np.where(moving, TREMOR / LOCALIZATION_ERROR, 1.0) * trust
-    times = 0.0 * ones if stamps is None else np.asarray(stamps, dtype=float)
+    times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= MAX_COORDINATE).all(axis=1) & np.isfinite(times)
     began = times[usable].min() if usable.any() else 0.0
     # in microseconds: a double that counts seconds since 1970 is no more precise
     times = np.round(times - began, 6)
-    return Observations(array, times, numbers, trust, moving, ones, ones).select(usable)
+    once = np.ones(count, dtype=int)
+    return Observations(array, times, numbers, trust, moving, spots=once, witnesses=once).select(usable)
 
 
 def merge_observations(spots: Observations) -> Observations:

@@ -130,7 +130,7 @@ def limit_around(limits: GridMap, place, reach: float) -> float:
     near = crop(limits, (x - reach, y - reach, x + reach, y + reach))
     cells = np.argwhere(near.data > 0)
     cells = cells[np.hypot(*(near.cell_to_world(cells) - place).T) <= reach]
-    return float(min(near.data[tuple(cells.T)], default=math.inf)) / 100.0
+    return float(near.data[tuple(cells.T)].min()) / 100.0 if len(cells) else math.inf
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
+from vb_core.geometry import bounding_diagonal
 from vb_core.poses import to_map
 from vb_sim.models import MODELS, ParticipantModel
 
@@ -115,7 +116,7 @@ class Stroke:
         # every corner is missed, the ends of an open border too
         aimed = border + model.aim_sigma / math.sqrt(2.0) * rng.standard_normal(border.shape)
         if closed:
-            reach = scale * style.gap * float(np.linalg.norm(np.ptp(border, axis=0)))
+            reach = scale * style.gap * bounding_diagonal(border)
             chain = np.vstack([aimed, aimed[:1]])
             chain = _beyond(chain, reach + abs(rng.normal(0.0, model.overlap)))
         else:
