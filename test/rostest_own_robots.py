@@ -299,11 +299,13 @@ class OwnRobots(unittest.TestCase):
         self.browser.click("#stop")
         self.wait(lambda: not self.status("ada").has_goal and self.robots.rests("ada"), "ada to stop")
         self.browser.wait_text("#banners", "stopped")
+        self.wait(lambda: self.status("ada").stops, "ada to say that it holds the stop")
         self.drive("ada", 5.0, 3.0)
         self.wait(lambda: ("goal_while_stopped", "ada") in self.notices(), "the goal to be refused")
         self.wait(lambda: not self.status("ada").has_goal and self.robots.rests("ada"), "the goal to be cancelled")
         self.browser.click("#resume")
         self.browser.wait("!document.body.classList.contains('stopped')", what="the end of the stop")
+        self.wait(lambda: not self.status("ada").stops, "ada to hold no stop")
         self.drive("ada", 6.5, 1.5)
         self.wait(lambda: self.status("ada").has_goal, "ada to go on")
 

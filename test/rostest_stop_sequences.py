@@ -80,6 +80,20 @@ class StopSequences(unittest.TestCase):
 
         threading.Thread(target=send, daemon=True).start()
 
+    def test_a_robot_answers_a_stop_where_no_manager_does(self):
+        self.manager.stop()
+        for there, code in ((True, "stop_held"), (False, "stop_unconfirmed")):
+            if not there:
+                self.robot.stop()
+            self.answers.clear()
+            self.people[0].put("stop")
+            wait_until(lambda: self.answers, "an answer")
+            self.assertEqual([answer[-1] for answer in self.answers], [code])
+        for process in (self.manager, self.robot):
+            process.start()
+        wait_until(lambda: self.state.message.stopped, "the manager to know of the stop")
+        wait_until(self.resume, "a robot that may drive")
+
     def test_no_stop_is_released_by_an_older_command_and_none_is_lost(self):
         released = 0
         for seed in range(FIRST, FIRST + SEQUENCES):
@@ -125,16 +139,17 @@ class StopSequences(unittest.TestCase):
             self.assertEqual(self.driver.message.source, "stop")
         obeyed = any(command == "resume" and code == "resumed" for command, _, _, code in self.answers)
 
-        def resumed():
-            self.press_page("resume", time.monotonic())
-            time.sleep(0.3)
-            return not self.state.message.stopped and not self.driver.message.stops
-
-        wait_until(resumed, "a resume by somebody who looks")
+        wait_until(self.resume, "a resume by somebody who looks")
         self.press_page("cancel", time.monotonic())
         for newest in (self.state, self.driver):
             del newest.all[:-5]
         return obeyed
+
+    def resume(self):
+        """Asks for it as somebody who looks; returns whether robots may drive."""
+        self.press_page("resume", time.monotonic())
+        time.sleep(0.3)
+        return not self.state.message.stopped and not self.driver.message.stops
 
 
 if __name__ == "__main__":

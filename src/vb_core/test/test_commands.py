@@ -10,7 +10,7 @@ import rospy
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.ros import commands
-from vb_msgs.msg import InteractionState
+from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray
 from vb_msgs.srv import CommandResponse
 
 
@@ -137,6 +137,28 @@ def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
     manager.let("save")
     assert {request.command for request, *_ in manager.wait_for(4)[2:]} == {"save", "resume"}
     assert manager.asked[-1].command == "resume"
+
+
+def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monkeypatch):
+    orders, manager, _ = sender("cancel")
+
+    def report(_seconds):  # while the sender waits for the robots
+        stop = manager.asked_for("stop").id
+        orders._on_robot(DriverState(robot="cleo", stops=["an older one", stop]))
+        orders._on_robot(DriverState(robot="bob", stops=["an older one"]))
+        without_driver, driven = RobotStatus(robot="ada", stops=[stop]), RobotStatus(robot="cleo", driver=True)
+        orders._on_robots(RobotStatusArray(robots=[without_driver, driven]))
+
+    absent = CodedError("no_service", who="$interaction_manager")
+    manager.given += [absent, absent]
+    monkeypatch.setattr(commands.time, "sleep", report)
+    orders.put("stop")
+    ((_, _, answer, error),) = manager.wait_for(1)
+    assert error is None and (answer.success, answer.code) == (True, "stop_held")
+    assert [value.value for value in answer.values] == ["ada, cleo"]
+    orders.put("stop")
+    _, _, answer, error = manager.wait_for(2)[1]
+    assert answer is None and error.code == "stop_unconfirmed"
 
 
 def test_commands_to_other_nodes_wait_their_turn_too(sender):

@@ -26,7 +26,7 @@ from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.ros.robots import OfferListener
-from vb_core.vocabulary import COMMANDS, STOP
+from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities, states
 from vb_mqtt.broker import Broker, read_connection
 from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
@@ -38,7 +38,6 @@ _PERIOD = 1.0  # [s] between two looks at what is silent
 _SILENCE = 4.0  # [s] a detector publishes once a second, the interaction manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
 _INTEGRATOR = "$map_integrator"
-_UNREACHED = ("no_service", "no_response")
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class MqttNode:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid)
         /virtual_borders/borders (vb_msgs/VirtualBorderArray), /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/robots (vb_msgs/RobotStatusArray)
-        /virtual_borders/notices (vb_msgs/NoticeArray)
+        /virtual_borders/notices (vb_msgs/NoticeArray), /virtual_borders/drivers (vb_msgs/DriverState)
     Published topics:
         /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
         /virtual_borders/notices (vb_msgs/NoticeArray): mqtt_not_connected.
@@ -244,9 +243,7 @@ class MqttNode:
             identity=request.id,
             carry_out=send if request.command else lambda _given: self._switch(request),
         )
-        if not taken and request.command == STOP:
-            self._show_unanswered(request)  # many stops wait; this one was published on the topic of stops
-        elif not taken:
+        if not taken:
             self._refuse(request, CodedError("mqtt_too_fast"))
 
     def _switch(self, request: Request) -> Any:
@@ -259,16 +256,8 @@ class MqttNode:
     def _on_answer(self, _given: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:
             self._show(request, answer.success, answer.code, messages.sentence_in(answer, self._language))
-        elif request.command == STOP and error.code in _UNREACHED:
-            self._show_unanswered(request)
         else:
             self._refuse(request, error)
-
-    def _show_unanswered(self, stop: Request) -> None:
-        if self._orders.stop_is_heard():  # the robots will report the stop to the manager once it is running
-            self._show(stop, True, "page_stop_sent", sentences.translate("page_stop_sent", {}, self._language))
-        else:
-            self._refuse(stop, CodedError("page_stop_unheard"))
 
     def _refuse(self, request: Request, error: CodedError) -> None:
         with self._lock:

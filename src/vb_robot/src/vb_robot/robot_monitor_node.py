@@ -302,7 +302,8 @@ class RobotMonitorNode:
         """Publishes what is connected, at once when it changes, and what people should know."""
         with self._lock:
             now = rospy.get_time()
-            robots = [robot.status(self._params.obey) for robot in self._robots.values()]
+            stops = self._stops.ids if self._params.obey else None
+            robots = [robot.status(stops) for robot in self._robots.values()]
             message = RobotStatusArray(interaction=self._params.interaction, cameras=list(self._cameras), robots=robots)
             changed = (message.robots, message.cameras) != self._published
             if changed or not 0.0 <= now - self._published_at < REPEAT:

@@ -31,6 +31,7 @@ class ButtonsNode:
     Subscribed topics:
         joy (sensor_msgs/Joy): a command is sent once per press, not repeatedly while the button is held.
         /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it; the newest stop.
+        /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:
         /virtual_borders/stop (vb_msgs/Stop): on `stop`

@@ -15,7 +15,7 @@ from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
-from vb_core.ros import node, parameters
+from vb_core.ros import node, parameters, services
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
@@ -35,7 +35,7 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer, InteractionParams
-from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, UNANSWERED, BorderServices
+from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.dialogue.answer_cache import AnswerCache
 from vb_voice_wizard.dialogue.previewer import Previewer
 
@@ -225,7 +225,7 @@ class InteractionManagerNode:
                 answer = self._change(pending, order.id)
         except CodedError as error:
             answer = Answer.refusal(error)
-            if error.code in UNANSWERED:
+            if error.code in services.UNANSWERED:
                 rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
         except Exception:
             # a fault of the program must not leave it answering "busy" for ever

@@ -49,6 +49,7 @@ class VoiceCommandsNode:
             *stop*.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic"; 16,000 samples a second.
         /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which a spoken command names.
+        /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.

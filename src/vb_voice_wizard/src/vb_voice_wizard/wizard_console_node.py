@@ -37,6 +37,7 @@ class WizardConsoleNode:
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/notices (vb_msgs/NoticeArray)
+        /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop
 
     Services called:
         /virtual_borders/command (vb_msgs/Command)
@@ -86,11 +87,11 @@ class WizardConsoleNode:
     def _on_answer(
         self, _request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
-        # the answer arrives with the state; these two are not remembered there
+        # the answer arrives with the state; these are not remembered there
         if error is not None:
             what = sentences.translate(error.code, error.values, self._view.language, error.message)
             self._say(self._view.words("console_try_again", what=what), BAD)
-        elif answer is not None and answer.code in ("busy", "expired"):
+        elif answer is not None and answer.code in ("busy", "expired", "stop_held"):
             self._say(sentence_in(answer, self._view.language), BAD)
 
     # ------------------------------------------------------------------ screen

@@ -29,7 +29,6 @@ from vb_web.view import answer, refusal, rounded
 _TIMEOUT = 20.0
 _INTEGRATOR = "$map_integrator"
 _MONITOR = "$robot_monitor"
-_UNREACHED = ("no_service", "no_response")
 _CHANGES = {  # of a stored border: the services, whose fields have the names of the request's
     "update": (names.UPDATE_BORDER, UpdateBorder),
     "rename": (names.RENAME_BORDER, RenameBorder),
@@ -43,7 +42,7 @@ class ActionHandler:
 
     Args:
         borders: returns the stored border of an id, or None.
-        manager_there: whether there is an interaction manager; robots_there: whether there is a robot's driver.
+        manager_there: whether there is an interaction manager.
         invite: returns what a phone needs to log in.
     """
 
@@ -51,10 +50,9 @@ class ActionHandler:
         self,
         borders: Callable[[str], Optional[VirtualBorder]],
         manager_there: Callable[[], bool],
-        robots_there: Callable[[], bool],
         invite: Callable[[], Dict[str, Any]],
     ) -> None:
-        self._borders, self._manager_there, self._robots_there = borders, manager_there, robots_there
+        self._borders, self._manager_there = borders, manager_there
         self._give_invitation = invite
         self._orders = CommandSender("page", self._on_answer)
         self._orders.connect()
@@ -85,15 +83,8 @@ class ActionHandler:
             answered.set_result(refusal(CodedError("page_too_fast")))
         return answered
 
-    def _on_answer(self, given: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
-        if error is None:
-            found = _answer(response)
-        elif given.command != "stop" or error.code not in _UNREACHED:
-            found = refusal(error)
-        elif not self._robots_there():
-            found = refusal(CodedError("page_stop_unheard"))
-        else:  # robots that heard it keep it, and tell the manager once it is running
-            found = answer("page_stop_sent")
+    def _on_answer(self, _given: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
+        found = _answer(response) if error is None else refusal(error)
         answered.get_loop().call_soon_threadsafe(answered.set_result, found)
 
     # ------------------------------------------------------------- borders

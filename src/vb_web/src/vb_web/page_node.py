@@ -95,7 +95,6 @@ class PageNode:
         self._actions = ActionHandler(
             lambda border_id: _by_id(self._borders).get(border_id),
             lambda: self._connected(names.STATE),
-            lambda: self._stoppable or self._connected(names.DRIVERS),
             self._invitation,
         )
         self._subscribe()

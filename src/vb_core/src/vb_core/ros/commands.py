@@ -3,6 +3,9 @@
 Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out, counted
 from when the person gave it: nobody expects a button of a minute ago to act. It names the newest stop that its sender
 knew of when it was given: a newer stop makes it void.
+
+A stop reaches the robots whether there is a manager or not. Where none answers it, they do: each reports which stops it
+holds.
 """
 
 from __future__ import annotations
@@ -12,20 +15,22 @@ import threading
 import time
 import uuid
 from collections import deque
-from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple, Union
 
 import rospy
 
-from vb_core import names
+from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import node, services
+from vb_core.ros.messages import values_from_mapping
 from vb_core.vocabulary import STOP
-from vb_msgs.msg import InteractionState, Stop
+from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray, Stop
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 MANAGER = "$interaction_manager"
 VALIDITY = 5.0  # [s] from when a command was given: if it waits longer for a busy manager, it surprises people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
+_REPORTED_WITHIN = 1.5  # [s] robots report the stops that they hold at once, and again every second
 _MOST_WAITING = 10  # commands of one person
 
 
@@ -87,20 +92,27 @@ class CommandSender:
         self._unanswered: Dict[str, List[threading.Event]] = {}  # by person
         # each with the time [s] since when it is known
         self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, "")], maxlen=64)
+        self._held: Dict[str, Sequence[str]] = {}  # ids of the stops that each robot holds
         self._stop: Optional[rospy.Publisher] = None
 
     def connect(self) -> None:
-        """Listens to the state and reaches the robots, once the node is registered."""
+        """Listens to the state, reaches the robots and listens to them, once the node is registered."""
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
-
-    def stop_is_heard(self) -> bool:
-        """Returns whether anybody hears a stop directly."""
-        return self._stop is not None and self._stop.get_num_connections() > 0
+        rospy.Subscriber(names.DRIVERS, DriverState, self._on_robot, queue_size=20)
+        rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1)
 
     def _on_state(self, message: InteractionState) -> None:
         if message.stop_number != self._stop_numbers[-1][1]:
             self._stop_numbers.append((time.monotonic(), message.stop_number))
+
+    def _on_robots(self, message: RobotStatusArray) -> None:
+        for robot in message.robots:
+            if not robot.driver:
+                self._on_robot(robot)
+
+    def _on_robot(self, message: Union[DriverState, RobotStatus]) -> None:
+        self._held[message.robot] = message.stops
 
     def stop_number(self, when: float) -> str:
         """Returns the number of the newest stop that was known here at a time [s] of the monotonic clock."""
@@ -125,7 +137,7 @@ class CommandSender:
             source: the person who gives it.
             seen_stop: number of the newest stop that the person was shown; None: the newest known here at `given`.
             identity: id of this command, if it has one already and may come twice.
-            carry_out: returns the answer or raises a `CodedError`; by default the manager answers.
+            carry_out: returns the answer to anything but a stop or raises a `CodedError`; by default the manager answers.
         """
         given, source = min(given, time.monotonic()), source or self._source
         if seen_stop is None:
@@ -160,7 +172,7 @@ class CommandSender:
         try:
             if request.command != STOP and time.monotonic() - given > VALIDITY:
                 raise CodedError("expired", command=f"$command_{request.command}")
-            answer = carry_out(request)
+            answer = carry_out(request) if request.command != STOP else self._send_stop(request)
         except CodedError as fault:
             error = fault
         finally:
@@ -170,3 +182,23 @@ class CommandSender:
                 if not self._unanswered[request.source]:
                     del self._unanswered[request.source]
         self._on_answer(request, context, answer, error)
+
+    def _send_stop(self, stop: CommandRequest) -> CommandResponse:
+        """Returns the manager's answer to a stop or, if none responds, which robots hold it.
+
+        Raises:
+            CodedError: "stop_unconfirmed" if no robot does, or as `send`.
+        """
+        given = time.monotonic()
+        try:
+            return send(stop)
+        except CodedError as error:
+            if error.code not in services.UNANSWERED:
+                raise
+        time.sleep(max(0.0, given + _REPORTED_WITHIN - time.monotonic()))
+        robots = sorted(name for name, stops in list(self._held.items()) if stop.id in stops)
+        if not robots:
+            raise CodedError("stop_unconfirmed")
+        # they keep it, and tell the manager once it is running
+        code, values = "stop_held", {"robots": ", ".join(map(sentences.robot_value, robots))}
+        return CommandResponse(True, code, sentences.translate(code, values), values_from_mapping(values))

@@ -10,6 +10,8 @@ import rospy
 
 from vb_core.errors import CodedError
 
+UNANSWERED = ("no_service", "no_response")  # codes of an absent service; any other is its own error
+
 
 def call(
     name: str, service: Type, request: Any, who: str, service_timeout: float = 1.0, response_timeout: float = 5.0

@@ -154,9 +154,10 @@ class WatchedRobot:
             self._path = points[:: max(1, len(points) // PATH_POINTS)]
 
     # ------------------------------------------------------------- what follows
-    def status(self, cancels: bool) -> RobotStatus:
-        """Returns what is connected. `cancels`: whether goals are cancelled while a stop is in force."""
+    def status(self, stops: Optional[Sequence[str]]) -> RobotStatus:
+        """Returns what is connected. `stops`: for which its goals are cancelled; None: they never are."""
         seen = self.wiring
+        obeys_stop = stops is not None and bool(seen.move_base)
         goal = self.goal if self._has_goal() else None
         return RobotStatus(
             robot=self.name,
@@ -167,7 +168,8 @@ class WatchedRobot:
             unheard=seen.unheard,
             plans_round_borders=seen.plans_round_borders,
             driver=self.is_driven(),
-            obeys_stop=cancels and bool(seen.move_base),
+            obeys_stop=obeys_stop,
+            stops=stops if obeys_stop else (),
             obeys_speed=self.speed is not None and self.speed.obeys,
             localized=self.pose is not None,
             has_goal=goal is not None,

@@ -14,7 +14,6 @@ from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 
 # [s] wall time: a person waits, a busy machine is slow; extraction and integration take well under 1 s
 SERVICE_TIMEOUT, RESPONSE_TIMEOUT = 2.0, 5.0
-UNANSWERED = ("no_service", "no_response")  # codes of an absent service; any other is its own error
 
 
 class BorderServices:

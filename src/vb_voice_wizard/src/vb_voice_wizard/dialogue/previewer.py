@@ -12,11 +12,11 @@ import rospy
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
-from vb_core.ros import node
+from vb_core.ros import node, services
 from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
-from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
+from vb_voice_wizard.dialogue.border_services import BorderServices
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
 from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler, places
 
@@ -120,7 +120,7 @@ class Previewer:
             try:
                 preview = self._compute(inputs)
             except CodedError as error:
-                answered = error.code not in UNANSWERED
+                answered = error.code not in services.UNANSWERED
                 preview = self._empty(inputs, Notice.from_error(error, Severity.INFO))
         with self._condition:
             # an interaction that ended or is being saved meanwhile has nothing to show any more
