@@ -22,6 +22,8 @@ def border(**changes):
         # found again on a map that has grown
         ({"1": border(seed=Point(1e-3, 0.0, 0.0))}, []),
         ({"1": border(seed=Point(0.05, 0.0, 0.0))}, [("changed", "a")]),
+        ({"1": border(robots=["ada"])}, [("changed", "a")]),
+        ({"1": border(occupancy=0.5)}, [("changed", "a")]),
         ({}, [("removed", "a")]),
         ({"1": border(name="b")}, [("renamed", "b")]),
         ({"1": border(enabled=False)}, [("disabled", "a")]),

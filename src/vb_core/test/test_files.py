@@ -9,8 +9,9 @@ def test_files_are_written_together_or_none_is(tmp_path):
     write_together({first: b"1", second: b"2"})
     assert (first.read_bytes(), second.read_bytes()) == (b"1", b"2")
     (tmp_path / "file").write_text("")
-    with refused("cannot_write"):
-        write_together({first: b"3", tmp_path / "file" / "c": b"4"})
+    for beyond in (tmp_path / "file" / "c", tmp_path / "folder"):  # where no file can be made, or none replaced
+        with refused("cannot_write"):
+            write_together({beyond: b"4", first: b"3"})
     assert first.read_bytes() == b"1"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "file", "folder"]
 

@@ -26,7 +26,8 @@ def test_a_question_is_open_until_it_is_too_old():
     assert (question["command"], question["answer"], question["asked"]) == ("save", "yes_save", "home_assistant")
     assert "yes save" in question["question"] and question["stop_number"] == "1a"
     assert states.question_value(asked(31), "en")["question"] == states.NOBODY_ASKS
-    assert states.question_value(asked(5, "saved"), "en")["answer"] == ""
+    for code in ("saved", "confirm_map_first"):
+        assert states.question_value(asked(5, code), "en")["answer"] == ""
 
 
 def test_a_borders_state_has_its_name_area_and_zone():

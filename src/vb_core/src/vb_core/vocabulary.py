@@ -116,6 +116,9 @@ _COMMANDS = (
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
 DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS
 
+# codes of answers that ask whether the command was meant
+QUESTIONS = ("confirm_save", "confirm_command")
+
 
 def normalize(text: str) -> str:
     """Converts a command as people write it ("Define border") to its name ("define_border")."""

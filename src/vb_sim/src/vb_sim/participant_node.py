@@ -168,7 +168,7 @@ class ParticipantNode:
 def build() -> ParticipantNode:
     """Reads the parameters and makes the node."""
     for name in ("~world", "~scenario"):
-        parameters.read_required(name)
+        parameters.require(name)
     params = parameters.read(ParticipantParams)
     world = load_world(params.world)
     return ParticipantNode(world, world.scenario(params.scenario), load_models().participant, params)

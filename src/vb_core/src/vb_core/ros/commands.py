@@ -116,7 +116,7 @@ class CommandSender:
 
     def stop_number(self, when: float) -> str:
         """Returns the number of the newest stop that was known here at a time [s] of the monotonic clock."""
-        return next(number for since, number in reversed(self._stop_numbers) if since <= when)
+        return next(number for since, number in reversed(list(self._stop_numbers)) if since <= when)
 
     def put(
         self,

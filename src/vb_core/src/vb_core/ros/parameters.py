@@ -29,13 +29,8 @@ def read(cls: Type[P], namespace: str = "~") -> P:
     return params
 
 
-def read_required(name: str) -> object:
-    """Reads a parameter that has no sensible default.
-
-    Raises:
-        ParameterError: if it is not set.
-    """
+def require(name: str) -> None:
+    """Raises a ParameterError if a parameter that has no sensible default is not set."""
     full = rospy.resolve_name(name)
     if not rospy.has_param(full):
         raise ParameterError(full, "this parameter must be set")
-    return rospy.get_param(full)

@@ -130,5 +130,5 @@ def read_parameters(kind: Any) -> Any:
     """Prepares a camera node's process, and reads its parameters, of which ~world must be set."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()
-    parameters.read_required("~world")
+    parameters.require("~world")
     return parameters.read(kind)
