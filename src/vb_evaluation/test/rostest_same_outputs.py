@@ -23,6 +23,7 @@ from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBord
 from vb_sim.person.hand import load_styles
 
 RATE = 50.0
+ROOM = GridMap(np.zeros((100, 120), np.int8), 0.05)
 
 
 def recorded_spots():
@@ -77,12 +78,10 @@ class Session:
     def run(self):
         """A whole interaction; what came out."""
         wait(
-            lambda: self.state is not None and self.spots.get_num_connections() == 2,
+            lambda: self.state is not None and self.spots.get_num_connections() >= 2,
             "the state, and fusion and manager, who see spots",
         )
-        self.map.publish(
-            message_from_grid(GridMap(np.zeros((100, 120), np.int8), 0.05, (0.0, 0.0, 0.0)), rospy.Time.now())
-        )
+        self.map.publish(message_from_grid(ROOM, rospy.Time.now()))
         wait(lambda: self.grid is not None, "the map")
         border, seed = recorded_spots(), np.tile([2.0, 1.7], (25, 1))
         self.give_command("define_border")
