@@ -1,10 +1,11 @@
-"""The report says what the CSV says, with intervals and caveats, and takes few or odd data."""
+"""The report says what the CSV says, with intervals and caveats, and takes few or odd data; and the published one."""
 
 import html
 import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas
@@ -12,15 +13,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import study_rows
+from refusals import refused
+
 from vb_core.errors import CodedError
-from vb_evaluation.study_kit import __main__ as command
-from vb_evaluation.report import paper_comparison, sensitivity
+from vb_evaluation import statistics
+from vb_evaluation.report import paper_comparison, questionnaire, sensitivity
+from vb_evaluation.report.answers import answers, write_page
 from vb_evaluation.report.data import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
+from vb_evaluation.study_kit import __main__ as command
 
-import study_rows
 
 # the same examples on every computer, however busy
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -269,3 +274,107 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     (tmp_path / "study.json").write_text("[]")
     with pytest.raises(CodedError, match="expected keys and values"):
         read_study(tmp_path)
+
+
+# ------------------------------------------------------------------ the published study
+STUDY = Path(__file__).resolve().parents[3] / "docs" / "results" / "study"
+
+
+def test_every_index_is_that_of_the_published_areas():
+    """With numpy alone, as somebody without this program would."""
+    areas = np.load(STUDY / "judged" / "areas.npz")
+    saved = [row for row in rows_of(STUDY / "judged" / "runs.csv") if row["map"]]
+    assert len(saved) > 20
+    for row in saved:
+        drawn, asked = areas[Path(row["map"]).stem], areas[f"truth_{row['scenario']}"]
+        assert (drawn & asked).sum() / (drawn | asked).sum() == pytest.approx(float(row["jaccard"]), abs=6e-5)
+        inside = [one if row["scenario"] != "corner" else areas["floor"] & ~one for one in (drawn, asked)]
+        index = (inside[0] & inside[1]).sum() / (inside[0] | inside[1]).sum()
+        assert index == pytest.approx(float(row["jaccard_enclosed"]), abs=6e-5)
+
+
+def test_the_page_answers_what_the_rows_say(tmp_path):
+    page = shutil.copy(STUDY / "README.md", tmp_path)
+    write_page(STUDY / "judged", Path(page))
+    assert Path(page).read_text(encoding="utf-8") == (STUDY / "README.md").read_text(encoding="utf-8")
+    shutil.copytree(STUDY / "judged", tmp_path / "judged")
+    rows = (tmp_path / "judged" / "runs.csv").read_text(encoding="utf-8").splitlines(True)
+    (tmp_path / "judged" / "runs.csv").write_text("".join(rows[:-1]), encoding="utf-8")
+    write_page(tmp_path / "judged", Path(page))
+    assert Path(page).read_text(encoding="utf-8") != (STUDY / "README.md").read_text(encoding="utf-8")
+    Path(page).write_text("# A page without a place for them\n")
+    with refused("no_place"):
+        write_page(STUDY / "judged", Path(page))
+
+
+@pytest.mark.parametrize("scenario, beside", [("room", ["The paper's people"]), ("door", [])])
+def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
+    folder = study_rows.make_study(tmp_path / "study", 6, sweeps=False, maps=False)
+    rows = [dict(row, scenario=scenario) for row in rows_of(folder / "runs.csv") if row["scenario"] == "room"]
+    study_rows.write(folder / "runs.csv", list(rows[0]), rows)
+    found = answers(read_study(folder))
+    questions = [line.split("**")[1].rstrip("?") for line in found[1].splitlines()]
+    assert questions == ["Faster", "Not less exact", "Completed as often", *beside]
+    assert ("**Beside the paper**" in found) is bool(beside)
+    study_rows.write(folder / "runs.csv", list(rows[0]), [row for row in rows if row["method"] == "nrs"])
+    with refused("no_comparison"):
+        answers(read_study(folder))
+
+
+# ------------------------------------------------------------------ the questionnaire
+def write_answers(path, rows, columns=None):
+    columns = columns or questionnaire.COLUMNS
+    path.write_text(
+        "\n".join(",".join(str(cell) for cell in row) for row in [columns, *rows]) + "\n", encoding="utf-8-sig"
+    )
+    return path
+
+
+def person(name, nrs, robot_only, helped="yes"):
+    """The same pair of answers to all statements."""
+    return [name, *[answer for _ in questionnaire.STATEMENTS for answer in (nrs, robot_only)], helped]
+
+
+def test_fifteen_people_as_in_the_paper(tmp_path):
+    # Sect. 5.8.2: 14 of 15 said yes; statement 3 has M = 4.47 and 3.13, which no one set of answers need have had:
+    # these sum to the same means
+    nrs, alone = [5, 5, 5, 5, 5, 5, 5, 4, 4, 4, 4, 4, 4, 4, 4], [3, 4, 3, 4, 3, 3, 4, 3, 3, 2, 3, 4, 2, 3, 3]
+    rows = [
+        person(f"p{number}", a, b, "no" if number == 1 else "yes") for number, (a, b) in enumerate(zip(nrs, alone), 1)
+    ]
+    found = questionnaire.read(write_answers(tmp_path / "answers.csv", rows))
+    assert (found.helped, found.asked) == (14, 15)
+    third = found.answers[2]
+    assert (round(third.first.mean(), 2), round(third.second.mean(), 2)) == (4.47, 3.13)
+    # one of them sees no difference, the other fourteen all rate the network robot system higher
+    compared = statistics.compare_paired(third.first, third.second)
+    assert compared.test.z < -3.0 and compared.test.p_exact == 2.0**-13 and compared.rank_biserial == 1.0
+    assert "demanding" in third.statement and compared.n == 15
+
+
+def test_answers_not_given_are_left_out(tmp_path):
+    found = questionnaire.read(
+        write_answers(tmp_path / "a.csv", [person("a", 5, ""), person("b", 4, 3), person("c", 5, 2, "")])
+    )
+    assert found.answers[0].first.tolist() == [4.0, 5.0] and (found.helped, found.asked) == (2, 2)
+
+
+@pytest.mark.parametrize(
+    "rows, columns, words",
+    [
+        ([person("a", 6, 3)], None, "line 2: s1_nrs: expected a whole number from 1 to 5, got '6'"),
+        ([person("a", 3.5, 3)], None, "got '3.5'"),
+        ([person("a", 3, 3), person("a", 3, 3)], None, "line 3: participant"),
+        ([person("a", 3, 3, "perhaps")], None, "helped: expected yes or no"),
+        ([], None, "nobody has answered"),
+        ([], ["participant"], "s1_nrs"),
+    ],
+)
+def test_wrong_answers_name_line_or_column(rows, columns, words, tmp_path):
+    path = write_answers(tmp_path / "a.csv", rows, columns=columns)
+    with refused("bad_questionnaire") as caught:
+        questionnaire.read(path)
+    assert words in str(caught.value)
+    path.unlink()
+    with refused("bad_questionnaire"):
+        questionnaire.read(path)
