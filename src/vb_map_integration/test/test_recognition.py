@@ -230,6 +230,18 @@ def test_floors_with_the_same_walls_are_told_apart_by_their_names(restart):
     assert keeper.needs_confirmation and len(keeper.borders) == 1
 
 
+def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from_others(restart):
+    """What was drawn on the second map of "upstairs" was gone on the third, since the first one's border was removed."""
+    keeper = restart(flat(), map_name="upstairs")
+    keeper.remove(keeper.add(keep_out(), 1.0).ids[0])
+    keeper.set_map(flat(seed=1))
+    keeper.add(keep_out(name="rug"), 2.0)
+    for seed in (2, 1, 0):
+        keeper = restart(flat(seed=seed), map_name="upstairs")
+        assert closed_off(keeper) and keeper.map_name == "upstairs"
+        assert keeper.notices == [] and [border.name for border in keeper.borders] == ["rug"]
+
+
 def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
     keeper = restart(flat(known=(0.0, 4.0)))
     keeper.add(keep_out(), 1.0)

@@ -80,8 +80,9 @@ class PlaceRecognizer:
             before: the map before it, while this program has been running.
             recognition: what that was recognised as; decides only where to look first.
         """
-        stored = self._database.find_map(map_id)
-        if stored is not None:
+        stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
+        # one without borders may be the named place, at which there are some
+        if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
             name = self._database.get_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
         candidates = self._candidates()
@@ -108,17 +109,15 @@ class PlaceRecognizer:
         return 2 * sum(place.is_shown for place in seen) > len(seen)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
-        """Returns the maps of each place that it may be."""
+        """Returns the maps of each place with borders that it may be."""
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
-            places.setdefault(one.place, []).append(one)
-        names = {place: self._database.get_name(place) for place in places}
-        if self._name:
-            named = {place for place, name in names.items() if name == self._name}
-            chosen = named or {place for place, name in names.items() if not name}
-        else:
-            chosen = set(places)
-        return {place: maps for place, maps in places.items() if place in chosen and self._database.borders(place)}
+            if self._database.borders(one.place):
+                places.setdefault(one.place, []).append(one)
+        if not self._name:
+            return places
+        name = self._name if self._database.find_place(self._name) else ""
+        return {place: maps for place, maps in places.items() if self._database.get_name(place) == name}
 
     def _wall_map_of(self, one: KnownMap) -> WallMap:
         if one.fingerprint not in self._wall_maps:

@@ -122,7 +122,7 @@ class Database(DurableValues):
         }
         changes[_PLACE] = place
         if name:
-            changes[f"names/{place}"] = name
+            changes.update(self._name_changes(place, name))
         self.change(changes)
         return place
 
@@ -131,14 +131,20 @@ class Database(DurableValues):
         return str(self.get(f"names/{place}", ""))
 
     def find_place(self, name: str) -> int:
-        """Returns the place of a name; 0 if there is none."""
-        return next((int(place) for place, other in self.of_kind("names").items() if name == other), 0)
+        """Returns the place with borders that has a name; 0 if there is none."""
+        places = (int(place) for place, other in self.of_kind("names").items() if name == other)
+        return next(filter(self.borders, places), 0)
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken" or "bad_name"."""
         if self.get_name(place) != name:
             self.check_name(name, place)
-            self.change({f"names/{place}": name or None})
+            self.change(self._name_changes(place, name))
+
+    def _name_changes(self, place: int, name: str) -> Dict[str, Any]:
+        """Returns what gives a place a name; one without borders that has it loses it."""
+        others = {f"names/{other}": None for other, taken in self.of_kind("names").items() if taken == name}
+        return {**others, f"names/{place}": name or None}
 
     def check_name(self, name: str, place: int = 0) -> None:
         """Refuses a name that a place cannot have; raises CodedError "bad_name", "name_taken"."""
