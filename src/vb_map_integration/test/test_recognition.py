@@ -240,6 +240,8 @@ def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from
         keeper = restart(flat(seed=seed), map_name="upstairs")
         assert closed_off(keeper) and keeper.map_name == "upstairs"
         assert keeper.notices == [] and [border.name for border in keeper.borders] == ["rug"]
+    keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 3.0)  # the first map is one of that place now
+    assert {one.place for one in keeper._database.maps()} == {keeper._database.find_place("upstairs")}
 
 
 def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
@@ -248,6 +250,9 @@ def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
     for width in (5.0, 6.0, 7.0, 9.0):
         keeper.set_map(flat(known=(0.0, width)))
         assert closed_off(keeper) and not keeper.needs_confirmation
+    # nor is anybody asked about what is drawn on floor that the first map does not know
+    keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 2.0)
+    assert not keeper.needs_confirmation and closed_off(keeper, Transform(6.4, 0.0, 0.0))
 
 
 # ----------------------------------------------------------------- what acts, and why not
