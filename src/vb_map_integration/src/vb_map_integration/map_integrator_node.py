@@ -32,7 +32,7 @@ from vb_msgs.srv import (
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.notices import Notice
+from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
@@ -101,7 +101,8 @@ class MapIntegratorNode:
         self._integrator = MapIntegrator(root, params.map_name, robots, radius)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
-        self._notices.set(self._integrator.notices)
+        self._map_refused: List[Notice] = []  # why the last map was not taken
+        self._show_notices()
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
 
@@ -143,11 +144,18 @@ class MapIntegratorNode:
     # ------------------------------------------------------------- map in, map out
     def _take_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
-        if frame and frame != names.MAP_FRAME:
-            raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
-        grid = messages.grid_from_message(message)
+        try:
+            if frame and frame != names.MAP_FRAME:
+                raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
+            grid, self._map_refused = messages.grid_from_message(message), []
+        except CodedError as error:
+            self._map_refused = [Notice.from_error(error, Severity.ERROR)]
+            self._show_notices()
+            return
         with self._lock:
-            if not self._integrator.set_map(grid):
+            changed = self._integrator.set_map(grid)
+            self._show_notices()
+            if not changed:
                 return
             count = len(self._integrator.borders)
             rospy.loginfo(
@@ -155,13 +163,17 @@ class MapIntegratorNode:
             )
             self._publish()
 
+    def _show_notices(self) -> None:
+        with self._lock:
+            self._notices.set([*self._map_refused, *self._integrator.notices])
+
     def _publish(self) -> None:
         # with simulated time two changes may fall into one tick: each state gets its own stamp
         stamp = rospy.Time.now()
         if stamp == self._last_stamp:
             stamp = stamp + rospy.Duration(0, 1000)
         self._last_stamp = stamp
-        self._notices.set(self._integrator.notices)
+        self._show_notices()
         self._borders_out.publish(self._array(stamp))
         acting = self._integrator.in_force
         grids = [(self._map_out, acting.map_with_borders)]
