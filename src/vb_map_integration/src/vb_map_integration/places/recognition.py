@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.places.border_place import BorderPlace, choose_place
+from vb_map_integration.places.border_place import BorderPlace
 from vb_map_integration.places.local_fit import fit_locally
 from vb_map_integration.storage.database import Database, KnownMap
 from vb_map_integration.places.registration import IDENTITY, Registration, Transform, WallMap, measure, register
@@ -185,7 +185,10 @@ class PlaceRecognizer:
         self._current_walls: Optional[WallMap] = None
 
     def locate(self, border: VirtualBorder) -> BorderPlace:
-        """Finds where a stored border of the current map's place is on that map."""
+        """Finds where a stored border of the current map's place is on that map.
+
+        It is where the walls round it say, or, if they do not, where it is expected.
+        """
         recognition = self._recognition
         stored = self._maps.get(border.map_id) or next(iter(self._maps.values()), None)
         if stored is None or stored.fingerprint == self._current_id:
@@ -197,10 +200,13 @@ class PlaceRecognizer:
         fit = fit_locally(self._wall_map_of(stored), self._current_walls, start, accepted.points)
         here = start.apply(np.concatenate([accepted.points, [accepted.seed]]))
         is_seen = float(self._current_walls.is_known(here).mean()) >= _SEEN
-        border_place = choose_place(accepted, stored.grid, start, fit, is_seen)
-        if recognition.other is None:
-            return border_place
-        return replace(border_place, others=(*border_place.others, border.moved(recognition.other)))
+        is_shown = fit is not None and fit.is_certain
+        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not is_shown else []
+        others += [border.moved(recognition.other)] if recognition.other is not None else []
+        transform = fit.transform if fit is not None and is_shown else start
+        return BorderPlace(
+            accepted.moved(transform), is_shown, is_seen, tuple(others), accepted, stored.grid, transform
+        )
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:
