@@ -52,23 +52,12 @@ class Region:
             as_bytes = part.view(np.uint8)
             np.maximum(as_bytes, np.bitwise_and(self.mask, level), out=as_bytes)
 
-    def within(self, window: raster.Window) -> Tuple[raster.Window, np.ndarray]:
-        """Returns the part of the map that the region's window and another one share, and the mask there."""
-        (top, bottom), (left, right) = (
-            (max(own.start, other.start), max(own.start, other.start, min(own.stop, other.stop)))
-            for own, other in zip(self.window, window)
-        )
-        rows, columns = self.window
-        mask = self.mask[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start]
-        return (slice(top, bottom), slice(left, right)), mask
-
     def shared(self, other: Optional["Region"]) -> float:
         """Returns the share of the cells of two regions that is in both, 0 .. 1."""
         if other is None:
             return 0.0
-        window, mask = self.within(other.window)
-        both = int(((mask != 0) & (other.within(window)[1] != 0)).sum())
-        return both / max(1, cv2.countNonZero(self.mask) + cv2.countNonZero(other.mask) - both)
+        one, two, either = (cv2.countNonZero(region.mask) for region in (self, other, join_regions([self, other])))
+        return (one + two - either) / max(1, either)
 
 
 def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:
