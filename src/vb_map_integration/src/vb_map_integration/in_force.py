@@ -157,26 +157,21 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
     if not border.enabled:
         return Verdict(stored, border)
     now, error = _region(grid, border)
-    if place.accepted_here:
+    if place.accepted is None:
         return Verdict(stored, border, "" if now else DOES_NOT_FIT, error, now, after=now)
     # what a closed line or a wall closes off, the line alone decides, wherever it is: the same as before
     before = now if border.closed or border.wall else place.region_before(grid)
-    why = error or _reason_to_ask(place, before, now)
+    why = error
+    if not why and place.is_seen and not place.is_shown:
+        why = PLACE
+    # they are one object if the line alone decides: then there is nothing to compare
+    if not why and before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
+        why = EFFECT
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if not why:
         return Verdict(stored, border, region=join_regions(possible), after=now)
     region = _region_while_waiting(before, possible)
     return Verdict(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, why, region, before, now)
-
-
-def _reason_to_ask(place: BorderPlace, before: Optional[Region], now: Optional[Region]) -> str:
-    """Returns PLACE, EFFECT, or "" if a border that fits the map needs no confirmation."""
-    if not place.is_certain:
-        return PLACE
-    # they are one object if the line alone decides: then there is nothing to compare
-    if before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
-        return EFFECT
-    return ""
 
 
 def _region_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:

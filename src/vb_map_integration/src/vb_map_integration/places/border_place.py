@@ -38,16 +38,6 @@ class BorderPlace:
     accepted_on: Optional[GridMap] = None
     transform: Transform = Transform()
 
-    @property
-    def is_certain(self) -> bool:
-        """Returns whether nobody has to be asked where it is."""
-        return self.is_shown or not self.is_seen
-
-    @property
-    def accepted_here(self) -> bool:
-        """Returns whether a person drew or accepted it on this very map."""
-        return self.accepted is None
-
     def region_before(self, grid: GridMap) -> Optional[Region]:
         """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
         assert self.accepted is not None and self.accepted_on is not None
