@@ -19,8 +19,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.grid.free_parts import count_free_parts
 from vb_map_integration.grid.region import put_on_map
-from vb_map_integration.in_force import InForce, Verdict, put_in_force
-from vb_map_integration.verdict_notices import find_notices
+from vb_map_integration.in_force import InForce, Verdict, find_notices, put_in_force
 from vb_map_integration.integration import Integration, integrate
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.borders.issues import IntegrationError, warning
