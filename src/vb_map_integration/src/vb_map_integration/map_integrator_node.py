@@ -41,7 +41,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, messages_from_issues, message_from_border
 from vb_map_integration.grid.costmap_settings import is_trinary
-from vb_map_integration.borders.issues import IntegrationError, issues_of, warning
+from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
 # makes a change that a request asks for, at a time [s]
@@ -235,6 +235,7 @@ class MapIntegratorNode:
 
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
+        issues = [*getattr(error, "warnings", ()), Notice.from_error(error, Severity.ERROR)]
         return _fill(
             response,
             success=False,
@@ -242,7 +243,7 @@ class MapIntegratorNode:
             message=error.message,
             values=messages.values_from_mapping(error.values),
             revision=self._integrator.revision,
-            issues=messages_from_issues(issues_of(error)),
+            issues=messages_from_issues(issues),
         )
 
     def _change(self, response_class: Any, change: Change, request: Any) -> Any:

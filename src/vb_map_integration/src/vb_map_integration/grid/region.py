@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Optional, Sequence, Tuple
+from typing import Optional, Sequence
 
 import cv2
 import numpy as np
@@ -29,12 +29,6 @@ class Region:
     value: int
     over_unknown: bool
     area_m2: float
-
-    def spread(self, shape: Tuple[int, int]) -> np.ndarray:
-        """Returns (H, W) bool of the map, True in the region."""
-        region = raster.filled(shape, 0).view(bool)
-        region[self.window] = self.mask != 0
-        return region
 
     def outline(self, grid: GridMap) -> np.ndarray:
         """Returns the outline (N, 2) [m] of its largest part, to about a cell, on the map that it is of."""
