@@ -149,11 +149,18 @@ class Collector:
 
     def _find_set_back(self, spot: FloorSpot) -> float:
         """Returns by how much [s] the clock of a spot's camera has been set back since the state was entered."""
-        set_back = self._set_back.get(spot.camera, 0.0)
-        back = self._newest.get(spot.camera, -math.inf) - spot.stamp
-        if back - set_back > CLOCK_STEP:
-            # clocks of one computer are set back together: the camera that saw the spot last knows by how much
-            set_back = max([back, *(other for other in self._set_back.values() if abs(other - back) < CLOCK_STEP)])
+        set_back, known = self._set_back.get(spot.camera, 0.0), self._set_back.values()
+        if spot.camera in self._newest:
+            back = self._newest[spot.camera] - spot.stamp
+            if back - set_back > CLOCK_STEP:
+                # clocks of one computer are set back together: the camera that saw the spot last knows by how much
+                set_back = max([back, *(other for other in known if abs(other - back) < CLOCK_STEP)])
+        else:
+            # so it is with one that sees the spot only now: if others saw it later than that, its clock was set back too
+            back = max(self._newest.values(), default=-math.inf) - spot.stamp
+            if back - set_back > CLOCK_STEP:
+                set_back = min((other for other in known if other > back - CLOCK_STEP), default=set_back)
+        if set_back:
             self._set_back[spot.camera] = set_back
         return set_back
 
