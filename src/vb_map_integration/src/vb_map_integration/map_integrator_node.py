@@ -168,11 +168,7 @@ class MapIntegratorNode:
             self._notices.set([*self._map_refused, *self._integrator.notices])
 
     def _publish(self) -> None:
-        # with simulated time two changes may fall into one tick: each state gets its own stamp
-        stamp = rospy.Time.now()
-        if stamp == self._last_stamp:
-            stamp = stamp + rospy.Duration(0, 1000)
-        self._last_stamp = stamp
+        stamp = self._last_stamp = next_stamp(rospy.Time.now(), self._last_stamp)
         self._show_notices()
         self._borders_out.publish(self._array(stamp))
         acting = self._integrator.in_force
@@ -324,6 +320,12 @@ class MapIntegratorNode:
             return self._refused(response, error)
         response.success, response.code = True, "ok"
         return response
+
+
+def next_stamp(now: rospy.Time, last: rospy.Time) -> rospy.Time:
+    """Returns a stamp that no state before had: with simulated time several changes may fall into one tick."""
+    is_later = not rospy.Duration(0) <= last - now < rospy.Duration(1)  # or the clock was set back
+    return now if is_later else last + rospy.Duration(0, 1000)
 
 
 def _fill(response: Any, **values: Any) -> Any:
