@@ -53,5 +53,6 @@ class BorderPlace:
         left, top, width, height = cv2.boundingRect(here)
         window = slice(top, top + height), slice(left, left + width)
         free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
-        count = int(np.count_nonzero(here[window] & free))
-        return Region(window, here[window] * 255, effect.value, False, count * grid.resolution**2) if count else None
+        mask = here[window] * free * np.uint8(255)
+        count = cv2.countNonZero(mask)
+        return Region(window, mask, effect.value, False, count * grid.resolution**2) if count else None

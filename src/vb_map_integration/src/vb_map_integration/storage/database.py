@@ -250,7 +250,7 @@ class Database(DurableValues):
         return str(self.get(f"requests/{request_id}", "")) if request_id else ""
 
 
-@functools.lru_cache(maxsize=1000)  # one that did not change is the same object
+@functools.lru_cache(maxsize=10_000)  # one that did not change is the same object
 def _read_border(text: str) -> VirtualBorder:
     return border_from_feature(json.loads(text))
 
