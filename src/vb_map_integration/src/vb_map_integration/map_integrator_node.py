@@ -67,11 +67,11 @@ class MapIntegratorNode:
         /map (nav_msgs/OccupancyGrid): the physical map.
     Published topics, latched, with the same stamp for the same state:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the current map; with every change.
-        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
-            there is or was one, with every change.
-        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as there is
             a map, and complete with every change.
+        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
+        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones, whichever robots they
+            name [cm/s], 0: no limit; once there is or was one, with every change.
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
     Services (a request that fails answers with code and message, and changes nothing):
