@@ -31,7 +31,7 @@ from vb_map_integration.borders.border_messages import message_from_border
 from vb_map_integration.integration import integrate
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.session import Answer
+from vb_voice_wizard.dialogue.answers import Answer
 
 
 def room():
