@@ -152,8 +152,6 @@ class ParticipantNode:
 
 def build() -> ParticipantNode:
     """Reads the parameters and makes the node."""
-    for name in ("~world", "~scenario"):
-        parameters.require(name)
     params = parameters.read(ParticipantParams)
     world = load_world(params.world)
     return ParticipantNode(world, world.scenario(params.scenario), load_models().participant, params)
