@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple, TypeVar, get_type_hints
 
 import numpy as np
-import roslib.packages
 import yaml
 
 from vb_core import names
@@ -157,9 +156,11 @@ def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
 
 def record() -> None:
     """Becomes rosbag's recorder, into the folder that is the first argument; a restarted one goes on in another file."""
+    from roslib.packages import find_node
+
     bags = Path(sys.argv[1]).expanduser() / BAGS
     bags.mkdir(parents=True, exist_ok=True)
-    recorder = roslib.packages.find_node("rosbag", "record")[0]
+    recorder = find_node("rosbag", "record")[0]
     # what roslaunch appended (__name:=, __log:=) is for the recorder
     options = ["--all", "--exclude", WITHOUT, "--output-prefix", str(bags / "session"), "--lz4", "--buffsize", "512"]
     os.execv(recorder, [recorder, *options, *sys.argv[2:]])
