@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from vb_voice_wizard.session import Answer
-from vb_voice_wizard.dialogue.answer_cache import AnswerCache
+from vb_voice_wizard.dialogue.answers import Answer
+from vb_voice_wizard.dialogue.answers import AnswerCache
 
 
 def counted():
