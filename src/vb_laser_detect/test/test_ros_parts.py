@@ -1,6 +1,7 @@
 """What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras."""
 
 import contextlib
+import weakref
 from types import SimpleNamespace
 
 import cv2
@@ -19,6 +20,7 @@ from vb_core.ros.images import decode
 from vb_laser_detect import calibrate_camera_node
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect import camera_geometry, detector_diagnostics
+from vb_laser_detect.camera_feed import LensFile
 from vb_laser_detect.camera_geometry import is_rectified
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus
@@ -64,6 +66,20 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
     assert [error.code for error in faults] == ["unsupported_camera"]
     with pytest.raises(CodedError):
         info.model_for((640, 480))
+
+
+def test_no_picture_outlives_its_search_without_a_lens(tmp_path):
+    lens, pictures = LensFile(tmp_path / "red.yaml"), []
+
+    def search():
+        picture = np.zeros(3)
+        pictures.append(weakref.ref(picture))
+        with contextlib.suppress(CodedError):
+            lens.model_for((640, 480))
+
+    for _ in range(3):
+        search()
+    assert not any(picture() is not None for picture in pictures)
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ class LensFile:
             except CodedError as error:
                 self._error = error.without_traceback()
         if self._error is not None:
-            raise self._error
+            raise self._error.without_traceback()
         return require_size(self._camera, size)
 
 
