@@ -1,5 +1,6 @@
 """A lab's own folder: launch files that roslaunch can read, nothing overwritten."""
 
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from refusals import refused
 from vb_bringup.new_lab import parse_cameras, write_lab
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
+
+TOP = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture
@@ -28,9 +31,11 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
     write_map(tmp_path / "room", grid)
     written = write_lab(lab, {"north": "/dev/video0", "south": ""}, "turtlebot2", tmp_path / "room.yaml", profiles)
     assert all(path.is_file() for path in written)
-    given = {arg.get("name"): arg.get("value") for arg in ElementTree.parse(str(lab / "lab.launch")).iter("arg")}
-    stack = Path(__file__).resolve().parents[1] / "launch" / "lab.launch"
-    assert set(given) <= {arg.get("name") for arg in ElementTree.parse(str(stack)).getroot().findall("arg")}
+    launch, stack = (ElementTree.parse(str(path / "lab.launch")).getroot() for path in (lab, TOP / "launch"))
+    given = {arg.get("name"): arg.get("value") for arg in launch.iter("arg")}
+    assert set(given) <= {arg.get("name") for arg in stack.findall("arg")}
+    (of_container,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
+    assert set(re.findall(r"(\w+):=", of_container)) <= {arg.get("name") for arg in launch.findall("arg")}
     assert given["cameras"] == "north south" and given["map"] == "$(dirname)/map.yaml" and given["robot"] == "true"
     assert len(given["configs"].split()) == 2
     # what the lab versions is whole without the map's first place

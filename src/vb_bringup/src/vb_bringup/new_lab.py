@@ -26,8 +26,9 @@ _LAUNCH = """\
        Every argument of the stack's lab.launch can be set here; $(find vb_bringup)/launch/lab.launch lists and explains them. -->
   <arg name="rviz" default="true" doc="whether the smart display is on this computer"/>
   <arg name="page_port" default="8420" doc="port of the page"/>
+  <arg name="page_address" default="127.0.0.1" doc="0.0.0.0: the page is for the whole network, with codes"/>
   <include file="$(dirname)/cameras.launch"/>
-  <include file="$(find vb_bringup)/launch/lab.launch">
+  <include file="$(find vb_bringup)/launch/lab.launch" pass_all_args="true">
     <arg name="cameras" value="{cameras}"/>
     <arg name="configs" value="{configs}"/>
     <arg name="calibration" value="$(dirname)/calibration"/>
@@ -37,8 +38,6 @@ _LAUNCH = """\
     <arg name="robot_types" value="$(dirname)/robot.yaml"/>
     <arg name="navigation" value="none"/>
     <arg name="voice" value="false"/>
-    <arg name="rviz" value="$(arg rviz)"/>
-    <arg name="page_port" value="$(arg page_port)"/>
   </include>
 </launch>
 """
