@@ -105,7 +105,6 @@ class CameraFeed:
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         self._setting = threading.Lock()
-        self._late = 0
         self._source = CameraSource(source, params, self._take, self._tell)
         self._source.start()  # its thread may call at once
 
@@ -144,10 +143,9 @@ class CameraFeed:
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
 
     def _take(self, shot: Shot) -> None:
+        for code in shot.left_out:
+            self._report.count(code)
         # simulated time has another clock than the camera
-        for _ in range(self._late, self._source.late):
-            self._report.count("late_image")
-        self._late = self._source.late
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
         self._mailbox.put(ReceivedImage(stamp, self._frame, shot.picture, shot))
         if is_file(self._source.address):
