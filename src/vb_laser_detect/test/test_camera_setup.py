@@ -4,11 +4,13 @@ import math
 
 import numpy as np
 import pytest
+import rospy
 import yaml
 
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
+from vb_laser_detect import camera_setup
 from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls, lens_file
@@ -114,6 +116,18 @@ def test_images_that_do_not_follow_the_light_say_nothing():
     switched, seen = blinking(0.1, 25.0, np.random.default_rng(5), contrast=0.0)
     with refused("no_blinking"):
         measure_delay(switched, seen)
+
+
+def test_a_terminal_gets_its_colours_back_from_an_interrupted_measurement(monkeypatch, capsys):
+    def interrupt(seconds):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(rospy.Time))
+    monkeypatch.setattr(camera_setup.time, "sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        camera_setup._blink()
+    written = capsys.readouterr().out
+    assert written.startswith("\x1b[107m") and written.endswith("\x1b[0m\x1b[2J\x1b[H")
 
 
 # ------------------------------------------------------------- exposure

@@ -221,7 +221,6 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
         watching = pool.submit(watch)
         try:
             switched = _blink()
-            time.sleep(3.0)  # images that are late
         finally:
             ended.set()
     found = measure_delay(switched, watching.result())
@@ -239,14 +238,17 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
 def _blink() -> List[float]:
     """Makes the terminal's window light and dark at uneven times; returns them [s]."""
     switched = []
-    for number in range(_BLINKS):
-        # all cells in reverse video or not, and nothing written
-        sys.stdout.write("\x1b[0m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
+    try:
+        for number in range(_BLINKS):
+            # white or black, whatever the terminal's own colours are, and nothing written
+            sys.stdout.write("\x1b[40m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
+            sys.stdout.flush()
+            switched.append(rospy.Time.now().to_sec())
+            time.sleep(random.uniform(_SHORTEST, _LONGEST))
+        time.sleep(3.0)  # images that are late
+    finally:
+        sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
         sys.stdout.flush()
-        switched.append(rospy.Time.now().to_sec())
-        time.sleep(random.uniform(_SHORTEST, _LONGEST))
-    sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
-    sys.stdout.flush()
     return switched
 
 
