@@ -1,6 +1,7 @@
 """Lens, delay, exposure and settings of a camera that the detector reads itself: against what is known."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import yaml
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
 from vb_laser_detect import camera_setup
 from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
@@ -158,6 +160,36 @@ def test_a_window_in_the_image_keeps_the_exposure_short():
         return Look(min(255.0, 0.5 * exposure), 0.2 if exposure > 60 else 0.0)
 
     assert 40 < find_exposure(camera) <= 62
+
+
+@pytest.mark.parametrize("ended", [CodedError("no_images"), KeyboardInterrupt()])
+def test_a_search_that_ends_early_sets_the_camera_back(monkeypatch, ended):
+    given = {"exposure": 120, "white_balance": 5000}
+    now = dict(given)
+
+    def end(after):
+        assert now != given
+        raise ended
+
+    images = SimpleNamespace(
+        params={"capture": {**given, "rate": 5.0}}, set=lambda **values: now.update(values), next=end
+    )
+    monkeypatch.setattr(camera_setup, "CameraImages", lambda camera: images)
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(rospy.Time))
+    with pytest.raises(type(ended)):
+        camera_setup.set_exposure(SimpleNamespace(camera="hall"))
+    assert now == given
+
+
+def test_a_setting_for_a_detector_that_does_not_run_is_refused(monkeypatch):
+    def wait(service, timeout):
+        raise rospy.ROSException(f"timeout exceeded while waiting for service {service}")
+
+    monkeypatch.setattr(rospy, "wait_for_service", wait)
+    images = object.__new__(camera_setup.CameraImages)
+    images._camera = "hall"
+    with refused("detector_missing"):
+        images.set(exposure=100)
 
 
 def test_saturated_share_counts_surfaces_but_not_a_spot():

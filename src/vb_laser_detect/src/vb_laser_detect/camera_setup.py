@@ -17,6 +17,7 @@ import cv2
 import dynamic_reconfigure.client
 import numpy as np
 import rospy
+from dynamic_reconfigure import DynamicReconfigureException
 from sensor_msgs.msg import CameraInfo
 
 from vb_core.camera_model import CameraModel
@@ -54,8 +55,8 @@ class CameraImages:
     """
 
     def __init__(self, camera: str, own_source: bool = True) -> None:
-        self.node = f"/spot_detector_{camera}"
-        self.params: Dict[str, Any] = rospy.get_param(self.node, {})
+        self._camera = camera
+        self.params: Dict[str, Any] = rospy.get_param(f"/spot_detector_{camera}", {})
         if own_source and not self.params.get("source"):
             raise CodedError("no_source", camera=camera)
         self.settings = str(self.params.get("settings", ""))
@@ -100,10 +101,13 @@ class CameraImages:
         """Changes settings of the running camera.
 
         Raises:
-            CodedError: "control_refused" if the camera did not take them.
+            CodedError: "control_refused" if the camera did not take them; "detector_missing"
         """
-        client = dynamic_reconfigure.client.Client(f"{self.node}/capture", timeout=_TIMEOUT)
-        taken = client.update_configuration(values)
+        try:
+            client = dynamic_reconfigure.client.Client(f"/spot_detector_{self._camera}/capture", timeout=_TIMEOUT)
+            taken = client.update_configuration(values)
+        except (rospy.ROSException, DynamicReconfigureException):
+            raise CodedError("detector_missing", camera=self._camera) from None
         client.close()
         refused = [name for name, value in values.items() if taken[name] != value]
         if refused:
@@ -260,13 +264,19 @@ def set_exposure(arguments: argparse.Namespace) -> int:
         images.set(exposure=exposure)
         return look_at(images.next(rospy.Time.now().to_sec() + _SETTLED)[1].bgr())
 
-    values: Dict[str, Any] = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
+    capture = images.params.get("capture", {})
+    given = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
     try:
-        images.set(white_balance=_USUAL_WHITE)
-        values["white_balance"] = _USUAL_WHITE
-    except CodedError as error:
-        print(f"! the white balance stays automatic: {error.message}")
-    images.keep(**values)
+        values = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
+        try:
+            images.set(white_balance=_USUAL_WHITE)
+            values["white_balance"] = _USUAL_WHITE
+        except CodedError as error:
+            print(f"! the white balance stays automatic: {error.message}")
+        images.keep(**values)
+    except BaseException:  # also Ctrl-C: a lab goes on with these images
+        images.set(**given)
+        raise
     print(f"Point the laser at the floor ({_SPOT_TIMEOUT:.0f} s) ...", flush=True)
     before = images.next()[1].bgr().max(axis=2)
     end = time.monotonic() + _SPOT_TIMEOUT
