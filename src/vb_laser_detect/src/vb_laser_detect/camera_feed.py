@@ -21,6 +21,7 @@ from vb_laser_detect.camera import controls, lens_file
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, is_file, printable
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
+from vb_laser_detect.detector_params import SpotDetectorNodeParams
 
 FOLDER = "~/.ros/virtual_borders"
 
@@ -80,32 +81,23 @@ class CameraFeed:
             (sensor_msgs/CameraInfo): only if listened to
 
     Args:
-        camera: its name; frame: its optical frame.
-        source: see `CameraSource`.
+        params: of its detector.
         image: topic.
-        settings: its file, detectors/NAME.yaml, if that is known.
         mailbox: takes each image.
         report: of faults, and why there are no images.
     """
 
     def __init__(
-        self,
-        camera: str,
-        frame: str,
-        source: str,
-        params: CaptureParams,
-        image: str,
-        settings: str,
-        mailbox: Mailbox,
-        report: DetectorDiagnostics,
+        self, params: SpotDetectorNodeParams, image: str, mailbox: Mailbox, report: DetectorDiagnostics
     ) -> None:
-        self.lens = LensFile(lens_path(settings, camera))
-        self._frame, self._mailbox, self._report = frame, mailbox, report
+        self.lens = LensFile(lens_path(params.settings, params.camera))
+        self._frame = params.frame or f"{params.camera}_optical_frame"
+        self._mailbox, self._report = mailbox, report
         self._raw = rospy.Publisher(image, Image, queue_size=1)
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         self._setting = threading.Lock()
-        self._source = CameraSource(source, params, self._take, self._tell)
+        self._source = CameraSource(params.source, params.capture, self._take, self._tell)
         self._source.start()  # its thread may call at once
 
     def close(self) -> None:

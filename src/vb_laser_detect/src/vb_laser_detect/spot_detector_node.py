@@ -101,16 +101,7 @@ class SpotDetectorNode:
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
         depth = DepthTopic(rospy.resolve_name(params.depth), report) if params.depth else None
         if params.source:
-            self._feed = CameraFeed(
-                params.camera,
-                params.frame or f"{params.camera}_optical_frame",
-                params.source,
-                params.capture,
-                image,
-                params.settings,
-                self._mailbox,
-                report,
-            )
+            self._feed = CameraFeed(params, image, self._mailbox, report)
             return self._feed.lens, depth
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), params.camera, image)
         subscribe_images(image, params.image_transport, params.frame, self._mailbox.put)
