@@ -227,11 +227,11 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
             switched = _blink()
         finally:
             ended.set()
-    found = measure_delay(switched, watching.result())
+    seconds, uncertainty = measure_delay(switched, watching.result())
     before = float(images.params.get("capture", {}).get("delay_ms", 0.0))
-    delay = round(max(0.0, before + 1e3 * found.seconds), 1)
+    delay = round(max(0.0, before + 1e3 * seconds), 1)
     print(
-        f"The images are {delay:.0f} ms late, to within {1e3 * found.uncertainty:.0f} ms; the screen's own delay, often 20 to "
+        f"The images are {delay:.0f} ms late, to within {1e3 * uncertainty:.0f} ms; the screen's own delay, often 20 to "
         "50 ms, is in it."
     )
     images.set(delay_ms=delay)
