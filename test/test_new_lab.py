@@ -49,12 +49,13 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
 
 def test_cameras_with_and_without_a_source(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4")
+    found = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4 desk=2")
     assert found == {
         "north": "/dev/video0",
         "south": "rtsp://a:b@1.2.3.4/x?y=1",
         "hall": "",
         "clip": str(tmp_path / "room.mp4"),
+        "desk": "/dev/video2",
     }
     with refused("bad_camera_name"):
         parse_cameras("a=1 a=2")

@@ -155,8 +155,15 @@ def write_lab(
     return written
 
 
+def parse_camera(text: str) -> str:
+    """Converts a camera's number, device, address or file to a detector's parameter `source`."""
+    if text.isdigit():
+        return f"/dev/video{text}"
+    return text if "://" in text else str(Path(text).expanduser().absolute())
+
+
 def parse_cameras(text: str) -> Dict[str, str]:
-    """Reads NAME or NAME=SOURCE separated by spaces; a file's place is made absolute.
+    """Reads NAME or NAME=SOURCE separated by spaces, with a source as `parse_camera` takes it.
 
     Raises:
         CodedError: "bad_camera_name" if two have the same name.
@@ -165,10 +172,7 @@ def parse_cameras(text: str) -> Dict[str, str]:
     cameras = dict(words)
     if len(cameras) != len(words):
         raise CodedError("bad_camera_name", name=", ".join(name for name, _ in words))
-    return {
-        name: source if not source or "://" in source else str(Path(source).expanduser().absolute())
-        for name, source in cameras.items()
-    }
+    return {name: source and parse_camera(source) for name, source in cameras.items()}
 
 
 def _copy_map(map_file: Path, folder: Path) -> List[Path]:

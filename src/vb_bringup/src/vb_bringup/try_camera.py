@@ -28,7 +28,7 @@ import rospy
 import tornado.web
 import yaml
 
-from vb_bringup.new_lab import write_lab
+from vb_bringup.new_lab import parse_camera, write_lab
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
@@ -41,7 +41,7 @@ from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
 from vb_laser_detect.camera import lens_file
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_network
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
 from vb_laser_detect.detection.projection import floor_points
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
@@ -256,13 +256,6 @@ class TryLab:
             if time.monotonic() > end or rospy.is_shutdown():
                 raise CodedError("no_response", name="$interaction_manager")
             rospy.rostime.wallsleep(0.05)
-
-
-def parse_camera(text: str) -> str:
-    """Converts a camera's number, device, address or file to a detector's parameter `source`."""
-    if text.isdigit():
-        return f"/dev/video{text}"
-    return text if is_network(text) else str(Path(text).expanduser().absolute())
 
 
 def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
