@@ -59,12 +59,14 @@ _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
 
 # ------------------------------------------------------------- the floor
 def seen_floor(view: FloorView) -> GridMap:
-    """Returns an empty map of the floor that a camera sees."""
+    """Returns an empty map of the floor that a camera sees; raises CodedError "bad_rectangle" if all of it is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
     with np.errstate(invalid="ignore"):
         places = places[np.linalg.norm(places - T[:2, 3], axis=1) < _FAR]
+    if not len(places):
+        raise CodedError("bad_rectangle")
     low, high = places.min(axis=0), places.max(axis=0)
     columns, rows = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
     floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*map(float, low), 0.0))
@@ -198,6 +200,7 @@ class _Floor(_Handler):
             self.write({"error": error.message})
         except (ValueError, KeyError, TypeError, AttributeError):
             self.set_status(400)
+            self.write({"error": CodedError("bad_rectangle").message})
 
 
 # ------------------------------------------------------------- the lab
