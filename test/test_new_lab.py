@@ -62,17 +62,18 @@ def test_cameras_with_and_without_a_source(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "cameras, robot, room, code",
+    "name, cameras, robot, room, code",
     [
-        ({"1st": ""}, "", None, "bad_camera_name"),
-        ({"a": ""}, "r2d2", None, "unknown_robot_type"),
-        ({"a": ""}, "", Path("rooom.yaml"), "bad_map_file"),
+        ("lab", {"1st": ""}, "", None, "bad_camera_name"),
+        ("lab", {"a": ""}, "r2d2", None, "unknown_robot_type"),
+        ("lab", {"a": ""}, "", Path("rooom.yaml"), "bad_map_file"),
+        ("my lab", {"a": ""}, "", None, "folder_with_space"),
     ],
 )
-def test_bad_labs_are_refused_before_anything_is_written(tmp_path, profiles, cameras, robot, room, code):
+def test_bad_labs_are_refused_before_anything_is_written(tmp_path, profiles, name, cameras, robot, room, code):
     with refused(code):
-        write_lab(tmp_path / "lab", cameras, robot, room, profiles)
-    assert not (tmp_path / "lab").exists()
+        write_lab(tmp_path / name, cameras, robot, room, profiles)
+    assert not (tmp_path / name).exists()
 
 
 def test_nothing_is_overwritten(tmp_path, profiles):

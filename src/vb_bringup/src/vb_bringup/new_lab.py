@@ -112,9 +112,11 @@ def write_lab(
         profiles: folder of the robot types.
 
     Raises:
-        CodedError: "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file" before anything is
-            written; or "cannot_write_lab".
+        CodedError: "folder_with_space", "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file"
+            before anything is written; or "cannot_write_lab".
     """
+    if len(str(folder).split()) != 1:  # arguments of launch files are separated by spaces
+        raise CodedError("folder_with_space", folder=folder)
     if folder.exists() and any(folder.iterdir()):
         raise CodedError("folder_not_empty", folder=folder)
     wrong = [name for name in cameras if not NAME.fullmatch(name)]
