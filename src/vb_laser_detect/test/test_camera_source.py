@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, printable
 from vb_laser_detect.detector import SpotDetector
 
 RATE, FRAMES, KEY_EVERY = 25, 250, 25
@@ -161,6 +161,24 @@ def test_internal_error_is_reported_and_the_camera_reopened(film):
     assert again.wait(60.0)
     source.close()
     assert told[:3] == [None, "internal_error", None]
+
+
+@pytest.mark.parametrize(
+    "address, shown",
+    [
+        ("rtsp://camera.lab:554/video?channel=1", "rtsp://camera.lab:554/video?channel=1"),
+        ("rtsp://user:secret@camera.lab/a@b", "rtsp://camera.lab/a@b"),
+        ("rtsp://user:secr@et@camera.lab/", "rtsp://camera.lab/"),
+        (
+            "rtsp://camera.lab/user=admin&password=secret&channel=1",
+            "rtsp://camera.lab/user=admin&password=***&channel=1",
+        ),
+        ("http://camera.lab/video?usr=admin&PWD=secret", "http://camera.lab/video?usr=admin&PWD=***"),
+        ("/dev/video0", "/dev/video0"),
+    ],
+)
+def test_no_password_is_shown(address, shown):
+    assert printable(address) == shown
 
 
 def test_half_a_jpeg_is_no_image():

@@ -29,6 +29,7 @@ from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import lens_file, settings_file
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import WHITE, Look, find_exposure, look_at
+from vb_laser_detect.camera.source import printable
 from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
 
@@ -111,7 +112,7 @@ class CameraImages:
         client.close()
         refused = [name for name, value in values.items() if taken[name] != value]
         if refused:
-            raise CodedError("control_refused", source=self.params["source"], why=", ".join(refused))
+            raise CodedError("control_refused", source=printable(self.params["source"]), why=", ".join(refused))
 
     def keep(self, **values: Any) -> None:
         """Writes settings into the camera's file, or says what to write if the lab has none."""

@@ -133,8 +133,8 @@ def is_file(address: str) -> bool:
 
 
 def printable(address: str) -> str:
-    """Returns an address without its password."""
-    return re.sub(r"://[^/@]*@", "://", address)
+    """Returns an address without its password, which cameras take before the host or among the query's values."""
+    return re.sub(r"(password|pwd)=[^&]*", r"\1=***", re.sub(r"://[^/]*@", "://", address), flags=re.IGNORECASE)
 
 
 class _Clock:
