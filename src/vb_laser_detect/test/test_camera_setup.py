@@ -229,8 +229,10 @@ def test_automatic_settings_are_switched_off_before_values_are_set():
     assert controls.plan(OLD, params)[:2] == ["exposure_auto=1", "exposure_absolute=120"]
 
 
-def test_settings_not_asked_for_stay_automatic():
+def test_settings_not_asked_for_are_the_camera_s_own():
     assert controls.plan(NEW, CaptureParams()) == ["auto_exposure=3", "white_balance_automatic=1"]
+    ribbon = NEW.replace("min=0 max=3 default=3 value=3", "min=0 max=1 default=0 value=1")  # a camera with two modes
+    assert controls.plan(ribbon, CaptureParams())[0] == "auto_exposure=0"
     assert controls.plan("", CaptureParams()) == []
     with refused("no_control"):
         controls.plan("", CaptureParams(exposure=100))
