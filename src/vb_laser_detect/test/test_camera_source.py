@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
+from vb_laser_detect.camera import source as camera_source
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, printable
 from vb_laser_detect.detector import SpotDetector
 
@@ -130,6 +131,24 @@ def test_of_a_damaged_image_on_all_are_left_out_until_a_key_frame(packets, tmp_p
     seen, _, left_out = slowly(write_film(tmp_path / "damaged.mp4", packets, damaged=(5,)), 0.0, 20)
     assert left_out == ["bad_image"] * (KEY_EVERY - 5)
     assert np.abs(seen - [*range(5), *range(KEY_EVERY, KEY_EVERY + 15)]).max() < 6.0
+
+
+def test_a_camera_without_a_whole_image_for_long_is_opened_again(packets, tmp_path, monkeypatch):
+    monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 0.4)
+    told, again = [], threading.Event()
+
+    def report(error):
+        told.append(error and error.code)
+        if len(told) == 3:
+            again.set()
+
+    source = CameraSource(
+        write_film(tmp_path / "damaged.mp4", packets, (5,)), CaptureParams(), lambda shot: None, report
+    )
+    source.start()
+    assert again.wait(60.0)
+    source.close()
+    assert told == [None, "camera_stalled", None]
 
 
 def test_a_new_delay_counts_from_the_next_image_on(film):

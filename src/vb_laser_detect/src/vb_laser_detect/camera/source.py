@@ -262,11 +262,12 @@ class CameraSource:
             try:
                 frames = [] if missing else packet.decode()
             except av.error.InvalidDataError:
-                if time.monotonic() - decoded > _STALL_TIMEOUT:
-                    raise  # nothing of it is video
                 missing = "bad_image"
             if missing:
                 self._left_out.append(missing)
+                if missing == "bad_image" and time.monotonic() - decoded > _STALL_TIMEOUT:
+                    # it begins with one that stands by itself, when it is opened again
+                    raise CodedError("camera_stalled", source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}")
                 continue
             newest = at
             for frame in frames:
