@@ -160,11 +160,7 @@ class CornerPage:
             self._done.set()
         places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
         worst = uncertainty(corners, size, image, project(view.camera, view.T_map_camera, places))
-        return {
-            "lines": grid_lines(view, floor),
-            "worst_cm": round(100.0 * min(worst, 9.99)),
-            "height": round(float(view.T_map_camera[2, 3]), 2),
-        }
+        return {"lines": grid_lines(view, floor), "worst_cm": round(100.0 * min(worst, 9.99))}
 
 
 class _Handler(tornado.web.RequestHandler):
