@@ -207,6 +207,28 @@ class BordersTest(PageTest):
         np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
         self.browser.click("#review button", "Cancel")
 
+    def test_the_seed_follows_each_change_of_corners(self):
+        self.browser.click("#draw")
+        corners = [[3.0, 1.0], [4.0, 1.0], [5.5, 3.0], [3.0, 2.0]]
+        for point in [*corners, corners[0]]:
+            self.browser.tap(point)
+        self.browser.wait_text("#review", "m²")
+        points, inside = self.browser.driver.execute_async_script(
+            """const done = arguments[0], { map, draft } = window.virtualBorders, { points } = draft();
+            import("/shapes.js").then(({ inside }) => {
+                map.on.choose(2);
+                const corner = document.querySelector("[data-corner='2']");
+                corner.focus();
+                corner.dispatchEvent(new KeyboardEvent("keydown", { key: "Delete", bubbles: true }));
+                const seen = [inside(draft().seed, points)];
+                map.on.between(0, [3.3, 1.6]);  // a quick finger: beyond the middle at once
+                done([points, [...seen, inside(draft().seed, points)]]);
+            })"""
+        )
+        np.testing.assert_allclose(points, [corners[0], [3.3, 1.6], corners[1], corners[3]], atol=0.05)
+        self.assertEqual(inside, [True, True])
+        self.browser.click("#review button", "Cancel")
+
     def test_a_wall_with_a_warning_hides_no_name(self):
         with self.small_phone() as small:
             small.click("#wall")

@@ -52,15 +52,11 @@ export const map = new MapView(words, {
     drawReview();
   },
   drag(corner, point, ended) {
-    const before = middleSeed();
-    draft.points[corner] = point;
-    if (before) draft.seed = middle(draft.points);
-    map.setDraft(draft, (chosenCorner = corner));
+    changeCorners(corner, 1, [point], corner);
     if (ended) examine();
   },
   between(corner, point) {
-    draft.points.splice(corner + 1, 0, point);
-    map.setDraft(draft, (chosenCorner = corner + 1));
+    changeCorners(corner + 1, 0, [point], corner + 1);
     examine();
     return corner + 1;
   },
@@ -72,8 +68,13 @@ export const map = new MapView(words, {
   },
 });
 
-// Whether the seed follows the polygon: it does while nobody has put it outside.
-const middleSeed = () => draft.kind === "polygon" && inside(draft.seed, draft.points);
+// Puts corners in the place of others, as splice does; a polygon's seed follows while nobody has put it outside.
+function changeCorners(at, gone, corners, chosen) {
+  const follows = draft.kind === "polygon" && inside(draft.seed, draft.points);
+  draft.points.splice(at, gone, ...corners);
+  if (follows) draft.seed = middle(draft.points);
+  map.setDraft(draft, (chosenCorner = chosen));
+}
 
 export function setMode(next) {
   page.mode = document.body.dataset.mode = next;
@@ -203,9 +204,7 @@ const begun = () => (draft ? JSON.stringify(draftFields()) !== draft.stored : ta
 function removeCorner() {
   const least = draft.kind === "polygon" ? 3 : 2;
   if (chosenCorner === null || draft.points.length <= least) return;
-  draft.points.splice(chosenCorner, 1);
-  chosenCorner = null;
-  map.setDraft(draft, null);
+  changeCorners(chosenCorner, 1, [], null);
   examine();
 }
 
