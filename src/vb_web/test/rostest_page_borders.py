@@ -207,7 +207,7 @@ class BordersTest(PageTest):
         np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
         self.browser.click("#review button", "Cancel")
 
-    def test_the_seed_follows_each_change_of_corners(self):
+    def test_the_seed_follows_each_change_of_corners_and_delete_takes_the_focused_one(self):
         self.browser.click("#draw")
         corners = [[3.0, 1.0], [4.0, 1.0], [5.5, 3.0], [3.0, 2.0]]
         for point in [*corners, corners[0]]:
@@ -216,7 +216,7 @@ class BordersTest(PageTest):
         points, inside = self.browser.driver.execute_async_script(
             """const done = arguments[0], { map, draft } = window.virtualBorders, { points } = draft();
             import("/shapes.js").then(({ inside }) => {
-                map.on.choose(2);
+                map.on.choose(0);
                 const corner = document.querySelector("[data-corner='2']");
                 corner.focus();
                 corner.dispatchEvent(new KeyboardEvent("keydown", { key: "Delete", bubbles: true }));

@@ -60,9 +60,7 @@ export const map = new MapView(words, {
     examine();
     return corner + 1;
   },
-  removeCorner() {
-    removeCorner();
-  },
+  removeCorner,
   outside() {
     toast(say("page_off_map"), true);
   },
@@ -201,10 +199,12 @@ export function edit(border) {
 // Whether something has been drawn or changed that nobody has saved.
 const begun = () => (draft ? JSON.stringify(draftFields()) !== draft.stored : taps.length > 0);
 
-function removeCorner() {
-  const least = draft.kind === "polygon" ? 3 : 2;
-  if (chosenCorner === null || draft.points.length <= least) return;
-  changeCorners(chosenCorner, 1, [], null);
+// Whether it is still a polygon, or a line, without one of its corners.
+const spareCorners = () => draft.points.length > (draft.kind === "polygon" ? 3 : 2);
+
+function removeCorner(corner) {
+  if (!spareCorners()) return;
+  changeCorners(corner, 1, [], null);
   examine();
 }
 
@@ -334,7 +334,6 @@ export function drawReview() {
     examine();
   });
   const refused = check && !check.ok;
-  const corner = chosenCorner !== null && draft.points.length > (draft.kind === "polygon" ? 3 : 2);
   fill(box, [
     element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", what(draft.kind))),
     element("label", { class: "beside" }, element("span", {}, say("page_name")), name),
@@ -361,7 +360,10 @@ export function drawReview() {
       wall ? null : button("page_other_side", () => setMode("side")),
       wall && draft.points.length === 2
         ? null
-        : Object.assign(button("page_remove_corner", removeCorner), { disabled: !corner }),
+        : Object.assign(
+            button("page_remove_corner", () => removeCorner(chosenCorner)),
+            { disabled: chosenCorner === null || !spareCorners() },
+          ),
     ),
     element(
       "div",

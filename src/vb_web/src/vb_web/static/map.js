@@ -21,7 +21,8 @@ const short = (text) => (text.length > 26 ? `${text.slice(0, 25)}…` : text);
 const dots = (points) => points.map((p) => `M${p[0]} ${p[1]}h.001`).join("");
 
 export class MapView {
-  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index), outside()
+  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index),
+  // removeCorner(index), outside()
   constructor(words, on) {
     Object.assign(this, {
       words,
