@@ -5,6 +5,7 @@ from __future__ import annotations
 
 
 import numpy as np
+import rospy
 import rostest
 
 from page_rig import CARPET, PageTest, round_the
@@ -13,6 +14,7 @@ from vb_testing import wait_until
 from vb_core import names, sentences
 from vb_core.ros.messages import grid_from_message
 from vb_msgs.msg import VirtualBorder
+from vb_msgs.srv import RenameBorder
 
 
 class BordersTest(PageTest):
@@ -171,6 +173,29 @@ class BordersTest(PageTest):
         )
         self.assertEqual({one: sent.count(one) for one in sent}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
         self.browser.driver.refresh()
+
+    def test_a_change_after_somebody_elses_succeeds_when_it_is_tried_again(self):
+        self.store_carpet()
+        self.browser.click("#borders .name")
+        self.browser.field("#dialog input").send_keys(" 2")
+        self.store_carpet("Other", "Other")
+        self.browser.click("#dialog button", "Rename")
+        self.browser.wait_text("#toast", "Somebody else")
+        self.assertEqual(self.borders()[0].name, "Rug")
+        self.browser.click("#dialog button", "Rename")
+        self.browser.wait_text("#borders", "Rug 2")
+        self.browser.click("#borders .name")
+        rospy.ServiceProxy(names.RENAME_BORDER, RenameBorder)(id=self.borders()[0].id, name="Mat", source="test")
+        self.browser.wait_text("#borders", "Mat")
+        self.browser.click("#dialog button", "Edit")
+        self.browser.field("#review input").send_keys(" 3")
+        self.store_carpet("Third", "Third")
+        self.browser.click("#review button", "Save")
+        self.browser.wait_text("#toast", "Somebody else")
+        self.browser.wait_text("#review", "m²")
+        self.assertEqual(self.borders()[0].name, "Mat")
+        self.browser.click("#review button", "Save")
+        self.browser.wait_text("#borders", "Mat 3")
 
     def test_lengths_a_scale_and_the_last_corner(self):
         scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');

@@ -84,7 +84,8 @@ const toggleBorder = (border) =>
   );
 
 export function borderDialog(id, typed = null) {
-  const border = view.borders.list.find((one) => one.id === id);
+  const find = () => view.borders.list.find((one) => one.id === id);
+  const border = find();
   if (!border) return;
   const heading = [markOf(border), words.border(border.name) || say("page_no_name")];
   if (!operator()) return show(heading, element("p", { class: "muted" }, why(border)), closeButton());
@@ -97,14 +98,17 @@ export function borderDialog(id, typed = null) {
     element("label", {}, element("span", {}, say("page_name")), name),
     button("page_rename", () => form.requestSubmit()),
   );
-  form.addEventListener("submit", async (event) => {
+  const change = async (asked) => {
+    const { ok, code } = await asked;
+    if (ok) $("dialog").close();
+    // somebody else's change is told and shown before it is built upon
+    else if (code === "revision_conflict") borderDialog(id, name.value);
+  };
+  form.addEventListener("submit", (event) => {
     event.preventDefault();
     if (!name.value.trim()) toast(say("page_name_empty"), true);
-    else if (
-      name.value === words.border(border.name) ||
-      (await ask("rename", { ...target, name: name.value }, "page_renamed")).ok
-    )
-      $("dialog").close();
+    else if (name.value === words.border(border.name)) $("dialog").close();
+    else change(ask("rename", { ...target, name: name.value }, "page_renamed"));
   });
   show(
     heading,
@@ -117,7 +121,7 @@ export function borderDialog(id, typed = null) {
         () =>
           leave(() => {
             $("dialog").close();
-            edit(border);
+            edit(find() || border); // as it is now: the dialog may have been open for long
           }),
         "primary",
       ),
@@ -126,18 +130,8 @@ export function borderDialog(id, typed = null) {
     element(
       "div",
       { class: "row" },
-      button(border.enabled ? "page_switch_off" : "page_switch_on", () =>
-        leave(async () => {
-          if ((await toggleBorder(border)).ok) $("dialog").close();
-        }),
-      ),
-      button(
-        "page_remove",
-        async () => {
-          if ((await ask("remove", target, "page_removed", { border: border.name })).ok) $("dialog").close();
-        },
-        "danger",
-      ),
+      button(border.enabled ? "page_switch_off" : "page_switch_on", () => leave(() => change(toggleBorder(border)))),
+      button("page_remove", () => change(ask("remove", target, "page_removed", { border: border.name })), "danger"),
     ),
     closeButton(),
   );

@@ -244,6 +244,11 @@ async function save() {
   else if (draft) {
     check = answer;
     drawReview();
+    // somebody else's change is told and shown before it is built upon
+    if (answer.code === "revision_conflict") {
+      draft.revision = view.borders.revision;
+      examine();
+    }
   }
 }
 
