@@ -197,6 +197,27 @@ class BordersTest(PageTest):
         self.browser.click("#review button", "Save")
         self.browser.wait_text("#borders", "Mat 3")
 
+    def test_previews_are_asked_for_one_at_a_time(self):
+        self.browser.click("#draw")
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        asked = self.browser.driver.execute_async_script(
+            """const done = arguments[0], { draft } = window.virtualBorders;
+            Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { examine }]) => {
+                const asked = [];
+                page.link.send = (action, fields) => new Promise((resolve) => asked.push({ action, fields, resolve }));
+                const answer = (one) => {
+                    one.resolve({ ok: true, code: "ok", values: {}, area: 1, issues: [] });
+                    return new Promise((next) => setTimeout(next));
+                };
+                for (draft().name of ["a", "b", "c"]) examine();
+                for (const one of asked) await answer(one);
+                done(asked.map((one) => one.fields.draft.name));
+            });"""
+        )
+        self.assertEqual(asked, ["a", "c"])
+        self.browser.driver.refresh()
+
     def test_lengths_a_scale_and_the_last_corner(self):
         scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""

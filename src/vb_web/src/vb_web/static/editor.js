@@ -13,7 +13,8 @@ export let draft = null;
 let taps = [],
   chosenCorner = null,
   check = null,
-  checking = null; // the question that has no answer yet
+  checking = null, // the newest question, which has no answer yet
+  asking = false; // whether one is under way
 // What the rest of the page does about a border that was tapped, and about another mode.
 export const listeners = { pick: () => {}, mode: () => {} };
 
@@ -219,12 +220,20 @@ export const draftFields = (of = draft) => ({
   robots: of.robots,
 });
 
-// Asks what saving would do; the newest question counts, and the last answer stands until its answer: nothing jumps.
+// Asks what saving would do, one question at a time, and after each answer only the newest, which counts. The last answer
+// stands until then: nothing jumps.
 export async function examine() {
-  const question = (checking = {});
+  checking = {};
   drawReview();
-  const answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });
-  if (question !== checking || !draft) return;
+  if (asking) return;
+  asking = true;
+  let question, answer;
+  do {
+    question = checking;
+    answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });
+  } while (checking && checking !== question);
+  asking = false;
+  if (!checking) return; // there is no draft any more
   checking = null;
   check = answer;
   map.picture("region", answer.region || "");
