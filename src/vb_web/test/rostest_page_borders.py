@@ -197,13 +197,15 @@ class BordersTest(PageTest):
         self.browser.click("#review button", "Save")
         self.browser.wait_text("#borders", "Mat 3")
 
-    def test_previews_are_asked_for_one_at_a_time(self):
+    def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
+        self.store_carpet()
         self.browser.click("#draw")
         self.browser.stroke(round_the(CARPET))
         self.browser.wait_text("#review", "m²")
-        asked = self.browser.driver.execute_async_script(
-            """const done = arguments[0], { draft } = window.virtualBorders;
-            Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { examine }]) => {
+        asked, modes, dialog = self.browser.driver.execute_async_script(
+            """const done = arguments[0], { draft, map, view } = window.virtualBorders, modes = [];
+            const press = (selector) => [...document.querySelectorAll(selector)].pop().click();
+            Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, examine, setMode }]) => {
                 const asked = [];
                 page.link.send = (action, fields) => new Promise((resolve) => asked.push({ action, fields, resolve }));
                 const answer = (one) => {
@@ -212,10 +214,27 @@ class BordersTest(PageTest):
                 };
                 for (draft().name of ["a", "b", "c"]) examine();
                 for (const one of asked) await answer(one);
-                done(asked.map((one) => one.fields.draft.name));
+                const previews = asked.splice(0).map((one) => one.fields.draft.name);
+                for (const [ask, begin] of [
+                    [() => press("#review button"), () => edit(view.borders.list[0])],
+                    [() => map.on.tap([3, 1]), () => setMode("go")],
+                ]) {
+                    ask();
+                    setMode("look");
+                    begin();
+                    await answer(asked.splice(0)[0]);
+                    modes.push(page.mode);
+                    setMode("go");
+                }
+                setMode("look");
+                press("#borders .name");
+                press("#dialog .danger");
+                press("#settings-button");
+                await answer(asked.pop());
+                done([previews, modes, document.getElementById("dialog").open]);
             });"""
         )
-        self.assertEqual(asked, ["a", "c"])
+        self.assertEqual((asked, modes, dialog), (["a", "c"], ["review", "go"], True))
         self.browser.driver.refresh()
 
     def test_lengths_a_scale_and_the_last_corner(self):

@@ -1,6 +1,6 @@
 // The list of borders, and what can be done with one.
 "use strict";
-import { closeButton, leave, show } from "./dialog.js";
+import { closeButton, leave, show, whenAnswered } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
 import { hello, operator, row, say, view, words } from "./state.js";
 import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
@@ -98,12 +98,12 @@ export function borderDialog(id, typed = null) {
     element("label", {}, element("span", {}, say("page_name")), name),
     button("page_rename", () => form.requestSubmit()),
   );
-  const change = async (asked) => {
-    const { ok, code } = await asked;
-    if (ok) $("dialog").close();
-    // somebody else's change is told and shown before it is built upon
-    else if (code === "revision_conflict") borderDialog(id, name.value);
-  };
+  const change = (asked) =>
+    whenAnswered(asked, ({ ok, code }) => {
+      if (ok) $("dialog").close();
+      // somebody else's change is told and shown before it is built upon
+      else if (code === "revision_conflict") borderDialog(id, name.value);
+    });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     if (!name.value.trim()) toast(say("page_name_empty"), true);

@@ -10,7 +10,8 @@ import { hello, operator, page, prompt, row, say, standing, view, what, words } 
 import { $, ask, button, element, figures, fill, issues, lock, nameField, select, toast } from "./ui.js";
 
 export let draft = null;
-let taps = [],
+let turn = 0, // counts changes of mode
+  taps = [],
   chosenCorner = null,
   check = null,
   checking = null, // the newest question, which has no answer yet
@@ -77,6 +78,7 @@ function changeCorners(at, gone, corners, chosen) {
 
 export function setMode(next) {
   page.mode = document.body.dataset.mode = next;
+  turn += 1;
   lock($("panel"));
   keepBack();
   if (next !== "look") toast(""); // of what was done before
@@ -102,8 +104,9 @@ export function setMode(next) {
 let sent = ""; // the robot that goes
 
 async function sendRobot(goal) {
+  const asked = turn;
   const answer = await page.link.ask("send", { robot: sent, goal: goal.map((v) => Number(v.toFixed(3))) });
-  if (answer.ok) setMode("look");
+  if (answer.ok && asked === turn) setMode("look");
   toast(words.tell(answer), !answer.ok, answer.code);
 }
 
@@ -241,7 +244,8 @@ export async function examine() {
 }
 
 async function save() {
-  const { border, revision } = draft;
+  const saved = draft,
+    { border, revision } = draft;
   if (!begun()) {
     toast(say("page_saved"));
     return setMode("look");
@@ -249,15 +253,14 @@ async function save() {
   const answer = border
     ? await ask("update", { draft: draftFields(), border, revision }, "page_saved")
     : await ask("add", { draft: draftFields() }, "page_saved");
-  if (answer.ok) setMode("look");
-  else if (draft) {
-    check = answer;
-    drawReview();
-    // somebody else's change is told and shown before it is built upon
-    if (answer.code === "revision_conflict") {
-      draft.revision = view.borders.revision;
-      examine();
-    }
+  if (draft !== saved) return; // an answer that comes late is not about what is drawn now
+  if (answer.ok) return setMode("look");
+  check = answer;
+  drawReview();
+  // somebody else's change is told and shown before it is built upon
+  if (answer.code === "revision_conflict") {
+    draft.revision = view.borders.revision;
+    examine();
   }
 }
 
