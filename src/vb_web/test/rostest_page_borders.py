@@ -272,7 +272,7 @@ class BordersTest(PageTest):
         np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
         self.browser.click("#review button", "Cancel")
 
-    def test_the_seed_follows_each_change_of_corners_and_delete_takes_the_focused_one(self):
+    def test_the_seed_follows_each_change_of_corners_and_keys_reach_what_has_the_focus(self):
         self.browser.click("#draw")
         corners = [[3.0, 1.0], [4.0, 1.0], [5.5, 3.0], [3.0, 2.0]]
         for point in [*corners, corners[0]]:
@@ -292,6 +292,15 @@ class BordersTest(PageTest):
         )
         np.testing.assert_allclose(points, [corners[0], [3.3, 1.6], corners[1], corners[3]], atol=0.05)
         self.assertEqual(inside, [True, True])
+        self.browser.field("#review input").send_keys("Rug")
+        caret = self.browser.run(
+            """const before = document.activeElement;
+            before.setSelectionRange(1, 2);
+            window.virtualBorders.map.on.choose(1);  // which draws the form again
+            const { value, selectionStart, selectionEnd } = document.activeElement;
+            return [document.activeElement !== before, value, selectionStart, selectionEnd]"""
+        )
+        self.assertEqual(caret, [True, "Rug", 1, 2])
         self.browser.click("#review button", "Cancel")
 
     def test_a_wall_with_a_warning_hides_no_name(self):
