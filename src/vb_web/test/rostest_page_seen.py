@@ -38,11 +38,13 @@ class SeenTest(PageTest):
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
                     Notice("robot_caught_in_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_caught_in_border", values={"who": "ada", "border": "$border_without_name"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
             self.browser.wait_text("#notices", "The robot is inside Rug")
             other.wait_text("#notices", "Der Roboter ist in Rug")
+            other.wait_text("#notices", sentences.translate("border_without_name", {}, "de"))
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()
