@@ -73,7 +73,11 @@ class LostTest(PageTest):
         # as it was before
         self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
         field = self.browser.field("#login input")
+        self.browser.run("window.ask = fetch; window.fetch = () => Promise.reject()")
         field.send_keys("wrong-code\n")
+        self.browser.wait_text("#login-answer", "no answer")
+        self.browser.run("window.fetch = window.ask")
+        field.send_keys("\n")
         self.browser.wait_text("#login-answer", "not a valid code")
         field.clear()
         codes = yaml.safe_load(self.codes.read_text())

@@ -75,6 +75,15 @@ def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypa
     assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
 
 
+def test_a_disk_that_cannot_be_written_keeps_nobody_out(tmp_path):
+    (tmp_path / "file").write_text("")
+    told = []
+    sessions = Sessions(CODES, tmp_path / "file" / "sessions.json", lambda error: told.append(error.code))
+    role, name = sessions.find(sessions.open(CODES.operator))
+    sessions.end(name)
+    assert (role, told) == (Role.OPERATOR, ["cannot_write"] * 2)
+
+
 def test_many_viewers_log_no_operator_out():
     sessions = Sessions(CODES)
     operator, *viewers = [sessions.open(code) for code in (CODES.operator, *[CODES.viewer] * 300)]

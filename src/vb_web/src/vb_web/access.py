@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Callable, Dict, Optional, Tuple
 from urllib.parse import urlsplit
 
 import yaml
@@ -92,12 +92,18 @@ class Sessions:
 
     Args:
         path: the file, beside the codes; None: memory only.
+        on_fault: called with the error if the file cannot be written; who comes in or goes is in memory all the same.
 
     The file names a session by its cookie's digest, and the code that opened it: a new code ends the old one's sessions.
     """
 
-    def __init__(self, codes: AccessCodes, path: Optional[Path] = None) -> None:
-        self._path = path
+    def __init__(
+        self,
+        codes: AccessCodes,
+        path: Optional[Path] = None,
+        on_fault: Callable[[CodedError], None] = lambda _error: None,
+    ) -> None:
+        self._path, self._on_fault = path, on_fault
         self._roles = {_digest(normalize(codes.viewer)): Role.VIEWER, _digest(normalize(codes.operator)): Role.OPERATOR}
         self._lock = threading.Lock()
         self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, since when [s]
@@ -136,7 +142,10 @@ class Sessions:
         with self._lock:
             self._open = {name: entry for name, entry in {**self._open, **new}.items() if name not in gone}
             if self._path is not None:
-                write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
+                try:
+                    write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
+                except CodedError as error:
+                    self._on_fault(error)
 
 
 def is_loopback(host: str) -> bool:

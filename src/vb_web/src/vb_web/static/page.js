@@ -130,16 +130,18 @@ async function settings() {
   show(say("page_settings"), languages, invite, leave, closeButton());
 }
 
+const REFUSED = { 401: "page_wrong_code", 429: "page_too_many_codes" }; // by status
+
 async function logIn(code) {
-  const answer = await fetch("session", {
+  const { ok, status } = await fetch("session", {
     method: "POST",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify({ code }),
-  });
-  if (answer.ok) {
+  }).catch(() => ({}));
+  if (ok) {
     $("login").hidden = true;
     page.link.connect();
-  } else $("login-answer").textContent = say(answer.status === 429 ? "page_too_many_codes" : "page_wrong_code");
+  } else $("login-answer").textContent = say(REFUSED[status] || "page_no_answer");
 }
 
 listeners.pick = borderDialog;
