@@ -148,6 +148,21 @@ class SeenTest(PageTest):
             what="the second request",
         )
         self.browser.run("window.virtualBorders.map.picture('floor', '')")
+        # it comes by itself, and not again after it was switched off and the link was lost
+        on = self.browser.driver.execute_async_script(
+            """const done = arguments[0], { view } = window.virtualBorders, button = document.getElementById("floor-button");
+            import("/state.js").then(({ hello, page: { link } }) => {
+                const section = { map: { ...view.map, floor: 4 } }, on = [];
+                for (const next of [() => {}, () => button.click(), () => link.onHello({ ...hello })]) {
+                    next();
+                    link.onView(section);
+                    on.push(button.getAttribute("aria-pressed"));
+                }
+                done(on);
+            });"""
+        )
+        self.assertEqual(on, ["true", "false", "false"])
+        self.browser.driver.refresh()
 
     def test_a_spot_is_seen_and_text_stays_text(self):
         spot = LaserSpot(camera="red")

@@ -21,12 +21,14 @@ function drawAll() {
   drawDrives();
 }
 
+let floorTried = false; // it is switched on by itself once: who has switched it off keeps it off
+
 const DRAW = {
   map(section) {
     map.setMap(section);
     $("floor-button").hidden = !section.floor;
-    if (section.floor && operator() && !floorOn && !view.floorTried) {
-      view.floorTried = true;
+    if (section.floor && operator() && !floorOn && !floorTried) {
+      floorTried = true;
       setFloor(true);
     }
   },
