@@ -162,6 +162,11 @@ class SeenTest(PageTest):
             });"""
         )
         self.assertEqual(on, ["true", "false", "false"])
+        # a map that begins elsewhere is shown where it is
+        moved = (
+            "const { map } = window.virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
+        )
+        self.assertGreater(self.browser.run(moved), 50)
         self.browser.driver.refresh()
 
     def test_a_spot_is_seen_and_text_stays_text(self):

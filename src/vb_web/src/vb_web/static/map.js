@@ -176,11 +176,9 @@ export class MapView {
 
   // ------------------------------------------------------------- what is shown
   setMap(info) {
-    const other =
-      !this.info ||
-      this.info.rows !== info.rows ||
-      this.info.columns !== info.columns ||
-      this.info.resolution !== info.resolution;
+    const other = ["rows", "columns", "resolution", "origin"].some(
+      (one) => String(this.info?.[one]) !== String(info[one]),
+    );
     const {
       origin: [x, y, yaw],
       rows,
