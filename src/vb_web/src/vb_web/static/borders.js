@@ -46,7 +46,6 @@ export function drawBorders() {
       ? [element("li", { class: "muted" }, say("page_no_borders"))]
       : list.map((border) => {
           const toggle = element("button", {
-            type: "button",
             class: "switch operator",
             role: "switch",
             "aria-checked": String(border.enabled),
@@ -57,7 +56,6 @@ export function drawBorders() {
           const open = element(
             "button",
             {
-              type: "button",
               class: "name",
               "data-key": `border ${border.id}`,
               onclick: () => borderDialog(border.id),

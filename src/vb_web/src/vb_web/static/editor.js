@@ -117,7 +117,6 @@ function reviewGo(cancel) {
     element(
       "button",
       {
-        type: "button",
         "data-key": `go ${name}`,
         "aria-pressed": String(name === sent),
         onclick: () => {
@@ -281,7 +280,7 @@ function robotChoice() {
   const choice = (label, pressed, robots) =>
     element(
       "button",
-      { type: "button", "aria-pressed": String(pressed), "data-key": `robot ${label}`, onclick: choose(robots) },
+      { "aria-pressed": String(pressed), "data-key": `robot ${label}`, onclick: choose(robots) },
       label,
     );
   return element(
@@ -305,15 +304,11 @@ export function drawReview() {
   const cancel = button("page_discard", () => setMode("look"));
   if (page.mode === "go") return fill(box, reviewGo(cancel));
   if (page.mode !== "review") {
-    const end = (kind) =>
-      Object.assign(
-        button(`page_end_${kind}`, () => begin([...taps], kind), kind === "polygon" ? "primary" : ""),
-        { disabled: taps.length < (kind === "polygon" ? 3 : 2) },
-      );
-    const takeBack = Object.assign(
-      button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps")),
-      { disabled: !taps.length },
-    );
+    const end = (kind, style, least) =>
+      button(`page_end_${kind}`, () => begin([...taps], kind), style, { disabled: taps.length < least });
+    const takeBack = button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps"), "", {
+      disabled: !taps.length,
+    });
     const close =
       page.mode === "side" && draft.kind === "curve" && draft.points.length > 2
         ? button("page_end_polygon", () => {
@@ -329,7 +324,7 @@ export function drawReview() {
         "div",
         { class: "row" },
         cancel,
-        ...(page.mode === "draw" ? [takeBack, end("curve"), end("polygon")] : [close]).filter(Boolean),
+        ...(page.mode === "draw" ? [takeBack, end("curve", "", 2), end("polygon", "primary", 3)] : [close]),
       ),
     ]);
   }
@@ -377,16 +372,15 @@ export function drawReview() {
       wall ? null : button("page_other_side", () => setMode("side")),
       wall && draft.points.length === 2
         ? null
-        : Object.assign(
-            button("page_remove_corner", () => removeCorner(chosenCorner)),
-            { disabled: chosenCorner === null || !spareCorners() },
-          ),
+        : button("page_remove_corner", () => removeCorner(chosenCorner), "", {
+            disabled: chosenCorner === null || !spareCorners(),
+          }),
     ),
     element(
       "div",
       { class: "row decide" },
       cancel,
-      Object.assign(button("page_save", save, "primary"), { disabled: !check || checking || refused }),
+      button("page_save", save, "primary", { disabled: Boolean(!check || checking || refused) }),
     ),
   ]);
 }

@@ -82,7 +82,6 @@ export function drawState() {
       element(
         "button",
         {
-          type: "button",
           "data-key": one,
           "data-command": one,
           disabled: !given.has(one),

@@ -90,7 +90,6 @@ async function settings() {
       element(
         "button",
         {
-          type: "button",
           lang: one,
           "aria-pressed": String(one === words.language),
           onclick: async () => {

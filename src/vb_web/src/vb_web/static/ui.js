@@ -8,6 +8,7 @@ const NAME_LENGTH = 60;
 
 export function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
+  if (tag === "button") made.type = "button";
   for (const [key, value] of Object.entries(attributes)) {
     if (key === "onclick") made.addEventListener("click", value);
     else if (value === true) made.setAttribute(key, "");
@@ -17,8 +18,8 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
-export const button = (code, onclick, kind = "", values = {}) =>
-  element("button", { type: "button", class: kind, onclick }, say(code, values));
+export const button = (code, onclick, kind = "", attributes = {}) =>
+  element("button", { class: kind, onclick, ...attributes }, say(code));
 
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 
