@@ -47,9 +47,7 @@ const DRAW = {
     drawState();
     drawBanners();
   },
-  progress(section) {
-    map.setProgress(section);
-  },
+  progress: (section) => map.setProgress(section),
   offer() {
     drawState();
     drawBanners();
@@ -58,12 +56,8 @@ const DRAW = {
   },
   drives: drawDrives,
   preview: drawState,
-  robots(section) {
-    map.setRobots(section);
-  },
-  spots(section) {
-    map.setSpots(section);
-  },
+  robots: (section) => map.setRobots(section),
+  spots: (section) => map.setSpots(section),
   notices() {
     drawNotices();
     drawHealth();
@@ -196,12 +190,10 @@ $("login")
     logIn(event.target.elements.code.value);
   });
 
-for (const command of ["stop", "resume"]) $(command).addEventListener("click", () => ask("command", { command }));
+for (const command of ["stop", "resume", "undo", "redo"])
+  $(command).addEventListener("click", () => ask("command", { command }));
 $("settings-button").addEventListener("click", settings);
-$("draw").addEventListener("click", () => setMode("draw"));
-$("wall").addEventListener("click", () => setMode("wall"));
-$("go").addEventListener("click", () => setMode("go"));
-for (const command of ["undo", "redo"]) $(command).addEventListener("click", () => ask("command", { command }));
+for (const mode of ["draw", "wall", "go"]) $(mode).addEventListener("click", () => setMode(mode));
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
