@@ -319,7 +319,7 @@ class PageNode:
         return None if corners is None else (corners.min(axis=0).tolist(), corners.max(axis=0).tolist())
 
     def _invitation(self) -> Dict[str, Any]:
-        return {"addresses": self._addresses, **({} if self._codes is None else vars(self._codes))}
+        return {"addresses": self._addresses, **(self._codes or {})}
 
 
 def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
