@@ -84,7 +84,9 @@ class CheckLab(unittest.TestCase):
     def test_nothing_listens_beyond_this_machine(self):
         nodes = rosnode.get_node_names()
         for name in nodes:
-            self.assertEqual(listening_beyond_loopback(process_of(name)), [], name)
+            pid = process_of(name)
+            self.assertTrue(pid, name)
+            self.assertEqual(listening_beyond_loopback(pid), [], name)
         self.assertGreaterEqual(len(nodes), 4)
 
 

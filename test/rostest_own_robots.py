@@ -275,7 +275,6 @@ class OwnRobots(unittest.TestCase):
         self.assertNotIn("bob", self.browser.text("#review"))
         self.browser.tap([4.1, 1.4])
         self.browser.wait_text("#toast", "'Rug'")
-        self.robots.speeds["ada"] = 0.0
         self.browser.tap([6.0, 1.5])
         self.browser.wait_text("#drives", "ada is driving to x 6 m, y 1.5 m")
         self.browser.wait("document.querySelector('#world .path')", what="the path on the map")

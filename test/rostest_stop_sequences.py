@@ -95,16 +95,19 @@ class StopSequences(unittest.TestCase):
         wait_until(self.resume, "a robot that may drive")
 
     def test_no_stop_is_released_by_an_older_command_and_none_is_lost(self):
-        released = 0
+        released = judged = 0
         for seed in range(FIRST, FIRST + SEQUENCES):
             print(f"sequence {seed}")  # rosunit swallows what a subTest raises
-            released += self.run_sequence(random.Random(seed))
-        print(f"{SEQUENCES} sequences; a resume was obeyed in {released} of them")
+            obeyed, newest = self.run_sequence(random.Random(seed))
+            released, judged = released + obeyed, judged + newest
+        print(f"{SEQUENCES} sequences; a resume was obeyed in {released}, a stop came last in {judged} of them")
 
     def run_sequence(self, choice):
+        """Returns whether a resume was obeyed, and whether a stop was newer than every resume."""
         self.answers.clear()
-        stops, resumes, given = [], [], 0
-        self.neighbors.before_add = lambda: time.sleep(choice.choice([0.0, 0.3, 2.0]))
+        resumes, given = [], 0
+        pauses = random.Random(choice.random())  # drawn by another thread, which must not change the sequence
+        self.neighbors.before_add = lambda: time.sleep(pauses.choice([0.0, 0.3, 2.0]))
         for _ in range(STEPS):
             at = time.monotonic()
             what = choice.choices(
@@ -116,7 +119,8 @@ class StopSequences(unittest.TestCase):
                 process.kill()
                 process.start()
                 continue
-            (stops if what == "stop" else resumes if what == "resume" else []).append(at)
+            if what == "resume":
+                resumes.append(at)
             person = choice.randrange(5)
             if person < 3:
                 given += self.people[person].put(what, at)
@@ -129,21 +133,22 @@ class StopSequences(unittest.TestCase):
         wait_until(lambda: len(self.answers) >= given, "all answers")
         rospy.wait_for_service(names.COMMAND, 120)
         # what holds now must have been told to and by both since
-        for newest in (self.state, self.driver):
-            newest.next(4)
+        for messages in (self.state, self.driver):
+            messages.next(4)
         told = [
             at for command, _, at, code in self.answers if command == "stop" and code in ("stopped", "stop_released")
         ]
-        if told and max(told) > max(resumes, default=0.0):
+        newest = bool(told) and max(told) > max(resumes, default=0.0)
+        if newest:
             self.assertTrue(self.state.message.stopped, "the newest stop is lost, or was released by an older resume")
             self.assertEqual(self.driver.message.source, "stop")
         obeyed = any(command == "resume" and code == "resumed" for command, _, _, code in self.answers)
 
         wait_until(self.resume, "a resume by somebody who looks")
         self.press_page("cancel", time.monotonic())
-        for newest in (self.state, self.driver):
-            del newest.all[:-5]
-        return obeyed
+        for messages in (self.state, self.driver):
+            del messages.all[:-5]
+        return obeyed, newest
 
     def resume(self):
         """Asks for it as somebody who looks; returns whether robots may drive."""

@@ -1,4 +1,6 @@
-"""Commands: each has an id and expires, a lost answer is asked for once more, and stop waits for nothing."""
+"""Bounded calls of services, and commands: each has an id and expires, and stop waits for nothing."""
+
+from __future__ import annotations
 
 import re
 import threading
@@ -8,8 +10,9 @@ import pytest
 import rospy
 
 from refusals import refused
+
 from vb_core.errors import CodedError
-from vb_core.ros import commands
+from vb_core.ros import commands, services
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray
 from vb_msgs.srv import CommandResponse
 
@@ -179,3 +182,48 @@ def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
     assert {request.command for request, *_ in manager.wait_for(2)} == {"undo", "stop"}
     manager.let("save")
     assert len(manager.wait_for(12)) == 12 and not orders._unanswered
+
+
+# ------------------------------------------------------------------ services
+def fake(monkeypatch, wait, answer):
+    monkeypatch.setattr(rospy, "wait_for_service", wait)
+    monkeypatch.setattr(rospy, "ServiceProxy", lambda name, service: answer)
+
+
+def raising(error):
+    def work(*_, **__):
+        raise error
+
+    return work
+
+
+def present(name, timeout):
+    return None
+
+
+def test_the_answer_comes_back(monkeypatch):
+    fake(monkeypatch, present, lambda request: request + 1)
+    assert services.call("/s", object, 41, "somebody") == 42
+
+
+def test_nothing_was_sent_to_an_absent_neighbour(monkeypatch):
+    sent = []
+    fake(monkeypatch, raising(rospy.ROSException("timeout exceeded")), sent.append)
+    with refused("no_service") as caught:
+        services.call("/s", object, 1, "the integrator")
+    assert not sent and "the integrator is not running" in str(caught.value)
+
+
+def test_a_hanging_neighbour_is_given_up(monkeypatch):
+    release = threading.Event()
+    fake(monkeypatch, present, lambda request: release.wait(30))
+    with refused("no_response"):
+        services.call("/s", object, 1, "the integrator", service_timeout=0.05, response_timeout=0.1)
+    release.set()
+
+
+def test_a_lost_connection_counts_as_no_response(monkeypatch):
+    fake(monkeypatch, present, raising(rospy.ServiceException("transport error")))
+    with refused("no_response") as caught:
+        services.call("/s", object, 1, "the integrator")
+    assert isinstance(caught.value.__cause__, rospy.ServiceException)

@@ -1,22 +1,27 @@
-"""Conversions, over the real message classes and without a master."""
+"""Conversions, over the real message classes and without a master; transforms, with tf2's real buffer."""
+
+from __future__ import annotations
 
 import io
+import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 import rospy
+import tf2_ros
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from refusals import refused
-from vb_msgs.msg import BorderPreview
 
+from refusals import refused
+
+from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.geometry import transform_from_pose2d
 from vb_core.grid_map import GridMap
-from vb_core.ros import cameras, images, messages
+from vb_core.ros import cameras, images, messages, transforms
+from vb_msgs.msg import BorderPreview
 
 
 def bytes_of(message):
@@ -134,7 +139,7 @@ def test_cameras_round_trip_and_bad_ones_are_refused():
 
 
 def test_transforms_points_and_poses_round_trip():
-    T = transform_from_pose2d(1.0, -2.0, 2.5)
+    T = geometry.transform_from_pose2d(1.0, -2.0, 2.5)
     T[2, 3] = 0.7
     stamped = messages.message_from_transform(T, "map", "base_link", rospy.Time(2))
     assert np.allclose(messages.transform_from_message(stamped.transform), T)
@@ -145,3 +150,62 @@ def test_transforms_points_and_poses_round_trip():
     assert (messages.array_from_points(messages.points_from_array(points)) == points).all()
     assert messages.array_from_points([]).shape == (0, 2)
     assert np.allclose(messages.pose2d_from_message(messages.message_from_pose2d(1, 2, 3)), (1, 2, 3))
+
+
+# ------------------------------------------------------------------ transforms
+CAMERA = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2.0, 3.0))
+
+
+@pytest.fixture
+def lookup(monkeypatch):
+    monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
+    # a buffer asks for the time, which no node gives here
+    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
+    monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
+    return transforms.TransformLookup()
+
+
+def place(lookup, child, T=CAMERA, parent="map", stamp=5, static=True):
+    message = messages.message_from_transform(T, parent, child, rospy.Time(stamp))
+    (lookup._buffer.set_transform_static if static else lookup._buffer.set_transform)(message, "test")
+
+
+def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
+    place(lookup, "camera")
+    assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(CAMERA)
+    # what is published later on /tf_static counts
+    place(lookup, "camera", np.eye(4))
+    assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(np.eye(4))
+
+
+def test_missing_transforms_and_loops_are_refused_with_a_reason(lookup):
+    with refused("no_transform") as raised:
+        lookup.lookup("map", "camera", rospy.Time(0), 0.0)
+    assert "camera" in str(raised.value) and "calibrated" in str(raised.value)
+    place(lookup, "camera", parent="a")
+    place(lookup, "a", parent="b")
+    place(lookup, "b", parent="a")
+    place(lookup, "other")
+    with refused("no_transform") as raised:
+        lookup.lookup("map", "camera", rospy.Time(0), 0.0)
+    assert "loop" in str(raised.value)
+
+
+def test_an_unknown_time_is_refused(lookup):
+    place(lookup, "camera", static=False, stamp=5)
+    place(lookup, "camera", static=False, stamp=6)
+    assert lookup.lookup("map", "camera", rospy.Time(5.5), 0.0) == pytest.approx(CAMERA)
+    with refused("no_transform"):
+        lookup.lookup("map", "camera", rospy.Time(9), 0.0)
+
+
+def test_a_frames_pose_on_the_map_expires(lookup):
+    assert lookup.pose_on_map("base", 3.0) is None
+    place(lookup, "base", geometry.transform_from_pose2d(1.0, 2.0, 0.5), stamp=8, static=False)  # it is 10 s now
+    assert lookup.pose_on_map("base", 3.0) == pytest.approx((1.0, 2.0, 0.5))
+    assert lookup.pose_on_map("base", 1.5) is None
+    place(lookup, "fixed", geometry.transform_from_pose2d(math.inf, 2.0, 0.5))
+    assert lookup.pose_on_map("fixed", 3.0) is None
+    place(lookup, "fixed", geometry.transform_from_pose2d(3.0, 2.0, 0.5))
+    assert lookup.pose_on_map("fixed", 0.0) == pytest.approx((3.0, 2.0, 0.5))

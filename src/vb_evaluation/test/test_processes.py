@@ -10,15 +10,26 @@ from vb_evaluation.processes import Child, free_port
 from vb_testing import wait_until
 
 
+# ignores the polite request, as a hanging node does
+HANGING = """
+import signal
+import subprocess
+
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+started = subprocess.Popen(["sleep", "600"])
+print("up", flush=True)
+started.wait()
+"""
+
+
 def test_a_child_and_all_it_started_end(tmp_path):
-    # the child ignores the polite request, as a hanging node does
-    script = (
-        "import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\nprint('up', flush=True)\ntime.sleep(600)"
-    )
-    child = Child([sys.executable, "-c", script], tmp_path / "log" / "child.txt")
-    assert child.running
+    mark = uuid.uuid4().hex
+    child = Child([sys.executable, "-c", HANGING], tmp_path / "log" / "child.txt", {**os.environ, "MARK": mark})
+    wait_until(lambda: child.tail() == "up", "the child")
+    assert len(commands_with(mark)) == 2
     child.stop(timeout=0.2)
     assert not child.running
+    wait_until(lambda: not commands_with(mark), "all that it started ends")
 
 
 def test_free_port_is_the_wanted_one_while_that_is_free():
@@ -51,7 +62,7 @@ def commands_with(mark):
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
-            if mark in (folder / "environ").read_bytes():
+            if mark.encode() in (folder / "environ").read_bytes():
                 found.append((folder / "cmdline").read_bytes().replace(b"\0", b" "))
         except OSError:
             continue  # it has just ended
@@ -68,12 +79,10 @@ def test_a_script_that_is_ended_leaves_nothing_behind(tmp_path):
     )
     try:
         assert script.stdout.readline() == b"up\n"
-        wait_until(
-            lambda: any(b"rosout" in command for command in commands_with(mark.encode())), "roslaunch starts its nodes"
-        )
+        wait_until(lambda: any(b"rosout" in command for command in commands_with(mark)), "roslaunch starts its nodes")
         script.send_signal(signal.SIGTERM)
         assert script.wait(120) == -signal.SIGTERM
-        wait_until(lambda: not commands_with(mark.encode()), "all that it started ends")
+        wait_until(lambda: not commands_with(mark), "all that it started ends")
     finally:
         script.kill()
         script.wait()

@@ -41,25 +41,25 @@ class Screen:
 
     def __init__(self):
         self.markers = {}
-        self.messages = 0
         self.subscriber = rospy.Subscriber("/virtual_borders/markers", MarkerArray, self.take, queue_size=100)
 
     def take(self, message):
-        self.messages += 1
+        markers = dict(self.markers)  # a test reads beside it, and never half a message
         for marker in message.markers:
             if marker.action == Marker.DELETEALL:
-                self.markers.clear()
+                markers.clear()
             elif marker.action == Marker.DELETE:
-                self.markers.pop((marker.ns, marker.id), None)
+                markers.pop((marker.ns, marker.id), None)
             else:
-                self.markers[marker.ns, marker.id] = marker
+                markers[marker.ns, marker.id] = marker
+        self.markers = markers
 
     def text_of(self, namespace):
-        found = sorted((key[1], marker.text) for key, marker in list(self.markers.items()) if key[0] == namespace)
+        found = sorted((key[1], marker.text) for key, marker in self.markers.items() if key[0] == namespace)
         return " ".join(text for _, text in found)
 
     def has(self, namespace):
-        return [marker for key, marker in list(self.markers.items()) if key[0] == namespace]
+        return [marker for key, marker in self.markers.items() if key[0] == namespace]
 
 
 class DisplayMarkersTest(unittest.TestCase):

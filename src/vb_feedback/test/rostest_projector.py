@@ -114,7 +114,6 @@ class ProjectorTest(unittest.TestCase):
                 ]
             )
             wait_until(lambda: self.at(1.75, 1.5) > 100, "the border")
-            count = len(self.pictures)
             state.publish(InteractionState(name="border", interaction_id="i"))
             drawing = BorderProgress(interaction_id="i", chain=[Point(3.0, 1.4, 0), Point(3.0, 2.6, 0)])
             progress.publish(drawing)
@@ -129,14 +128,19 @@ class ProjectorTest(unittest.TestCase):
                 return self.at(3.0, 2.4) == 0 and self.at(3.0, 1.6) > 100
 
             wait_until(dark, "the dark place about the spot")
+            count = len(self.pictures)
+
+            def fades():
+                progress.publish(drawing)  # the same again draws nothing new
+                return self.at(3.0, 2.4) > 100
+
+            wait_until(fades, "the spot's end")
+            self.assertLess(len(self.pictures) - count, 4)
             cells = np.zeros((60, 80), np.int8)
             cells[30:50, 40:60] = 100
             region = message_from_grid(GridMap(cells, 0.05), rospy.Time.now())
             preview.publish(BorderPreviewArray(interaction_id="i", available=True, success=True, region=region))
             wait_until(lambda: self.shown()[75:120, 105:195].any(), "what save would restrict")
-            # the same message again draws nothing new; the end of the drawing does
-            before = len(self.pictures)
-            self.assertLess(before - count, 12)
             state.publish(InteractionState(name="default"))
             wait_until(lambda: self.at(3.0, 1.6) == 0 and self.at(1.75, 1.5) > 100, "the borders alone")
         finally:

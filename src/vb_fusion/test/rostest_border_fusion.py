@@ -4,20 +4,17 @@
 import os
 import signal
 import unittest
-from xmlrpc.client import ServerProxy
 
 import numpy as np
-import rosgraph
 import rospy
 import rostest
-from vb_testing import TIMEOUT, wait_until
+from vb_testing import TIMEOUT, process_of, wait_until
 
 from vb_core import names
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder
 
-NODE = "/border_fusion"
 AT_ONCE = 100  # spots: a quarter of what the node queues
 
 
@@ -183,8 +180,7 @@ class BorderFusionTest(unittest.TestCase):
         )  # the manager's clock is ahead, as it is of a simulation's that has not come yet
         self.show(square(150), since=0.01)
         self.wait(lambda: self.last(interaction_id="three", border_spots=150), "half the drawing")
-        uri = rosgraph.Master("/test").lookupNode(NODE)
-        os.kill(ServerProxy(uri).getPid("/test")[2], signal.SIGKILL)
+        os.kill(process_of("/border_fusion"), signal.SIGKILL)
         self.wait(lambda: self.told and "drawing_lost" in self.told[-1], "the loss to be told")
         self.connected()
         self.enter(SEED, "three")

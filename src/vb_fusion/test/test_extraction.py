@@ -12,8 +12,6 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.line import closure
-from vb_fusion.stroke import track
-from vb_fusion.stroke.observations import TIME_BIN
 
 BASE = Setting()
 
@@ -136,16 +134,6 @@ def test_lines_are_open_at_every_scale(line, scale):
 
 
 # ----------------------------------------------------------------- no strokes
-
-
-def test_light_that_outstays_a_resting_hand_explains_almost_nothing():
-    def explained(seconds):
-        stamps = np.arange(0.0, seconds, TIME_BIN)
-        return track.floor_gains(np.zeros((len(stamps), 2)), stamps, 0.5).sum()
-
-    rest = explained(track.MAX_DWELL)
-    assert rest > 0.5 * track.CLUSTER_WIDTH
-    assert explained(60.0) < 0.2 * rest
 
 
 @pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])

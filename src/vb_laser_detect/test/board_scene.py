@@ -22,36 +22,33 @@ _MARGIN = 0.02  # [m] of white paper round the pattern
 _FLOOR = 110.0  # its grey level
 
 
-def corners_on_map(corners, p1, p2):
-    """(N, 2) [m] in the map of a board's corners, with its upper left one at P1 and its upper edge towards P2."""
-    along = np.subtract(p2, p1) / np.linalg.norm(np.subtract(p2, p1))
-    return np.asarray(p1) + corners[:, :1] * along + corners[:, 1:] * (along[1], -along[0])
+def axes_of(yaw: float):
+    """(2, 2) the directions of a board's upper and left edge in the map, if it is turned by yaw [rad]."""
+    return np.array([[math.cos(yaw), math.sin(yaw)], [math.sin(yaw), -math.cos(yaw)]])
 
 
-def p2_of(board: BoardParams, p1, yaw: float):
-    """Where P2 lies, if the board lies with P1 there and turned by yaw [rad]."""
-    return p1[0] + board.size[0] * math.cos(yaw), p1[1] + board.size[0] * math.sin(yaw)
+def corners_on_map(corners, p1, yaw: float):
+    """(N, 2) [m] in the map of a board's corners, with its upper left one at P1, turned by yaw [rad]."""
+    return np.asarray(p1) + corners @ axes_of(yaw)
 
 
-def render_board(board: BoardParams, p1, p2, rng, samples: int = 2):
+def render_board(board: BoardParams, p1, yaw: float, rng, samples: int = 2):
     """(H, W) uint8: a grey floor with the board on it; blurred by the lens, with sensor noise."""
     border = int(_MARGIN * _PPM)
     paper = cv2.copyMakeBorder(draw_board(board, _PPM), *4 * [border], cv2.BORDER_CONSTANT, value=245)
     lit = (20.0 + 0.7 * paper).astype(np.float32)
     picture = np.full((CAMERA.height, CAMERA.width), _FLOOR, np.float32)
     around = np.array([(x, y) for x in (-0.05, board.size[0] + 0.05) for y in (-0.05, board.size[1] + 0.05)])
-    outline = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(around, p1, p2), np.zeros(4)]))
+    outline = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(around, p1, yaw), np.zeros(4)]))
     left, top = np.maximum(0, np.floor(outline.min(axis=0))).astype(int)
     right, bottom = np.minimum((CAMERA.width, CAMERA.height), np.ceil(outline.max(axis=0))).astype(int)
     rows, columns = np.mgrid[top:bottom, left:right].astype(float)
-    along = np.subtract(p2, p1) / np.linalg.norm(np.subtract(p2, p1))
-    axes = np.array([along, (along[1], -along[0])])
     steps = (np.arange(samples) + 0.5) / samples - 0.5
     seen = []
     for du, dv in itertools.product(steps, steps):
         floor = floor_points(CAMERA, POSE, np.column_stack([(columns + du).ravel(), (rows + dv).ravel()]))[:, :2]
         # the first texel's centre lies half a texel within the paper
-        at = ((floor - p1) @ axes.T * _PPM + border - 0.5).reshape(*rows.shape, 2).astype(np.float32)
+        at = ((floor - p1) @ axes_of(yaw).T * _PPM + border - 0.5).reshape(*rows.shape, 2).astype(np.float32)
         seen.append(cv2.remap(lit, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=_FLOOR))
     picture[top:bottom, left:right] = np.mean(seen, axis=0)
     picture = cv2.GaussianBlur(picture, (0, 0), 0.7)

@@ -55,7 +55,6 @@ class RobotCamera:
     """Drives along x and looks down at the floor before it; colour 320 x 240, depth a quarter of it.
 
     Attributes:
-        info: a stamp to the camera_info to be sent.
         localized: whether its pose is published.
         pose_late_s: [s] by which the pose comes after the image of the same time.
         depth_message: depth (60, 80) uint16 [mm] to the message to be sent.
@@ -73,7 +72,6 @@ class RobotCamera:
         self.tf = tf2_ros.TransformBroadcaster()
         self.played = 0
         self.localized, self.pose_late_s = True, 0.0
-        self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
         self.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), self.frame)
 
     def play(self, stamp, x):
@@ -92,7 +90,7 @@ class RobotCamera:
         message = self.depth_message(depth)
         message.header.stamp = stamp
         self.depths.publish(message)
-        self.infos.publish(self.info(stamp))
+        self.infos.publish(info_from_camera(self.camera, stamp, self.frame))
         if self.pose_late_s == 0.0:
             self._publish_pose(base, stamp)
         self.images.publish(message_from_image(image, "rgb8", stamp, self.frame))

@@ -82,8 +82,10 @@ class TestCameraSource(unittest.TestCase):
         return {notice.code for notice in self.notices.current() if notice.camera == "hall"}
 
     def test_1_spots_are_where_and_when_they_were(self):
+        self.server.rate = 2.0  # so far apart that a stamp tells which image it belongs to
+        self.addCleanup(setattr, self.server, "rate", 25.0)
         self.server.jpegs = self.spot
-        wait_until(lambda: len(self.spots) > 20, "spots")
+        wait_until(lambda: len(self.spots) > 12, "spots")
         arrived, message = self.spots[-1]
         rays = CAMERA.rays(np.array([PLACE])) @ T[:3, :3].T
         truth = geometry.intersect_floor(T[:3, 3], rays)[0]
@@ -93,7 +95,7 @@ class TestCameraSource(unittest.TestCase):
         self.assertGreaterEqual(min(age), 0.0)
         sent = np.array(self.server.sent)
         late = [np.abs(sent - spot.header.stamp.to_sec()).min() for _, spot in self.spots[5:]]
-        self.assertLess(np.median(late), 0.02)
+        self.assertLess(np.median(late), 0.06)
 
     def test_2_others_get_images_while_they_listen(self):
         found = {}
@@ -157,7 +159,7 @@ class TestCameraSource(unittest.TestCase):
         seen = b""
         for byte in iter(lambda: command.stdout.read(1), b""):
             seen += byte
-            for code, jpegs in ((b"\x1b[107m", light), (b"\x1b[0m\x1b[2J", dark)):
+            for code, jpegs in ((b"\x1b[107m", light), (b"\x1b[40m\x1b[2J", dark)):
                 if seen.endswith(code):  # the camera shows it later
                     threading.Timer(LATE_S, setattr, (self.server, "jpegs", jpegs)).start()
         self.assertEqual(command.wait(TIMEOUT), 0, seen)

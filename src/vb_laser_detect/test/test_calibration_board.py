@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from board_scene import CAMERA, POSE, corners_on_map, p2_of, render_board
+from board_scene import CAMERA, POSE, corners_on_map, render_board
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.board import PAPERS_MM, BoardParams, draw_board, find_board, write_board
@@ -20,21 +20,20 @@ PLACES = [((3.1, 3.2), -1.2), ((5.0, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.9, 2.0),
 
 @pytest.fixture(scope="module")
 def views():
-    """(P1, P2, view) of the board in each place."""
+    """(P1, yaw, view) of the board in each place."""
     result = []
     for seed, (p1, yaw) in enumerate(PLACES):
-        p2 = p2_of(BOARD, p1, yaw)
-        image = render_board(BOARD, p1, p2, np.random.default_rng(seed))
+        image = render_board(BOARD, p1, yaw, np.random.default_rng(seed))
         # colour images are taken too
         view = find_board(BOARD, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if seed % 2 else image)
-        result.append((p1, p2, view))
+        result.append((p1, yaw, view))
     return result
 
 
 def test_corners_are_found_to_a_fraction_of_a_pixel(views):
-    for p1, p2, view in views:
+    for p1, yaw, view in views:
         assert len(view.ids) == 12
-        truth = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(view.corners, p1, p2), np.zeros(12)]))
+        truth = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(view.corners, p1, yaw), np.zeros(12)]))
         assert np.abs((view.pixels - truth).mean(axis=0)).max() < 0.06  # no bias: pixel centres are whole numbers
         assert np.linalg.norm(view.pixels - truth, axis=1).max() < 0.5
 
@@ -44,12 +43,11 @@ def test_boards_that_cannot_be_used_are_refused():
     small = BoardParams.for_paper("A4")
     for image, code in (
         (np.full((1080, 1920), 110, np.uint8), "no_board"),
-        (render_board(small, (4.0, 2.5), p2_of(small, (4.0, 2.5), 0.2), rng), "board_too_small"),
+        (render_board(small, (4.0, 2.5), 0.2, rng), "board_too_small"),
     ):
         with refused(code):
             find_board(BOARD, image)
-    p2 = p2_of(BOARD, (4.0, 2.5), 0.0)
-    hidden = render_board(BOARD, (4.0, 2.5), p2, rng)
+    hidden = render_board(BOARD, (4.0, 2.5), 0.0, rng)
     middle = pixels_of(CAMERA, POSE, np.array([[4.2, 2.4, 0.0]]))[0].astype(int)
     cv2.circle(hidden, (int(middle[0]), int(middle[1])), 45, 60, -1)  # a foot
     with pytest.raises(CodedError) as raised:

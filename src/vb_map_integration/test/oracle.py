@@ -59,7 +59,3 @@ def side_of(room, line: LineString, seed: Sequence[float]):
     parts = list(split(room, line).geoms)
     holding = [part for part in parts if part.covers(Point(*seed))]
     return holding[0] if len(holding) == 1 and len(parts) > 1 else None
-
-
-def jaccard(a: np.ndarray, b: np.ndarray) -> float:
-    return float((a & b).sum() / max(1, (a | b).sum()))

@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""map_integrator over a real roscore."""
+"""map_integrator, and borders from files, over a real roscore."""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
+import subprocess
 import unittest
+from pathlib import Path
 
 import numpy as np
 import rosnode
@@ -17,7 +20,7 @@ from tf2_ros import StaticTransformBroadcaster
 
 from map_server import MapServer, lab, polygon
 from vb_testing import Newest, wait_until
-from vb_core.ros.messages import OccupancyGridArray
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid
 from vb_core.map_files import read_map
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import (
@@ -142,9 +145,6 @@ class MapIntegratorTest(unittest.TestCase):
             for answer in answers[: 1 if code == "unknown_border" else 2]:
                 self.assertEqual((answer.success, answer.code), (False, code))
                 self.assertTrue(answer.message and answer.issues[-1].code == code)
-        self.assertEqual(self.call("add_border", polygon(id="b1"), "", "test").code, "id_not_empty")
-        self.assertEqual(self.call("save_map", "../x", False).code, "bad_file_name")
-        self.assertEqual(self.call("undo_redo", True).code, "nothing_to_redo")
         self.assertEqual(self.maps.count, count)
         self.assertEqual(self.call("list_borders").borders.revision, revision)
 
@@ -210,14 +210,64 @@ class MapIntegratorTest(unittest.TestCase):
         wait_until(lambda: [b.name for b in self.borders.message.borders] == ["carpet"], "the first place's border")
         self.assertFalse(self.borders.message.needs_confirmation)
 
-    def test_saved_maps(self):
-        self.call("add_border", polygon(occupancy=0.75), "", "test")
-        wait_until(lambda: self.restricted() == 400, "400 restricted cells")
+    def test_why_a_map_is_refused_is_told_until_one_is_taken(self):
+        notices = Newest("/virtual_borders/notices", NoticeArray)
+        for code, frame, cells in (("map_wrong_frame", "odom", 16000), ("bad_map", "map", 3)):
+            message = message_from_grid(self.grid, rospy.Time.now(), frame)
+            message.data = message.data[:cells]
+            self.server.publisher.publish(message)
+            wait_until(lambda: [n.code for n in notices.message.notices] == [code], code)
+        self.server.publish(self.grid)
+        wait_until(lambda: notices.message.notices == [], "no notice")
+
+    def import_borders(self, source):
+        done = subprocess.run(
+            ["rosrun", "vb_map_integration", "import_borders", str(source)],
+            universal_newlines=True,
+            timeout=240,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+        )
+        return done.returncode, done.stdout
+
+    def test_saved_maps_and_borders_from_files(self):
+        source = Path(self.folder) / "in.geojson"
+        square = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
+        features = [
+            {
+                "type": "Feature",
+                "geometry": {"type": "Polygon", "coordinates": [square]},
+                "properties": {"name": "rug", "occupancy": 0.75},
+            },
+            {
+                "type": "Feature",
+                "geometry": {"type": "LineString", "coordinates": [[60, 0], [60, 1]]},
+                "properties": {"name": "far", "seed": [0, 0]},
+            },
+        ]
+        source.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+        status, output = self.import_borders(source)
+        self.assertEqual(status, 1, output)
+        for words in ("rug: added as b", "far: refused", "error [outside_map]", "1 of 2 added"):
+            self.assertIn(words, output)
+        wait_until(lambda: (self.cells() == 75).sum() == self.restricted() == 400, "the map with a soft border")
         answer = self.call("save_map", "soft", True)
         self.assertTrue(answer.success, answer.message)
         self.assertTrue(all(os.path.isfile(path) for path in answer.files) and len(answer.files) == 3)
-        saved = read_map(answer.files[1])
-        self.assertTrue((saved.data == self.cells()).all())
+        self.assertTrue((read_map(answer.files[1]).data == self.cells()).all())
+        # one that was exported and edited comes beside it, and stays switched off
+        edited = Path(answer.files[-1]).read_text().replace('"rug"', '"carpet"')
+        source.write_text(edited.replace('"enabled": true', '"enabled": false'))
+        status, output = self.import_borders(source)
+        self.assertEqual(status, 0, output)
+        borders = self.call("list_borders").borders.borders
+        self.assertEqual([(one.name, one.in_force) for one in borders], [("rug", True), ("carpet", False)])
+        source.write_text('{"type": "FeatureCollection", "features": 3}')
+        status, output = self.import_borders(source)
+        self.assertEqual(status, 2)
+        self.assertIn("bad_border_file", output)
+        self.assertNotIn("Traceback", output)
 
     def test_the_nodes_end_costs_no_border(self):
         """An addition was answered with success, and after a restart no border was there."""

@@ -12,10 +12,11 @@ from shapely.ops import split
 from refusals import refused
 from vb_core import sentences
 from vb_core.grid_map import GridMap
+from vb_evaluation.metrics import jaccard
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import IntegrationError, integrate
 
-from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world
+from oracle import ORIGINS, RESOLUTION, ROOMS, place, rasterise, side_of, world
 
 SETTINGS = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 

@@ -14,6 +14,7 @@ from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.gate import NAVIGATION, TELEOP
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
 from vb_robot.spots import Sighting
+from vb_sim.robot.robot_body import advance
 
 DT, PROFILE = 0.05, RobotProfile()
 
@@ -74,12 +75,7 @@ class Rig:
         command = self.arbiter.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
-        middle = self.pose[2] + 0.5 * command.w * DT
-        self.pose = (
-            self.pose[0] + command.v * DT * math.cos(middle),
-            self.pose[1] + command.v * DT * math.sin(middle),
-            self.pose[2] + command.w * DT,
-        )
+        self.pose = advance(self.pose, command.v * DT, command.w * DT)
 
     def drives(self, v=0.3, w=0.0):
         """On its way as navigation wishes."""

@@ -1,4 +1,4 @@
-"""A move_base action server that has the faults it is told to have."""
+"""A move_base action server that dies and comes back when it is told to."""
 
 import threading
 
@@ -18,7 +18,7 @@ class _Server(actionlib.ActionServer):
 
 
 class FaultyMoveBase:
-    """Accepts goals of a robot, which stays on its way for ever; or aborts them, if `aborts` is set.
+    """Accepts goals of a robot, which stays on its way for ever.
 
     Attributes:
         asked: when [s] each goal came, before it was answered.
@@ -27,14 +27,16 @@ class FaultyMoveBase:
     """
 
     def __init__(self, name):
-        self.name, self.aborts = name, False
+        self.name = name
         self.asked, self.goals, self.cancelled = [], [], 0
         self._lock = threading.RLock()
         self._handle = self._server = None
         self.revive()
 
     def revive(self):
-        """Starts the server, as a new process would."""
+        """Starts the server, as a new process would, if it is dead."""
+        if self._server is not None:
+            return
         self._server = _Server(
             f"{self.name}/move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False
         )
@@ -56,12 +58,6 @@ class FaultyMoveBase:
             self.goals.clear()
             self.cancelled = 0
 
-    def recover(self):
-        """Has no fault any more, for the next test."""
-        if self._server is None:
-            self.revive()
-        self.aborts = False
-
     @property
     def active(self):
         """Whether a goal runs."""
@@ -72,10 +68,7 @@ class FaultyMoveBase:
             self.goals.append(pose2d_from_message(handle.get_goal().target_pose.pose))
             self._cancel()
             handle.set_accepted()
-            if self.aborts:
-                handle.set_aborted()
-            else:
-                self._handle = handle
+            self._handle = handle
 
     def _on_cancel(self, handle):
         with self._lock:

@@ -44,7 +44,7 @@ class DispatcherTest(unittest.TestCase):
     def setUp(self):
         self.stop_drawing()
         for base in self.bases.values():
-            base.recover()
+            base.revive()
         self.publish_maps(room(6.0))
         self.ada.pose, self.bob.pose = (5.0, 2.5, 0.0), (5.4, 0.6, 0.0)
         self.stimulus.spot_frame = "map"
@@ -58,7 +58,7 @@ class DispatcherTest(unittest.TestCase):
             self.maps[name].publish(message_from_grid(grid, rospy.Time.now()))
 
     def draw(self, first="ada", spot=SPOT):
-        """Draws, again and again until this robot is the first to be sent, and gives its goal if it was read.
+        """Draws, again and again until this robot is the first to be sent.
 
         Maps, transforms and what navigation says of itself reach the dispatcher each in its own time. A drawing may
         begin before it has heard what a test has just said, and then another robot is rightly sent.
@@ -153,17 +153,6 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(self.goals("bob"), [])
 
     # ------------------------------------------------------------- faults
-    def test_another_robot_takes_over_after_an_abort(self):
-        self.bases["ada"].aborts = True
-        self.draw()
-        self.is_sent("bob")
-
-    def test_navigation_that_dies_while_driving(self):
-        self.draw()
-        self.is_sent("ada")
-        self.bases["ada"].die()
-        self.is_sent("bob")
-
     def test_navigation_that_never_comes_and_then_does(self):
         for base in self.bases.values():
             base.die()

@@ -17,6 +17,7 @@ from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_
 from vb_core.stop_latch import StopLatch
 from vb_core.vocabulary import DEFAULT
 from vb_msgs.msg import DriverState, InteractionState, LaserSpot
+from vb_sim.robot.robot_body import advance
 
 
 class Body:
@@ -33,18 +34,14 @@ class Body:
     def step(self, now):
         """Moves on and gives its transforms."""
         with self.lock:
-            x, y, yaw = self.pose
             if self._time is not None and now > self._time:
                 dt = min(0.2, (now - self._time).to_sec())
-                v, w = self.velocity
-                middle = yaw + 0.5 * w * dt
-                x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
-                self.pose = (x, y, yaw)
-            self._time = now
+                self.pose = advance(self.pose, self.velocity[0] * dt, self.velocity[1] * dt)
+            self._time, pose = now, self.pose
         return [
             message_from_transform(np.eye(4), "map", self.prefix + "odom", now),
             message_from_transform(
-                geometry.transform_from_pose2d(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now
+                geometry.transform_from_pose2d(*pose), self.prefix + "odom", self.prefix + "base_link", now
             ),
             message_from_transform(self.view.T_base_camera, self.prefix + "base_link", self.prefix + "optical", now),
         ]

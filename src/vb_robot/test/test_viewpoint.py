@@ -188,7 +188,9 @@ def test_places_of_other_robots_are_taken():
     robot = (6.0, 0.5, math.pi / 2)
     free = list(offers(CLEARANCE_MAP, robot, drawing))
     taken = [free[0].pose[:2]]
-    for viewpoint in list(offers(CLEARANCE_MAP, robot, drawing, taken)):
+    found = list(offers(CLEARANCE_MAP, robot, drawing, taken))
+    assert found
+    for viewpoint in found:
         assert math.dist(viewpoint.pose[:2], taken[0]) >= 2 * 0.18 + 0.10
 
 

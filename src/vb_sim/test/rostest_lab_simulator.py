@@ -1,14 +1,18 @@
 #!/usr/bin/env python3
-"""The simulated lab over real topics: time, motion, tf, scan, participant, reset, bad worlds."""
+"""The simulated lab over real topics, and with its robot the stand-ins for map_server and move_base."""
 
 import math
 import unittest
 
+import actionlib
 import numpy as np
 import rospy
 import rostest
-from geometry_msgs.msg import Point, Pose2D, Twist
-from nav_msgs.msg import Odometry
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import Point, Pose2D, PoseStamped, Twist
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from nav_msgs.msg import Odometry, Path
+from nav_msgs.srv import GetMap, GetPlan
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
@@ -16,31 +20,129 @@ from std_srvs.srv import Trigger
 from vb_testing import Newest, assert_ends_with_one_line, wait_until
 
 from vb_core import geometry, names
+from vb_core.ros import node
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, message_from_pose2d
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState, ParticipantState
 
 START = (7.6, 0.4, math.radians(150.0))
 
 
+def pose(x, y, yaw=0.0):
+    stamped = PoseStamped()
+    stamped.header.frame_id = "map"
+    stamped.pose = message_from_pose2d(x, y, yaw)
+    return stamped
+
+
 class LabSimulatorTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("test_lab_simulator")
+        node.wait_for_clock()
         cls.clock = Newest("/clock", Clock)
         cls.state = Newest(names.LAB_STATE, LabState)
         cls.odom = Newest("/odom", Odometry)
         cls.transforms = TransformLookup()
-        cls.cmd_vel = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+        cls.drive = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
         cls.participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
-        cls.state.next()
-        cls.reset()
+        cls.map = Newest("/map", OccupancyGridArray)
+        cls.cmd_vel = Newest("/cmd_vel", Twist)
+        cls.costmap = Newest("/move_base/global_costmap/costmap", OccupancyGridArray)
+        cls.plan = Newest("/move_base/NavfnROS/plan", Path)
+        cls.maps = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
+        cls.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+        assert cls.client.wait_for_server(rospy.Duration(60.0))
+        cls.make_plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
+        cls.make_plan.wait_for_service(60.0)
+        cls.grid = grid_from_message(cls.map.message)
 
-    @classmethod
-    def reset(cls):
+    def setUp(self):
         rospy.wait_for_service("/lab_simulator/reset", 120.0)
-        assert rospy.ServiceProxy("/lab_simulator/reset", Trigger)().success
+        self.assertTrue(rospy.ServiceProxy("/lab_simulator/reset", Trigger)().success)
 
-    def pose(self):
+    def publish(self, blocked=None):
+        """The map with a box (x0, y0, x1, y1) [m] blocked; waits until the costmap has it."""
+        data = self.grid.data.copy()
+        if blocked is not None:
+            low, high = self.grid.world_to_cell(np.array(blocked).reshape(2, 2))
+            data[low[0] : high[0], low[1] : high[1]] = 100
+        before = self.costmap.count
+        wait_until(lambda: self.maps.get_num_connections() > 0, "navigation to listen")
+        self.maps.publish(message_from_grid(self.grid.with_data(data), rospy.Time.now()))
+        wait_until(lambda: self.costmap.count > before, "the costmap with it")
+
+    def path(self, start, goal, tolerance=0.0):
+        reply = self.make_plan(pose(*start), pose(*goal), tolerance)
+        return np.array([(p.pose.position.x, p.pose.position.y) for p in reply.plan.poses]).reshape(-1, 2)
+
+    def send(self, *goal):
+        self.client.send_goal(MoveBaseGoal(target_pose=pose(*goal)))
+
+    def finish(self, limit=90.0):
+        wait_until(
+            lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "the goal's end", limit
+        )
+        wait_until(self.may_plan, "plans for others again")
+        for last in self.cmd_vel.all[-1:]:
+            self.assertEqual((last.linear.x, last.angular.z), (0.0, 0.0))
+        return self.client.get_state(), self.client.get_goal_status_text()
+
+    def may_plan(self):
+        try:
+            self.path((7.0, 0.6), (7.0, 0.7))
+            return True
+        except rospy.ServiceException:
+            return False
+
+    # ------------------------------------------------------------- navigation
+    def test_0_without_a_map_goals_are_aborted(self):
+        self.send(7.0, 1.0)
+        state, text = self.finish()
+        self.assertEqual(state, GoalStatus.ABORTED)
+        self.assertIn("no_map", text)
+
+    def test_1_map_server(self):
+        plain = rospy.ServiceProxy("/static_map", GetMap)().map
+        self.assertTrue(np.array_equal(np.array(plain.data, np.int8).reshape(self.grid.shape), self.grid.data))
+        self.assertEqual(self.map.message.header.frame_id, "map")
+
+    def test_2_a_new_border_is_in_costmap_and_plans(self):
+        self.publish((3.12, 0.3, 5.12, 2.05))
+        start = (7.6, 0.4)
+        occupancy = np.array(self.costmap.message.data).reshape(self.grid.shape)
+        row, column = self.grid.world_to_cell([(4.0, 1.0)])[0]
+        self.assertEqual(occupancy[row, column], 100)
+        # a goal inside it: no plan, and with a tolerance its rim
+        self.assertEqual(len(self.path(start, (4.0, 1.0))), 0)
+        self.assertGreater(len(self.path(start, (5.0, 1.0), 0.5)), 0)
+
+    def test_3_goal_is_reached(self):
+        self.publish()
+        first = len(self.cmd_vel.all)
+        self.send(6.6, 1.0, 1.5)
+        wait_until(lambda: self.client.get_state() == GoalStatus.ACTIVE, "the goal to be taken")
+        # as the real one: no plans for others while a goal is active
+        self.assertFalse(self.may_plan())
+        self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
+        true = self.state.next().robot_poses[0]
+        self.assertLess(math.hypot(true.x - 6.6, true.y - 1.0), 0.2)
+        self.assertLess(abs(geometry.wrap_angle(true.theta - 1.5)), 0.25)
+        self.assertLessEqual(max(message.linear.x for message in self.cmd_vel.all[first:]), 0.5)
+        self.assertEqual(self.plan.message.header.frame_id, "map")
+
+    def test_4_a_border_published_while_driving_is_respected(self):
+        self.publish()
+        self.send(5.2, 1.0, math.pi)
+        self.state.wait(lambda state: state.robot_poses[0].x < 7.3, "the robot to set out")
+        border = (6.0, 0.4, 6.4, 1.3)
+        self.publish(border)
+        first = len(self.state.all)
+        self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
+        poses = [state.robot_poses[0] for state in self.state.all[first:]]
+        self.assertFalse([at for at in poses if border[0] < at.x < border[2] and border[1] < at.y < border[3]])
+
+    def place(self):
         pose = self.state.next().robot_poses[0]
         return np.array([pose.x, pose.y, pose.theta])
 
@@ -49,11 +151,12 @@ class LabSimulatorTest(unittest.TestCase):
         command.linear.x, command.angular.z = speed, turn_rate
 
         def driven():
-            self.cmd_vel.publish(command)
+            self.drive.publish(command)
             return condition(self.state.message)
 
         wait_until(driven, "the robot to get there")
 
+    # ------------------------------------------------------------- the lab
     def test_time_goes_on_evenly(self):
         self.clock.next(60)
         stamps = [message.clock.to_nsec() for message in self.clock.all]
@@ -61,18 +164,16 @@ class LabSimulatorTest(unittest.TestCase):
         self.assertEqual(set(np.diff(stamps[-40:])) - {20000000, 40000000, 60000000}, set())
 
     def test_robot_moves_and_stops_by_itself(self):
-        self.reset()
-        start = self.pose()
+        start = self.place()
         self.drive_until(
             lambda state: math.hypot(state.robot_poses[0].x - start[0], state.robot_poses[0].y - start[1]) > 0.3
         )
         # nobody commands any longer: it stands soon
         wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6, "the robot to stand")
-        heading = math.atan2(*(self.pose()[:2] - start[:2])[::-1])
+        heading = math.atan2(*(self.place()[:2] - start[:2])[::-1])
         self.assertAlmostEqual(geometry.wrap_angle(heading - START[2]), 0.0, delta=0.1)
 
     def test_tf_is_near_the_truth_at_the_image_time(self):
-        self.reset()
         self.drive_until(lambda state: state.robot_poses[0].x < 7.3, 0.3, 0.1)
         state = self.state.next()
         estimate = geometry.pose2d_from_transform(self.transforms.lookup("map", "base_link", state.header.stamp, 2.0))
@@ -83,7 +184,6 @@ class LabSimulatorTest(unittest.TestCase):
         self.assertAlmostEqual(mount[2, 3], 0.3)
 
     def test_scan_shows_the_corner(self):
-        self.reset()
         scan = Newest("/scan", LaserScan).next()
         self.assertEqual((scan.header.frame_id, len(scan.ranges)), ("base_laser_link", 360))
         # the start is 0.4 m from two walls
@@ -114,16 +214,16 @@ class LabSimulatorTest(unittest.TestCase):
     def test_bad_parameters_end_with_one_line(self):
         world = f"_world:={rospy.get_param('/lab_simulator/world')}"
         cases = {
-            "lab_simulator": [(["_world:=/no/such.yaml"], "no_world"), (["_seed:=2"], "world")],
+            "lab_simulator": [(["_world:=/no/such.yaml"], "no_world"), (["_seed:=2"], "world: must be set")],
             "participant": [
-                (["_scenario:=room"], "/world"),
-                ([world], "/scenario"),
+                (["_scenario:=room"], "world: must be set"),
+                ([world], "scenario: ''"),
                 ([world, "_scenario:=attic"], "attic"),
                 ([world, "_scenario:=room", "_method:=magic"], "/method"),
             ],
         }
-        for node, bad in cases.items():
-            assert_ends_with_one_line("vb_sim", node, bad)
+        for executable, bad in cases.items():
+            assert_ends_with_one_line("vb_sim", executable, bad)
 
 
 if __name__ == "__main__":

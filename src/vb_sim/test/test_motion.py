@@ -2,7 +2,6 @@
 
 import math
 import threading
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,8 +18,6 @@ from vb_sim.lockstep import Lockstep
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance
 from vb_sim.room.world import world_from_mapping
-
-WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 
 DT = 0.02
 EXACT = RobotModel(

@@ -1,14 +1,17 @@
-"""World files that are like another one, and those that come with the package."""
+"""World files that are like another one, and the files that come with the package."""
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from refusals import refused
 
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import RobotProfile
+from vb_sim.models import MODELS, Models, load_models
 from vb_sim.room.bodies import piece_outlines, robot_pieces
 from vb_sim.room.world import load_world
 
@@ -41,3 +44,10 @@ def test_robot_is_drawn_within_its_profiles_cylinder(robot, world):
     (drawn,) = load_world(WORLDS / f"{world}.yaml").robots
     points = piece_outlines(robot_pieces((2.0, 1.0, 0.4), drawn.radius)).reshape(-1, 3)
     assert points[:, 2].max() <= shape.height and np.hypot(*(points[:, :2] - (2.0, 1.0)).T).max() <= shape.radius + 1e-6
+
+
+def test_the_file_has_every_figure_of_the_code():
+    assert load_models() == Models()
+    written = yaml.safe_load(MODELS.read_text())
+    for section in fields(Models):
+        assert set(written[section.name]) == {entry.name for entry in fields(section.default)}

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The interaction manager over a real roscore, with stub neighbours."""
+"""The interaction manager over a real roscore, with stub neighbours; and the wizard console in a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
 
 from neighbors import StubNeighbors, point
-from vb_testing import Newest, Process, wait_until
+from terminal import Terminal
+from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
 
 from vb_msgs.msg import (
     BorderPreview,
@@ -397,6 +398,47 @@ class InteractionManagerTest(unittest.TestCase):
             self.assertTrue(over.last_message)
             # the record is written once everybody knows
             wait_until(lambda: self.records()[-1]["outcome"] == "abandoned", "the record")
+
+    def test_an_interaction_by_keys_while_the_manager_dies_and_comes_back(self):
+        terminal = Terminal()
+        terminal.shows("READY")
+        terminal.press("s")
+        terminal.shows("nothing to save")
+        terminal.press("b")
+        drawing = self.state.wait(lambda message: message.name == "border", "the border state")
+        self.assertEqual(drawing.last_source, "wizard")
+        self.progress.publish(
+            interaction_id=drawing.interaction_id, border_spots=321, cameras_seeing_spot=["red"], code="ok"
+        )
+        terminal.shows("321 border")
+        seen = len(terminal.text)  # it waited when it started, too
+        self.node.kill()
+        terminal.shows("waiting for the interaction manager", seen)
+        seen = len(terminal.text)
+        self.node.start()
+        terminal.shows("READY", seen)
+        for key, name in (("b", "border"), ("d", "seed")):
+            terminal.press(key)
+            self.state.wait(lambda message, name=name: message.name == name, f"the state {name}")
+        terminal.press("z")
+        terminal.press("\x1b[a")
+        terminal.press("s")
+        self.state.wait(lambda message: message.last_outcome == "saved", "the saved border")
+        self.assertEqual(self.stub.added[-1].source, "wizard")
+        terminal.shows("Saved")
+        terminal.press("u")
+        terminal.shows("Removed from the map: Nursery")
+        terminal.press(" ")
+        terminal.shows("STOPPED")
+        self.state.wait(lambda message: message.stopped and message.stopped_by == "wizard", "the stop")
+        terminal.press("p")
+        self.state.wait(lambda message: not message.stopped, "the end of the stop")
+        self.assertEqual(self.stub.undone, 1)
+        self.assertNotIn("Traceback", terminal.text)
+        self.assertEqual(terminal.leave(), (0, True))
+
+    def test_without_a_terminal(self):
+        assert_ends_with_one_line("vb_voice_wizard", "wizard_console", [([], "needs a terminal")])
 
 
 if __name__ == "__main__":

@@ -21,6 +21,10 @@ class BordersTest(PageTest):
     def test_a_border_round_the_carpet_from_the_phone(self):
         border = self.draw_carpet("Küche 厨房")
         self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
+        wait_until(
+            lambda: (self.heard[names.MAP_WITH_BORDERS].data != self.heard[names.PHYSICAL_MAP].data).any(),
+            "the map with it",
+        )
         prior, posterior = (
             grid_from_message(self.heard[topic]) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
         )

@@ -29,4 +29,4 @@ def _drawn(border: Any) -> Tuple:
     Places are rounded to a centimetre: on a map that has grown, a border is placed by its walls again and moves by less.
     """
     places = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
-    return places, border.zone, border.max_speed
+    return places, border.kind, border.zone, border.occupancy, border.max_speed, tuple(border.robots)

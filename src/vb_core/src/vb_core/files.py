@@ -54,7 +54,7 @@ def write_together(contents: Mapping[Path, bytes], private: bool = False) -> Non
                 os.fsync(stream.fileno())
             os.chmod(temporary[path], PRIVATE if private else 0o644)
         for path in contents:
-            os.replace(temporary.pop(path), str(path))
+            os.replace(temporary[path], str(path))
         for parent in {path.parent for path in contents}:
             folder = os.open(str(parent), os.O_RDONLY)
             try:

@@ -148,7 +148,7 @@ class DisplayMarkersNode:
         shapes = self._compose(known, grid is not None, now)
         changed, gone = scene.compare(self._shown, shapes)
         self._shown = {shape.key: shape for shape in shapes}
-        message = MarkerArray([display_messages.removal(namespace, number) for namespace, number in gone])
+        message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in gone])
         message.markers += [marker_from_shape(shape) for shape in changed]
         if message.markers:
             self._markers.publish(message)

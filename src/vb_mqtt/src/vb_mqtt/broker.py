@@ -121,11 +121,10 @@ class Broker:
             if self.connected:
                 self._client.publish(topic, payload, qos=0, retain=True)
 
-    def send(self, topic: str, payload: bytes) -> bool:
-        """Sends a message for those who listen now; returns False if there is no connection."""
+    def send(self, topic: str, payload: bytes) -> None:
+        """Sends a message for those who listen now; without a connection nobody does."""
         if self.connected:
             self._client.publish(topic, payload, qos=0)
-        return self.connected
 
     def close(self) -> None:
         """Publishes the will, and disconnects."""

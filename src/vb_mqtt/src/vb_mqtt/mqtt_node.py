@@ -182,7 +182,7 @@ class MqttNode:
             lines = robots[1].lines if robots is not None else ()
             problems[key_of("robot", robot)] = states.robot_problems(robot, lines, notices, self._language)
         for key, texts in problems.items():
-            self._put(key, states.problem_value(texts))
+            self._put(key, {"problem": bool(texts), "problems": sorted(set(texts))})
         for key, border in (borders or {}).items():
             self._put(key, states.border_value(border))
         self._describe()

@@ -16,11 +16,11 @@ from vb_core import sentences
 from vb_core.grid_map import UNKNOWN, GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import array_from_points, mapping_from_values, sentence_in
+from vb_core.vocabulary import QUESTIONS
 from vb_core.zones import zone_of
 from vb_mqtt.entities import ANSWERS, NOTICES
 
 NOBODY_ASKS = "-"
-QUESTIONS = "confirm_"  # how the codes of questions begin
 QUESTION_TIME = 30.0  # [s] a question can be answered
 MAX_SIDE = 1000  # [px] of the map's picture
 _TEXT = 250  # letters; Home Assistant takes 255
@@ -49,7 +49,7 @@ def stop_value(message: Any) -> Dict[str, Any]:
 def question_value(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the open question, who was asked, and the command that answers yes."""
     since = (message.header.stamp - message.last_answered).to_sec()
-    asked = message.last_code.startswith(QUESTIONS) and since <= QUESTION_TIME
+    asked = message.last_code in QUESTIONS and since <= QUESTION_TIME
     answer = mapping_from_values(message.last_values).get("answer", "") if asked else ""
     return {
         "question": sentence_in(message, language, "last_")[:_TEXT] if asked else NOBODY_ASKS,
@@ -71,12 +71,6 @@ def border_value(border: Any) -> Dict[str, Any]:
         "zone": zone_of(border.zone).name,
         "robots": list(border.robots),
     }
-
-
-def problem_value(texts: Iterable[str]) -> Dict[str, Any]:
-    """Makes the state of a camera or robot from the sentences that say what is wrong with it."""
-    problems = sorted(set(texts))
-    return {"problem": bool(problems), "problems": problems}
 
 
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
@@ -102,7 +96,7 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
 
 def answer_value(sender_id: str, what: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Makes the event that reports the result of a command or a switch."""
-    kind = ANSWERS[0] if success else ANSWERS[1] if code.startswith(QUESTIONS) else ANSWERS[2]
+    kind = ANSWERS[0] if success else ANSWERS[1] if code in QUESTIONS else ANSWERS[2]
     return {"event_type": kind, "id": sender_id, "command": what, "code": code, "text": text[:_TEXT]}
 
 

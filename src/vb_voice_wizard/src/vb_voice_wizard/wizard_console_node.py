@@ -66,8 +66,9 @@ class WizardConsoleNode:
     def _on_state(self, message: InteractionState) -> None:
         self._heard_at = time.monotonic()
         self._view.state = message
-        if message.last_command and message.last_answered != self._answered:
-            self._answered = message.last_answered
+        before, self._answered = self._answered, message.last_answered
+        # the answer that was there before the console is not news
+        if message.last_command and before not in (None, message.last_answered):
             who = message.last_source or self._view.words("console_somebody")
             said = sentence_in(message, self._view.language, "last_")
             text = f"{who}, {self._view.words('command_' + message.last_command)}: {said}"

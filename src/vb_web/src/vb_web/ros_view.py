@@ -204,7 +204,7 @@ def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorde
     border.kind = KINDS[draft["kind"]]
     border.seed = Point(*draft["seed"], 0.0)
     zone = ZONES[draft["zone"]]
-    if not zone.soft or border.occupancy in (0.0, 1.0):
+    if border.zone != zone.number or not border.occupancy:
         border.occupancy = zone.occupancy
     border.zone = zone.number
     border.max_speed = draft["max_speed"] if zone.limits_speed else 0.0

@@ -88,8 +88,8 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
     return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
 
 
-def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> bool:
-    """Waits until subscribers are connected to as many publishers as the master knows; returns whether they are.
+def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> None:
+    """Waits until subscribers are connected to as many publishers as the master knows, `timeout` seconds at most.
 
     A measurement of some seconds should begin after it: on a busy computer connections take their time.
     """
@@ -98,9 +98,8 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
     end = time.monotonic() + timeout
     while any(subscriber.get_num_connections() < count for subscriber, count in expected):
         if time.monotonic() > end or rospy.is_shutdown():
-            return False
+            break
         rospy.rostime.wallsleep(0.05)
-    return True
 
 
 def is_gone(master: rosgraph.Master, name: str) -> bool:

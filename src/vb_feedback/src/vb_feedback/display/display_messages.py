@@ -55,14 +55,6 @@ def marker_from_shape(shape: scene.Shape) -> Marker:
     return marker
 
 
-def removal(namespace: str, number: int) -> Marker:
-    """Makes the marker that removes another one."""
-    marker = Marker(ns=namespace, id=number, action=Marker.DELETE)
-    marker.header.frame_id = names.MAP_FRAME
-    marker.pose.orientation.w = 1.0
-    return marker
-
-
 def panel_from_state(
     state: Optional[InteractionState],
     cameras_seeing_spot: Sequence[str],

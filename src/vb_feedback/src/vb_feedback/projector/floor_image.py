@@ -78,7 +78,8 @@ class FloorImage:
         size = (self.calibration.width, self.calibration.height)
         image = cv2.warpPerspective(canvas, self._to_image, size, flags=cv2.INTER_LINEAR)
         if content.state != DEFAULT.name:
-            self._frame(image, self._shade(colors.state_color(content.state), 0.6))
+            tint, thick = self._shade(colors.state_color(content.state), 0.6), max(2, int(0.012 * min(size)))
+            cv2.rectangle(image, (0, 0), (size[0] - 1, size[1] - 1), tint, 2 * thick - 2)
         return image
 
     # ------------------------------------------------------------- parts
@@ -119,13 +120,6 @@ class FloorImage:
         cells = (region.data > 0).astype(np.uint8)
         inside = cv2.warpAffine(cells, to_map, (canvas.shape[1], canvas.shape[0]), flags=flags) > 0
         canvas[inside & striped] = self._shade(color, level)
-
-    @staticmethod
-    def _frame(image: np.ndarray, color: Tuple[int, int, int]) -> None:
-        height, width = image.shape[:2]
-        thick = max(2, int(0.012 * min(height, width)))
-        for part in (image[:thick], image[-thick:], image[:, :thick], image[:, -thick:]):
-            part[...] = color
 
 
 def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import List, Optional
 
 from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
-from vb_core.vocabulary import DEFAULT, state_of
+from vb_core.vocabulary import DEFAULT, QUESTIONS, state_of
 from vb_msgs.msg import InteractionState
 
 TICK_PERIOD = 0.5  # [s] at 25 spots a second one tick for each would be a buzz
-# codes of answers that are a question, not an error
-_QUESTIONS = ("confirm_save", "confirm_command")
 
 
 class SoundEvents:
@@ -42,7 +40,7 @@ class SoundEvents:
             saved = state.name == DEFAULT.name and state.last_outcome == "saved"
             sounds.append(SUCCESS if saved else state.name)
         elif answers[0] != answers[1] and not state.last_success:
-            sounds.append(QUESTION if state.last_code in _QUESTIONS else ERROR)
+            sounds.append(QUESTION if state.last_code in QUESTIONS else ERROR)
         if before.ends_at.is_zero() and not state.ends_at.is_zero():
             sounds.append(QUESTION)
         return sounds

@@ -1,0 +1,399 @@
+"""The smart display: where things go, what is shown, and its words, which can be read from afar."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from refusals import refused
+
+from vb_feedback.display import colors, scene
+from vb_feedback.display.layout import (
+    Box,
+    fit_texts,
+    fit_view,
+    place_labels,
+    place_words,
+    text_box,
+    text_width,
+    transliterate,
+    wrap,
+)
+from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
+from vb_feedback.display.rviz_fonts import is_drawn, overlay_fonts
+from vb_feedback.display.scene import PLATE, TEXT
+from vb_feedback.display.text_panel import PanelContent, PanelNotice, words
+
+
+COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
+LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
+
+
+def text_boxes(shapes):
+    """Returns the boxes of all texts and plates."""
+    boxes = []
+    for shape in shapes:
+        x, y = shape.points[0] if shape.points else (0.0, 0.0)
+        if shape.kind == TEXT:
+            boxes.append(text_box(shape.text, x, y, shape.size[0]))
+        elif shape.kind == PLATE:
+            boxes.append(Box.centered(x, y, *shape.size))
+    return boxes
+
+
+def contains(outer, inner, tolerance=1e-9):
+    """Returns whether one box is within another."""
+    return min(inner.x0 - outer.x0, inner.y0 - outer.y0, outer.x1 - inner.x1, outer.y1 - inner.y1) >= -tolerance
+
+
+# ------------------------------------------------------------------ where things go
+sizes = st.floats(0.5, 200.0)
+places = st.floats(-1000.0, 1000.0)
+aspects = st.floats(1.0, 3.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(places, places, sizes, sizes, aspects)
+def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
+    extent = Box(x, y, x + width, y + height)
+    layout = fit_view(extent, aspect)
+    assert contains(layout.view, extent, 1e-6)
+    assert math.isclose(layout.view.width / layout.view.height, aspect, rel_tol=1e-9)
+    for part in (layout.panel, layout.strip):
+        assert contains(layout.view, part, 1e-6) and not part.overlaps(layout.map)
+    assert not layout.panel.overlaps(layout.strip)
+    # no smaller view would do: the map touches its room's margin in one direction
+    across = layout.panel.x0 - layout.view.x0
+    upwards = layout.view.y1 - layout.strip.y1
+    slack = min(across - width, upwards - height) / layout.unit
+    assert math.isclose(slack, 0.03, abs_tol=1e-6)
+
+
+@pytest.mark.parametrize("width, height, aspect", [(0, 5, 1.8), (8, 0, 1.8), (8, 5, 0.1), (8, 5, 50.0)])
+def test_nonsense_is_refused(width, height, aspect):
+    with refused("bad_layout"):
+        fit_view(Box(0.0, 0.0, width, height), aspect)
+
+
+WORDS = st.text(alphabet=st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=25)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(WORDS, min_size=1, max_size=30), st.floats(3.0, 40.0))
+def test_wrapped_lines_fit_and_lose_nothing(sentence, width):
+    lines = wrap(" ".join(sentence), 1.0, width)
+    assert all(text_width(line, 1.0) <= width for line in lines)
+    assert "".join(lines).replace(" ", "") == "".join(sentence)
+
+
+@settings(max_examples=70, deadline=None)
+@given(
+    st.lists(st.lists(WORDS, min_size=1, max_size=30), min_size=1, max_size=3),
+    st.floats(5.0, 40.0),
+    st.floats(2.0, 5.0),
+)
+def test_texts_never_leave_the_box_that_they_share(sentences, width, height):
+    texts, size = fit_texts([" ".join(sentence) for sentence in sentences], (1.0, 0.8, 0.5), width, height)
+    assert len(texts) == len(sentences) and all(texts)
+    assert all(text_width(text, size) <= width for text in texts)
+    assert (1.0 + 1.2 * (sum(text.count("\n") + 1 for text in texts) - 1)) * size <= height + 1e-9
+    for text, sentence in zip(texts, sentences):
+        whole = text.replace("\n", "").replace(" ", "") == "".join(sentence)
+        assert whole or text.endswith("...")
+
+
+def test_words_stand_beside_each_other_centred():
+    placed = place_words("define border\nsave", 10.0, 5.0, 1.0)
+    assert [word for word, _, _ in placed] == ["define", "border", "save"]
+    (_, x1, y1), (_, x2, y2), (_, x3, y3) = placed
+    left, right = x1 - text_width("define", 1.0) / 2, x2 + text_width("border", 1.0) / 2
+    assert math.isclose((left + right) / 2, 10.0) and math.isclose(x3, 10.0)
+    assert x1 + text_width("define", 1.0) / 2 < x2 - text_width("border", 1.0) / 2
+    assert y1 == y2 == 5.6 and y3 == 4.4
+
+
+def test_plain_letters():
+    # what the font has stays as it is, also if it comes in two parts
+    for name in (
+        "K\u00fcche \u2013 Caf\u00e9",
+        "\u0141\u00f3d\u017a",
+        "\u041a\u0443\u0445\u043d\u044f",
+        "12 m\u00b2 \u201eab\u201c\u2026",
+    ):
+        assert transliterate(name) == name and all(map(is_drawn, name))
+    assert transliterate("Ku\u0308che") == "K\u00fcche"
+    # the rest in letters that people recognise, never in question marks
+    assert transliterate("\u53a8\u623f") == "ChuFang" and transliterate("\u0645\u0637\u0628\u062e") == "mtbkh"
+    assert transliterate("line\nbreak") == "line break"
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(max_size=30))
+def test_any_name_is_shown_in_letters_that_can_be_drawn(name):
+    shown = transliterate(name)
+    assert all(map(is_drawn, shown))
+    assert transliterate(shown) == shown and text_width(shown, 1.0) >= 0.0
+
+
+def test_rviz_is_asked_for_the_letters(tmp_path):
+    """A folder that stands for RViz's package: all its files, and a font that has what `transliterate` leaves."""
+    fonts = tmp_path / "rviz" / "ogre_media" / "fonts"
+    fonts.mkdir(parents=True)
+    (tmp_path / "rviz" / "package.xml").write_text("<package/>")
+    (tmp_path / "rviz" / "ogre_media" / "models").mkdir()
+    (fonts / "f.ttf").write_text("letters")
+    (fonts / "f.fontdef").write_text('font "F"\n{\n  type truetype\n  source f.ttf\n}\n')
+    for _ in range(2):
+        found = overlay_fonts(tmp_path / "rviz", tmp_path / "over") / "rviz"
+        assert (found / "package.xml").read_text() == "<package/>" and (found / "ogre_media" / "models").is_dir()
+        assert (found / "ogre_media" / "fonts" / "f.ttf").read_text() == "letters"
+        lines = (found / "ogre_media" / "fonts" / "f.fontdef").read_text().splitlines()
+        assert lines[-1] == "}" and lines[-2].startswith("  code_points 32-126 161-591")
+    assert "code_points" not in (fonts / "f.fontdef").read_text()
+
+
+boxes = st.builds(Box.centered, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(boxes, max_size=6))
+def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
+    within = Box(0.0, 0.0, 8.0, 6.0)
+    placed = place_labels(wanted, within)
+    if wanted and contains(within, wanted[0]):  # with room it stays
+        assert placed[0].center == pytest.approx(wanted[0].center)
+    for number, box in enumerate(placed):
+        assert contains(within, box, 1e-6)
+        assert math.isclose(box.width, wanted[number].width) and math.isclose(box.height, wanted[number].height)
+        assert not any(box.overlaps(other) for other in placed[:number])
+
+
+def test_labels_that_are_wanted_at_one_place_find_room():
+    # five at the edge, and a flat one, whose own height is no measure of how far it has to go
+    within, tall = Box(0.0, 0.0, 8.0, 6.0), Box.centered(0.0, 0.0, 1.0, 0.5)
+    placed = place_labels([tall] * 5 + [Box.centered(0.0, 0.0, 1.0, 0.2)], within)
+    assert not any(a.overlaps(b) for number, a in enumerate(placed) for b in placed[:number])
+    # the last one in a column that is full but for its own height
+    narrow = Box(0.0, 0.0, 1.0, 2.0)
+    column = [Box.centered(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
+    full = place_labels(column + [Box.centered(0.5, 1.9, 1.0, 0.4)], narrow)
+    assert not any(full[3].overlaps(other) for other in full[:3]) and abs(full[3].center[1] - 0.75) < 0.06
+
+
+# ------------------------------------------------------------------ what is shown
+LAYOUT = fit_view(Box(0, 0, 8, 5), 16 / 9)
+
+
+def border(**changes):
+    values = dict(name="Carpet", points=((1, 1), (3, 1), (3, 2), (1, 2)), closed=True, seed=(2, 1.5), area_m2=2.0)
+    values.update(changes)
+    return scene.Border(**values)
+
+
+def test_borders_differ_by_kind():
+    def outline(one):
+        return [shape for shape in scene.borders(LAYOUT, [one]) if shape.namespace == "borders/outline"][0]
+
+    hard, soft, off = outline(border()), outline(border(occupancy=0.4)), outline(border(enabled=False))
+    assert sum(soft.colors[0]) > sum(hard.colors[0])
+    assert len(set(off.colors[0])) == 1
+    # four sides of a polygon, three of a curve
+    assert (len(hard.points), len(outline(border(closed=False)).points)) == (8, 6)
+
+
+def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
+    old, new = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), [(4, 0), (6, 0), (6, 2), (4, 2)]
+    shapes = {shape.namespace: shape for shape in scene.borders(LAYOUT, [border(before=old, after=new)])}
+    before, after = shapes["borders/before"], shapes["borders/after"]
+    assert before.colors != after.colors == shapes["borders/outline"].colors
+    ends = np.array(before.points).reshape(-1, 2, 2)
+    assert (np.abs(ends - 0.5).max(axis=2) == 0.5).all()  # on the old outline
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert 1.5 < lengths.sum() < 2.5  # dashes: about half of it
+    assert len(after.points) == 8
+    assert not {"borders/before", "borders/after"} & {shape.namespace for shape in scene.borders(LAYOUT, [border()])}
+
+
+LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, "")
+
+
+@pytest.mark.parametrize(
+    "stored",
+    [[border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]]
+    + [[border(name=name, seed=(7.9, 0.1))] for name in LONG_NAMES],
+)
+def test_labels_stay_on_the_map_and_do_not_overlap(stored):
+    shapes = scene.borders(LAYOUT, stored)
+    plates, texts = (text_boxes([one for one in shapes if one.kind == kind]) for kind in (scene.PLATE, scene.TEXT))
+    assert len(plates) == len(stored) and any(shape.text for shape in shapes)
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(plates, 2))
+    assert all(contains(LAYOUT.map, plate) for plate in plates)
+    assert all(any(contains(plate, text) for plate in plates) for text in texts)
+
+
+def test_segments_join_at_corners():
+    pairs = np.array(scene.segments([(0, 0), (2, 0), (2, 0), (2, 1)], True, 0.2)).reshape(-1, 2, 2)
+    assert len(pairs) == 3
+    np.testing.assert_allclose(pairs[0], [(-0.1, 0), (2.1, 0)])
+    np.testing.assert_allclose(pairs[1], [(2, -0.1), (2, 1.1)])
+    assert scene.segments([(1, 1)], True, 0.2) == () and scene.segments([], False, 0.2) == ()
+
+
+def test_spots_fade_and_go():
+    seen = [
+        scene.TrailPoint("red", 1.0, 1.0, 10.0),
+        scene.TrailPoint("red", 1.1, 1.0, 11.0),
+        scene.TrailPoint("blue", 2.0, 2.0, 10.9),
+    ]
+    shapes = {shape.key: shape for shape in scene.live_spots(LAYOUT, seen, 11.0)}
+    trail = shapes[("spots/red/trail", 0)]
+    assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
+    assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
+    assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
+    # long ago; and time that jumped back: what seems to come from the future is left out
+    for now in (20.0, 0.0):
+        assert scene.live_spots(LAYOUT, seen, now) == []
+
+
+def test_only_changes_are_sent():
+    first = words(LAYOUT, PanelContent("border", 1, COMMANDS[:2], True, "Draw."))
+    shown = {shape.key: shape for shape in first}
+    assert len(shown) == len(first)
+    assert scene.compare(shown, first) == ([], [])
+    later = words(LAYOUT, PanelContent("border", 2, COMMANDS[:1], True, "Draw."))
+    changed, gone = scene.compare(shown, later)
+    assert [shape.namespace for shape in changed] == ["words/elapsed"]
+    assert {namespace for namespace, _ in gone} == {"words/say/1"}
+
+
+def test_every_shape_is_there_with_a_key_of_its_own():
+    shapes = words(LAYOUT, PanelContent("border", 1, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
+    shapes += scene.borders(LAYOUT, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
+    drawn = scene.drawing(LAYOUT, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
+    shapes += drawn
+    kinds = {"drawing/points", "drawing/rim", "drawing/chain", "drawing/seed"}
+    assert {shape.namespace for shape in drawn} == kinds and scene.drawing(LAYOUT, scene.Drawing()) == []
+    assert len({shape.key for shape in shapes}) == len(shapes)
+
+
+# ----------------------------------------------------------------- restricted areas
+def test_overlay_marks_only_what_borders_changed():
+    physical = np.zeros((40, 60), np.int8)
+    physical[:2] = 100
+    physical[20:, 50:] = -1
+    map_with_borders = physical.copy()
+    map_with_borders[10:30, 10:30] = 100
+    map_with_borders[32:38, 5:45] = 40
+    found = draw_restrictions(physical, map_with_borders, 4)
+    assert set(np.unique(found)) == {CLEAR, STRIPE}
+    assert not found[(physical == map_with_borders)].any()
+    hard, soft = found[11:29, 11:29] == STRIPE, found[33:37, 6:44] == STRIPE
+    assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
+    assert (found[10, 10:30] == STRIPE).all() and (found[10:30, 29] == STRIPE).all()
+    assert not draw_restrictions(physical, physical, 4).any()
+
+
+def test_what_save_would_restrict_is_told_from_what_is_saved():
+    physical = np.zeros((40, 60), np.int8)
+    map_with_borders, wanted = physical.copy(), np.zeros((40, 60), np.int8)
+    map_with_borders[5:20, 5:20] = 100
+    wanted[22:38, 30:55] = 100
+    found = draw_restrictions(physical, map_with_borders, 4, wanted)
+    assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
+    assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
+    # stripes run down to the right here and up to the right there
+    assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(
+        found[24:30, 32:38], found[25:31, 33:39]
+    )
+
+
+# ------------------------------------------------------------------ words
+NOTICES = (PanelNotice("Saving would restrict 12.50 m2."), PanelNotice("Note: " + LONG, True))
+LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
+
+
+@pytest.mark.parametrize("extent", [LAB, STUDIO, Box(-30, 7, 10, 12), Box(2, 2, 4, 12)])
+@pytest.mark.parametrize("aspect", [16 / 9, 16 / 10, 4 / 3])
+@pytest.mark.parametrize("state", ["", "default", "border", "seed", "guide", "another"])
+def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
+    layout = fit_view(extent, aspect)
+    many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
+    for commands, cameras_seeing_spot, message, notices in itertools.product(
+        ((), COMMANDS[:4], (*COMMANDS, "stop")), ((), many), ("Ok.", LONG), ((), NOTICES)
+    ):
+        shapes = words(layout, PanelContent(state, 3599, commands, False, message, cameras_seeing_spot, notices))
+        for kind in (TEXT, PLATE):
+            boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
+            for one, other in itertools.combinations(boxes, 2):
+                assert not one.overlaps(other)
+            for box in boxes:
+                assert contains(layout.view, box) and not box.overlaps(layout.map)
+
+
+def arc_minutes(size, layout):
+    """Of the capitals' height, seen from 3 m on 22 inches at 16:9, 0.274 m high; capitals are 0.6 of RViz's text height."""
+    return math.degrees(math.atan(size / layout.unit * 0.274 * 0.6 / 3.0)) * 60.0
+
+
+@pytest.mark.parametrize("extent", [LAB, STUDIO])
+@pytest.mark.parametrize(
+    "message, notices, least",
+    [
+        # ISO 9241-303: at least 16 minutes of arc; Snellen: 20/40 eyes need 10
+        ("Draw the border on the floor with the laser.", (), 16.0),
+        ("Saved: the robot now stays out of this area.", (), 16.0),
+        ("Point at the side that the robot must not enter.", (PanelNotice("Saving would restrict 2.50 m2."),), 14.0),
+        ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
+        (
+            LONG[:100],
+            (PanelNotice("Saving would be refused: the border separates nothing from the rest.", True),),
+            10.0,
+        ),
+    ],
+)
+def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
+    layout = fit_view(extent, 16 / 9)
+    angle = {}
+    for shape in words(layout, PanelContent("border", 10, COMMANDS[:4], True, message, ("red", "robot"), notices)):
+        if shape.kind == TEXT:
+            angle[shape.namespace] = arc_minutes(shape.size[0], layout)
+    assert angle["words/state"] > 22.0
+    assert min(angle[f"words/say/{number}"] for number in range(4)) > 16.0
+    assert angle["words/answer"] >= least
+    assert min(angle.values()) > 10.0
+
+
+def texts_of(shapes):
+    found = {}
+    for shape in shapes:
+        if shape.kind == TEXT:
+            found.setdefault(shape.namespace, []).append(shape.text)
+    return {name: " ".join(parts) for name, parts in found.items()}
+
+
+@pytest.mark.parametrize("commands", [COMMANDS, (*COMMANDS, "stop")])
+def test_every_command_that_can_be_said_is_shown(commands):
+    found = texts_of(words(LAYOUT, PanelContent("seed", 65, commands, True, "Yes.")))
+    said = ", ".join(text for name, text in found.items() if name.startswith("words/say/")).split(", ")
+    assert said == [command.replace("_", " ") for command in commands]
+
+
+def test_an_answer_that_stands_as_a_notice_is_said_once():
+    stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
+    found = texts_of(words(LAYOUT, PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))))
+    assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
+
+
+def test_a_refusal_stands_out_for_every_eye():
+    good, bad = (words(LAYOUT, PanelContent("seed", 1, (), success, "Why not.")) for success in (True, False))
+    assert not [shape for shape in good if shape.kind == PLATE]
+    plate = [shape for shape in bad if shape.kind == PLATE][0]
+    answer = [shape for shape in bad if shape.namespace == "words/answer"]
+    assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
+    box = text_boxes([plate])[0]
+    assert all(contains(box, text) for text in text_boxes(answer))

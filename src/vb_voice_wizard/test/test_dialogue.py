@@ -1,0 +1,205 @@
+"""Commands that are sent again, what makes a drawing doubtful, when a preview is made again, and what was undone."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vb_core.notices import Notice, Severity
+from vb_msgs.msg import VirtualBorder
+from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
+from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
+from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, PreviewInputs, PreviewScheduler, places
+from vb_voice_wizard.interaction_manager_node import _what_changed
+
+
+# ------------------------------------------------------------------ commands that are sent again
+def counted():
+    """A command whose answers say how often it was carried out."""
+    return map(lambda count: Answer(True, "border_removed", {"borders": count}), itertools.count(1)).__next__
+
+
+def test_the_same_id_is_carried_out_once_and_gets_the_same_answer():
+    cache, do = AnswerCache(5.0), counted()
+    # without an id everything is carried out
+    answers = [cache.carry_out(identity, do).values["borders"] for identity in ("a", "a", "b", "", "", "a")]
+    assert answers == [1, 1, 2, 3, 4, 1]
+
+
+@pytest.mark.parametrize("patience, code", [(60.0, "saved"), (0.0, "busy")])
+def test_a_repetition_waits_for_the_first_one_for_a_time(patience, code):
+    cache, began, go_on = AnswerCache(patience), threading.Event(), threading.Event()
+
+    def slow():
+        began.set()
+        assert go_on.wait(60)
+        return Answer(True, "saved")
+
+    with ThreadPoolExecutor() as pool:
+        first = pool.submit(cache.carry_out, "a", slow)
+        assert began.wait(60)
+        second = pool.submit(cache.carry_out, "a", slow)
+        if patience == 0.0:
+            assert second.result(60).code == code
+        go_on.set()
+    assert (first.result().code, second.result().code) == ("saved", code)
+
+
+def test_a_fault_is_not_an_answer():
+    cache, do = AnswerCache(5.0), counted()
+    with pytest.raises(ZeroDivisionError):
+        cache.carry_out("a", lambda: Answer(1 // 0, ""))
+    assert cache.carry_out("a", do).values == {"borders": 1}
+
+
+def test_only_the_newest_answers_are_kept():
+    cache, do = AnswerCache(5.0), counted()
+    for number in range(1000):
+        cache.carry_out(str(number), do)
+    assert cache.carry_out("999", do).values == {"borders": 1000}
+    assert cache.carry_out("899", do).values == {"borders": 1001}
+
+
+# ------------------------------------------------------------------ what makes a drawing doubtful
+SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera": "south"})
+
+
+@pytest.mark.parametrize("drawing_first", [True, False])
+def test_camera_error_is_remembered_until_the_next_drawing(drawing_first):
+    warnings = DrawingWarnings()
+    for step in (warnings.start, lambda: warnings.update([SILENT]))[:: 1 if drawing_first else -1]:
+        step()
+    for _ in range(2):
+        assert warnings.all == (SILENT,)
+        warnings.update([])
+        assert [(one.code, one.camera) for one in warnings.all] == [("camera_failed_meanwhile", "south")]
+        warnings.update([SILENT])
+    warnings.update([])
+    warnings.start()
+    assert not warnings.all
+
+
+@pytest.mark.parametrize(
+    "notice, doubtful",
+    [
+        *(
+            (Notice(code, Severity.WARNING), True)
+            for code in ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
+        ),
+        (Notice("camera_silent", Severity.WARNING, camera="south"), False),
+        (Notice("robot_lost", Severity.ERROR, robot="ada"), False),
+    ],
+)
+def test_only_notices_about_left_out_spots_are_doubts(notice, doubtful):
+    warnings = DrawingWarnings()
+    warnings.start()
+    warnings.update([notice])
+    assert warnings.all == ((notice,) if doubtful else ())
+    warnings.update([])
+    assert not warnings.all
+
+
+# ------------------------------------------------------------------ when a preview is made again
+CHAIN, SEED = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]])
+DRAWN = PreviewInputs("i1", places(CHAIN), places(SEED), (7.0, 3))
+
+
+def changed(**changes) -> PreviewInputs:
+    return dataclasses.replace(DRAWN, **changes)
+
+
+def shown(
+    situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True
+) -> PreviewScheduler:
+    pace = PreviewScheduler()
+    pace.record_preview(situation, started, started + took, answered)
+    return pace
+
+
+@pytest.mark.parametrize(
+    "pace, now, at, delay",
+    [
+        (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first one is due at once
+        (PreviewScheduler(), DRAWN, 0.0, 0.0),
+        (shown(), DRAWN, 1e9, None),  # nothing is done while nothing changes that can be seen
+        (shown(), changed(chain=places(CHAIN + 0.009), seed=places(SEED - 0.009)), 1e9, None),
+        (shown(), PreviewInputs(), 100.0, 0.0),  # another interaction is shown at once
+        (shown(), changed(interaction_id="i2"), 100.0, 0.0),
+        (shown(answered=False), DRAWN, 101.5, 0.5),  # a neighbour that is away is asked again
+        (shown(answered=False), DRAWN, 103.0, 0.0),
+    ],
+)
+def test_when_a_preview_is_due(pace, now, at, delay):
+    assert pace.delay(now, at) == (delay and pytest.approx(delay))
+
+
+@pytest.mark.parametrize(
+    "now",
+    [
+        changed(chain=places(CHAIN + 0.03)),
+        changed(chain=places(CHAIN[:2])),
+        changed(seed=places(SEED + 0.03)),
+        changed(seed=places(np.zeros((0, 2)))),
+        changed(borders=(7.0, 4)),
+        changed(borders=(7.1, 3)),
+        changed(warnings=(Notice("cameras_disagree"),)),
+    ],
+)
+def test_what_matters_is_looked_at_after_the_period(now):
+    assert shown().delay(now, 100.2) == pytest.approx(0.3)
+    assert shown().delay(now, 100.5) == 0.0
+
+
+def test_slow_changes_add_up():
+    pace, drifting = shown(), [changed(seed=places(SEED + step * 0.008)) for step in (1, 2)]
+    assert [pace.delay(situation, 200.0) for situation in drifting] == [None, 0.0]
+
+
+@given(st.floats(0.0, 100.0))
+def test_previews_take_no_more_than_their_share(took):
+    moved = changed(seed=places(SEED + 1.0))
+    pause = shown(took=took).delay(moved, 100.0 + took)
+    assert took + pause == pytest.approx(max(PERIOD, took / MAX_TIME_SHARE))
+
+
+@pytest.mark.parametrize("missing", ["interaction_id", "chain", "seed"])
+def test_nothing_is_previewed_before_there_are_border_and_seed(missing):
+    assert DRAWN.complete and not changed(**{missing: PreviewInputs.__dataclass_fields__[missing].default}).complete
+
+
+# ------------------------------------------------------------------ what was undone
+def test_what_was_undone_is_named():
+    def told(before, after, command="undo"):
+        answer = _what_changed(
+            command, {border.id: border for border in before}, {border.id: border for border in after}
+        )
+        return answer.code, answer.values.get("borders")
+
+    rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)
+    off, renamed = VirtualBorder(id="b1", name="Rug"), VirtualBorder(id="b1", name="Carpet", enabled=True)
+    # what the map integrator fills in is nobody's change
+    idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
+    assert told([rug, bed], [rug]) == ("border_removed", "Bed")
+    assert told([rug], [rug, bed]) == ("border_restored", "Bed")
+    assert told([rug, bed], [off, idle]) == ("border_disabled", "Rug")
+    assert told([off, bed], [rug, bed]) == ("border_enabled", "Rug")
+    assert told([rug, bed], [renamed, bed]) == ("change_undone", "Carpet")
+    assert told([rug, bed], [renamed, bed], "redo") == ("change_redone", "Carpet")
+    for change, answer in (
+        ({"robots": ["ada"]}, ("change_undone", "Rug")),
+        ({"occupancy": 0.5}, ("change_undone", "Rug")),
+        ({"seed": Point(0.05, 0.0, 0.0)}, ("change_undone", "Rug")),
+        # found again on a map that has grown it lies a little elsewhere, which is no change
+        ({"seed": Point(1e-3, 0.0, 0.0)}, ("borders_changed", None)),
+    ):
+        assert told([rug, bed], [VirtualBorder(id="b1", name="Rug", enabled=True, **change), bed]) == answer
+    assert told([rug], [off, bed]) == ("borders_changed", None)
+    assert told([rug, idle], [rug, bed]) == ("borders_changed", None)
