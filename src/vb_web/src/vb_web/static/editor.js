@@ -258,6 +258,7 @@ async function save() {
   drawReview();
   // somebody else's change is told and shown before it is built upon
   if (answer.code === "revision_conflict") {
+    lock($("panel")); // a double tap on Save is no second try
     draft.revision = view.borders.revision;
     examine();
   }
