@@ -58,15 +58,6 @@ def make_row(document, sources, job):
     return campaign.Outcome(job, {**row, "map": ""} if "map" in row else row)
 
 
-def test_the_same_with_any_number_of_processes(tmp_path, monkeypatch):
-    monkeypatch.setattr(campaign, "_work", make_row)
-    jobs = plan.main_jobs(STUDY, 2)
-    for folder, processes in (("one", 1), ("two", 2)):
-        assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, QUIET, processes) == 0
-    one, two = ((tmp_path / folder / "runs.csv").read_bytes() for folder in ("one", "two"))
-    assert one == two and one.count(b"\n") == 13
-
-
 INTERRUPTED = """
 import os, signal, sys, threading
 from test_study_runs import make_row
