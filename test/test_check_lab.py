@@ -1,27 +1,41 @@
 """check_lab names the faults that only the whole lab shows, and repeats the notices of its nodes."""
 
-import dataclasses
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import LaserScan
 
 from vb_bringup import lab_checks, lab_observation
-from vb_bringup.lab_checks import is_all_known, lines_from_notices
+from vb_bringup.check_lab import to_json
+from vb_bringup.lab_checks import is_all_known
 from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
+from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
-from vb_core.offer import ConnectedRobot, Connections, offer
+from vb_core.offer import offer
+from vb_core.ros.robots import connections_from_message
+from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 
 def codes(lines):
-    return [line.code for line in lines if line.state is not Severity.INFO]
+    return [line.code for line in lines if line.severity is not Severity.INFO]
+
+
+def graph(*publishers, topic="/north/image_raw", type="sensor_msgs/Image"):
+    """A detector that reads /north/image_raw, and who publishes a topic."""
+    return NodeGraph(
+        [(topic, publishers)],
+        [("/north/image_raw", ["/spot_detector_north"])],
+        types={"/north/image_raw": type, topic: type},
+    )
 
 
 GOOD = {
-    "camera": dict(name="north", topic="/north/image_raw", publishers=["/north/usb_cam"], rate=15.0),
+    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters={}, rate=15.0),
     "robot": dict(name="ada", keeps_margin=True, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
     "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", all_known=False),
     "disk": dict(folder="/x", free_mb=9000.0),
@@ -33,16 +47,16 @@ GOOD = {
     "what, changes, code",
     [
         *((what, {}, "") for what in GOOD),
-        ("camera", dict(topic=""), ""),  # the detector reads the camera itself
-        ("camera", dict(publishers=[]), "lab_camera_no_publisher"),
-        ("camera", dict(publishers=[], others=["/north/image_rect_color"]), "lab_camera_other_topic"),
-        ("camera", dict(publishers=["/a", "/b"]), "lab_camera_many_publishers"),
-        ("camera", dict(topic="", publishers=(), no_delay=True), "lab_camera_no_delay"),
+        ("camera", dict(graph=graph(), parameters={"source": "/dev/video0"}), ""),  # read by the detector itself
+        ("camera", dict(graph=graph()), "lab_camera_no_publisher"),
+        ("camera", dict(graph=graph("/usb_cam", topic="/north/image_rect")), "lab_camera_other_topic"),
+        ("camera", dict(graph=graph("/a", "/b")), "lab_camera_many_publishers"),
+        ("camera", dict(parameters={"source": "rtsp://1.2.3.4/"}), "lab_camera_no_delay"),
+        ("camera", dict(parameters={"source": "rtsp://1.2.3.4/", "capture": {"delay_ms": 80.0}}), ""),
         ("robot", dict(scan_deg=0.0), "lab_robot_no_scan"),
         ("robot", dict(scan_deg=30.0), "lab_robot_narrow_scan"),
-        ("robot", dict(scan_deg=None), ""),  # without a driver nobody here needs it
+        ("robot", dict(scan_deg=None), ""),
         ("robot", dict(keeps_margin=False), "lab_robot_without_margin"),
-        ("robot", dict(keeps_margin=False, scan_deg=None), ""),
         ("robot", dict(clears_plans=True), "lab_robot_clears_plans"),
         ("map", dict(size=None), "lab_map_missing"),
         ("map", dict(size=None, file="room.yaml"), "lab_map_not_served"),
@@ -84,35 +98,62 @@ def test_a_map_of_the_wrong_size_does_not_end_the_check(height, width, monkeypat
     assert codes(found) == ["lab_map_without_borders"]
 
 
-def test_each_notice_is_a_line():
+SCAN = LaserScan(angle_min=-1.5, angle_max=1.5)
+
+
+@pytest.mark.parametrize(
+    "driver, scanner, heard, expected",
+    [
+        (True, {}, "/ada/scan", []),
+        (True, {}, "/scan", [("lab_robot_no_scan", "/ada/scan")]),
+        (True, {"topic": "front/scan"}, "/ada/front/scan", []),
+        (True, {"topic": "/front"}, "/ada/scan", [("lab_robot_no_scan", "/front")]),
+        (True, {"present": False}, "", []),
+        (False, {}, "", []),  # without a driver nobody here needs it
+    ],
+)
+def test_a_robot_s_scan_is_looked_for_where_its_profile_says(monkeypatch, driver, scanner, heard, expected):
+    profile = {"/ada/robot_profile": {"scanner": scanner}}
+    monkeypatch.setattr(lab_observation.rospy, "get_param", lambda name, default: profile.get(name, default))
+    status = RobotStatus(robot="ada", driver=driver, plans_round_borders=not driver)
+    lines = lab_observation._check_robot(status, {heard: SCAN})
+    assert [(line.code, line.values["topic"]) for line in lines] == expected
+
+
+def test_each_line_says_what_it_is_about():
     cameras = {"first": "north", "second": "south", "cm": "9"}
-    found = lines_from_notices(
-        [
-            Notice("cameras_disagree", Severity.ERROR, camera="south", values=cameras),
-            Notice("robot_sent", Severity.INFO),
-            Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"}),
-            Notice("borders_unconfirmed", Severity.WARNING),
-            Notice("of_another_version", Severity.ERROR, robot="ada", message="It rains."),
-        ]
-    )
-    assert [(line.subject, line.state, line.code) for line in found] == [
-        ("camera south", Severity.ERROR, "cameras_disagree"),
-        ("robot", Severity.INFO, "robot_sent"),
-        ("lab", Severity.WARNING, "strokes_left_out"),
-        ("borders", Severity.WARNING, "borders_unconfirmed"),
-        ("robot ada", Severity.ERROR, "of_another_version"),
+    lines = [
+        Notice("cameras_disagree", Severity.ERROR, camera="south", values=cameras),
+        Notice("robot_sent", Severity.INFO),
+        Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"}),
+        Notice("borders_unconfirmed", Severity.WARNING),
+        Notice("inactive_on_this_map", Severity.WARNING, border_id="border_7"),
+        Notice("of_another_version", Severity.ERROR, robot="ada", message="It rains."),
     ]
-    assert "9 cm" in found[0].sentence() and "Kameras" in found[0].sentence("de")
-    assert found[-1].sentence() == "It rains."
+    found = json.loads(to_json(lines, "de"))
+    assert [(line["subject"], line["state"], line["code"]) for line in found] == [
+        ("camera south", "error", "cameras_disagree"),
+        ("robot", "ok", "robot_sent"),
+        ("lab", "warning", "strokes_left_out"),
+        ("borders", "warning", "borders_unconfirmed"),
+        ("borders", "warning", "inactive_on_this_map"),
+        ("robot ada", "error", "of_another_version"),
+    ]
+    assert found[0]["values"] == cameras and "9 cm" in found[0]["message"] and "Kameras" in found[0]["message"]
+    assert found[-1]["message"] == "It rains."
 
 
-def test_each_connection_of_a_robot_is_one_line():
-    good = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
-    bad = dataclasses.replace(good, name="bob", plans_round_borders=False)
-    lines = lines_from_notices(offer(Connections((good, bad))).lines)
-    assert {line.subject for line in lines} == {"robot ada", "robot bob"}
-    assert [(line.subject, line.code) for line in lines if line.state is Severity.ERROR] == [
-        ("robot bob", "robot_ignores_borders")
+def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monkeypatch):
+    good = RobotStatus(robot="ada", move_base="/ada/move_base", plans_round_borders=True, localized=True)
+    bad = RobotStatus(robot="bob", move_base="/bob/move_base", localized=True)
+    newest = {names.ROBOTS: RobotStatusArray(robots=[good, bad])}
+    notices = offer(connections_from_message(newest[names.ROBOTS])).notices()
+    monkeypatch.setattr(lab_observation, "_listen", lambda seconds: (newest, {}, notices))
+    monkeypatch.setattr(lab_observation, "read_graph", lambda: NodeGraph([], []))
+    monkeypatch.setattr(lab_observation.rospy, "get_param", lambda _name, default: default)
+    monkeypatch.setattr(lab_observation.rospy, "has_param", lambda _name: False)
+    lines = [line for line in lab_observation.observe_lab(0.0) if line.robot]
+    assert {line.robot for line in lines} == {"ada", "bob"}
+    assert [(line.robot, line.code) for line in lines if line.severity is Severity.ERROR] == [
+        ("bob", "robot_ignores_borders")
     ]
-    # robot_monitor reports the same some seconds later
-    assert lines_from_notices(offer(Connections((good, bad))).notices(), lines) == []

@@ -1,5 +1,6 @@
 """A lab's own folder: launch files that roslaunch can read, nothing overwritten."""
 
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from refusals import refused
 from vb_bringup.new_lab import parse_cameras, write_lab
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
+
+TOP = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture
@@ -28,9 +31,11 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
     write_map(tmp_path / "room", grid)
     written = write_lab(lab, {"north": "/dev/video0", "south": ""}, "turtlebot2", tmp_path / "room.yaml", profiles)
     assert all(path.is_file() for path in written)
-    given = {arg.get("name"): arg.get("value") for arg in ElementTree.parse(str(lab / "lab.launch")).iter("arg")}
-    stack = Path(__file__).resolve().parents[1] / "launch" / "lab.launch"
-    assert set(given) <= {arg.get("name") for arg in ElementTree.parse(str(stack)).getroot().findall("arg")}
+    launch, stack = (ElementTree.parse(str(path / "lab.launch")).getroot() for path in (lab, TOP / "launch"))
+    given = {arg.get("name"): arg.get("value") for arg in launch.iter("arg")}
+    assert set(given) <= {arg.get("name") for arg in stack.findall("arg")}
+    (of_container,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
+    assert set(re.findall(r"(\w+):=", of_container)) <= {arg.get("name") for arg in launch.findall("arg")}
     assert given["cameras"] == "north south" and given["map"] == "$(dirname)/map.yaml" and given["robot"] == "true"
     assert len(given["configs"].split()) == 2
     # what the lab versions is whole without the map's first place
@@ -44,29 +49,31 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
 
 def test_cameras_with_and_without_a_source(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4")
+    found = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4 desk=2")
     assert found == {
         "north": "/dev/video0",
         "south": "rtsp://a:b@1.2.3.4/x?y=1",
         "hall": "",
         "clip": str(tmp_path / "room.mp4"),
+        "desk": "/dev/video2",
     }
     with refused("bad_camera_name"):
         parse_cameras("a=1 a=2")
 
 
 @pytest.mark.parametrize(
-    "cameras, robot, room, code",
+    "name, cameras, robot, room, code",
     [
-        ({"1st": ""}, "", None, "bad_camera_name"),
-        ({"a": ""}, "r2d2", None, "unknown_robot_type"),
-        ({"a": ""}, "", Path("rooom.yaml"), "bad_map_file"),
+        ("lab", {"1st": ""}, "", None, "bad_camera_name"),
+        ("lab", {"a": ""}, "r2d2", None, "unknown_robot_type"),
+        ("lab", {"a": ""}, "", Path("rooom.yaml"), "bad_map_file"),
+        ("my lab", {"a": ""}, "", None, "folder_with_space"),
     ],
 )
-def test_bad_labs_are_refused_before_anything_is_written(tmp_path, profiles, cameras, robot, room, code):
+def test_bad_labs_are_refused_before_anything_is_written(tmp_path, profiles, name, cameras, robot, room, code):
     with refused(code):
-        write_lab(tmp_path / "lab", cameras, robot, room, profiles)
-    assert not (tmp_path / "lab").exists()
+        write_lab(tmp_path / name, cameras, robot, room, profiles)
+    assert not (tmp_path / name).exists()
 
 
 def test_nothing_is_overwritten(tmp_path, profiles):

@@ -118,13 +118,10 @@ class OtherCamera:
                 self._painted = PaintedSpot.draw(self._random, image.shape[1], image.shape[0])
             painted = [self._painted]
         shown = self._take(image, spots, painted)
-        seen = [one.shows_in(shown) for one in painted]
-        places = [(one.u, one.v) for one in painted]
-        return (
-            shown,
-            [place for place, shows in zip(places, seen) if shows],
-            [place for place, shows in zip(places, seen) if not shows],
-        )
+        seen, unseen = [], []
+        for one in painted:
+            (seen if one.shows_in(shown) else unseen).append((one.u, one.v))
+        return shown, seen, unseen
 
     def _take(
         self, image: np.ndarray, spots: Sequence[Tuple[float, float]], painted: Sequence[PaintedSpot]

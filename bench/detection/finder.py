@@ -135,12 +135,13 @@ def figures(counts: Sequence[Count], unit: str = "px") -> Dict[str, Any]:
     """Computes the figures of one count, or of several."""
     sums: Dict[str, int] = {key: sum(one.sums()[key] for one in counts) for key in counts[0].sums()}
     errors = [error for one in counts for error in one.errors] or [math.nan]
-    recall, false = proportion(sums["found"], sums["labels"]), proportion(sums["false"], sums["frames"]).scaled(1e3)
+    wrong = sum(len({number for number, *_ in one.false}) for one in counts)  # images with a false spot
+    recall, false = proportion(sums["found"], sums["labels"]), proportion(wrong, sums["frames"]).scaled(1e3)
     return {
         **sums,
         "recall": sums["found"] / max(1, sums["labels"]),
         "recall_95": f"{recall.low:.3f} to {recall.high:.3f}",
-        "false_per_1000": false.estimate,
+        "false_per_1000": 1e3 * sums["false"] / max(1, sums["frames"]),
         "false_95": f"{false.low:.2f} to {false.high:.2f}",
         f"median_error_{unit}": float(np.median(errors)),
         f"p95_error_{unit}": float(np.percentile(errors, 95)),

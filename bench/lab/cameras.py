@@ -16,7 +16,7 @@ import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -110,27 +110,20 @@ class Running:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
-def many(count: int, seconds: float, jpegs: List[bytes]) -> List[Dict[str, Any]]:
-    """Measures one row for each camera, and one of all."""
+def measure(csv: Optional[Path], count: int, seconds: float, jpegs: List[bytes]) -> None:
+    """Measures one number of cameras, and adds to a table a row for each camera and one of all."""
+    table = Table(csv)
     with ExitStack() as stack:
         address, server = serving(stack, jpegs)
         running = Running(stack, count, address)
         others = {"fusion": node_process("/border_fusion"), "page": node_process(), "server": server}
         found, shares = running.watch(seconds, others)
-    rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
-    of_all = {
-        "camera": f"all {count}",
-        **{key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")},
-        **quantiles([delay for delays in running.delays.values() for delay in delays]),
-    }
-    return [{**row, **{f"{name}_cores": share for name, share in shares.items()}} for row in (*rows, of_all)]
-
-
-def add_rows(csv: Optional[Path], *given: Any) -> None:
-    """Measures for one number of cameras, and adds its rows to a table."""
-    table = Table(csv)
-    for row in many(*given):
-        table.add(**row)
+        # at once: while the detectors end, their spots are late
+        rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
+        everything = quantiles([delay for delays in running.delays.values() for delay in delays])
+    means = {key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")}
+    for row in (*rows, {"camera": f"all {count}", **means, **everything}):
+        table.add(**row, **{f"{name}_cores": share for name, share in shares.items()})
 
 
 def main() -> int:
@@ -144,7 +137,7 @@ def main() -> int:
     jpegs, failed = clip(), 0
     for count in given.cameras:  # each in a separate process: a node cannot be started twice in one
         work = (given.csv, count, given.seconds, jpegs)
-        child = multiprocessing.get_context("fork").Process(target=add_rows, args=work)
+        child = multiprocessing.get_context("fork").Process(target=measure, args=work)
         child.start()
         child.join()
         failed += child.exitcode != 0

@@ -34,6 +34,7 @@ from vb_map_integration.integrator import MapIntegrator
 
 KINDS = ("kill", "flip")
 BAD = ("LOST OR MOVED", "did not start")
+DIFFERENCES = [(False, True), (True, False), (True, True)]  # of one border: whether it was there before, and is now
 GRID = GridMap(np.pad(np.zeros((118, 158), np.int8), 1, constant_values=100), 0.05, (-1.0, -1.0, 0.2))
 
 
@@ -148,9 +149,10 @@ def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
         return now
     old = {one["properties"]["id"]: one for one in json.loads(acknowledged)}
     new = {one["properties"]["id"]: one for one in json.loads(now)}
-    different = [key for key in {*old, *new} if old.get(key) != new.get(key)]
-    many = row["under_way"] in ("undo", "redo")
-    made = len(different) == 1 and row["under_way"] or many
+    different = [(key in old, key in new) for key in {*old, *new} if old.get(key) != new.get(key)]
+    # each change of this bench is of one border: which was, and which is there
+    kinds = {"add": [(False, True)], "remove": [(True, False)], "undo": DIFFERENCES, "redo": DIFFERENCES, "": []}
+    made = len(different) == 1 and different[0] in kinds.get(row["under_way"], [(True, True)])
     row["outcome"] = "change under way was made" if made else "LOST OR MOVED"
     return now
 

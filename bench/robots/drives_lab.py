@@ -19,6 +19,7 @@ from std_msgs.msg import Float64
 from bench.frame import TOP
 from bench.lab.page_lab import wait
 from vb_core import names
+from vb_core.geometry import chain_length
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
 from vb_core.ros import messages
@@ -113,7 +114,7 @@ class Lab:
             "goal": goal,
             "outcome": driven.outcome,
             "false_reports": driven.false_reports,
-            "length_m": round(driven.length, 2),
+            "length_m": round(chain_length(driven.path), 2),
             "seconds": round(driven.seconds, 1),
             "wall_s": round(time.monotonic() - began, 1),
             "localized_m": round(self._off, 3),

@@ -39,7 +39,7 @@ def test_a_wrong_argument_or_world_is_one_line_and_status_2(given, word, tmp_pat
     if isinstance(given, str):
         (tmp_path / "a.yaml").write_text(given)
         given = ["--world", str(tmp_path / "a.yaml")]
-    assert demo.main(given, TOP) == 2
+    assert demo.main(given) == 2
     text = capfd.readouterr().err
     assert word in text and text.count("\n") == 1 and "Traceback" not in text
 
@@ -69,7 +69,7 @@ ROUND = [OUT, (6.0, 0.3), (2.5, 0.3), GOAL]
 def test_verdict_distinguishes_entering_from_standing_inside(
     code, at_save, first, driven, outcome, after, tmp_path, capsys
 ):
-    options = demo.parse(["--out", str(tmp_path)], TOP)
+    options = demo.parse(["--out", str(tmp_path)])
     prior = floor_plan.physical_map(options.world)
     restricted = floor_plan.ground_truth(options.world, options.scenario)
     observer = SimpleNamespace(

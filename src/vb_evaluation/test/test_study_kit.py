@@ -23,7 +23,7 @@ from vb_evaluation import metrics
 from vb_evaluation.report.page import write_report
 from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
 from vb_evaluation.study_kit.__main__ import main
-from vb_evaluation.study_kit.ground_truth import read_ground_truth
+from vb_evaluation.study_kit.measure import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.data import read_sheet, read_study
 from vb_map_integration.border import VirtualBorder
@@ -31,7 +31,7 @@ from vb_map_integration.borders.border_messages import message_from_border
 from vb_map_integration.integration import integrate
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.session import Answer
+from vb_voice_wizard.dialogue.answers import Answer
 
 
 def room():
@@ -450,10 +450,15 @@ def test_a_copy_tells_nobody_and_who_asks_is_deleted(mishaps):
     assert not (mishaps / "good").exists() and not (mishaps / "good_alone").exists() and (mishaps / "crash").exists()
     assert not (mishaps / "judging" / f"{code}.png").exists() and code not in (mishaps / "judging_key.csv").read_text()
     assert list(read_sheet(mishaps / "demographics.csv", ()).participant) == ["p2"]
+    assert list((mishaps / "out" / "maps").glob("p1_*"))
     rows, _ = rows_of(mishaps)
+    assert not list((mishaps / "out" / "maps").glob("p1_*"))
     assert "p1" not in {row["participant"] for row in rows} and len(rows) == 2 * len(MISHAPS) - 2
     with pytest.raises(CodedError):
         privacy.delete(mishaps / "protocol.csv", "p99")
+    shutil.rmtree(mishaps / "judging")  # it is with the judge
+    privacy.delete(mishaps / "protocol.csv", "p2")
+    assert not len(read_sheet(mishaps / "demographics.csv", ()))
 
 
 def test_seed_is_right_if_the_nearest_free_floor_was_asked_for():

@@ -126,6 +126,21 @@ def test_a_clock_that_is_set_back_while_somebody_draws_is_undone():
     assert np.ptp(rows[:, 0]) == pytest.approx(8.0, abs=0.2)
 
 
+def test_a_camera_that_sees_the_spot_only_after_its_clock_was_set_back_is_undone_too():
+    """It was 5 s before the others, and its part of the line lay in the middle of theirs."""
+    collector = in_border(107.0)
+    for k in range(600):
+        back = 5.0 if k >= 200 else 0.0
+        camera = "red" if k % 2 and k < 400 else "green" if k < 400 else "blue"
+        collector.add(spot(110.0 + 0.02 * k - back, x=0.01 * k, camera=camera))
+    collector.add(spot(122.0, x=6.0, camera="of another computer"))
+    rows = collector.collection().border
+    assert len(rows) == 599 and collector.ignored["clock"] == 2
+    order = np.argsort(rows[:, 0], kind="stable")
+    assert np.diff(rows[order, 1]).min() > -0.05
+    assert np.ptp(rows[:, 0]) == pytest.approx(12.0, abs=0.2)
+
+
 def test_one_old_message_is_no_clock_that_was_set_back():
     collector = in_border(100.0)
     stamps = [110.0, 80.0, 110.1, 110.2]

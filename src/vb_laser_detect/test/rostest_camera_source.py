@@ -159,7 +159,7 @@ class TestCameraSource(unittest.TestCase):
         seen = b""
         for byte in iter(lambda: command.stdout.read(1), b""):
             seen += byte
-            for code, jpegs in ((b"\x1b[107m", light), (b"\x1b[0m\x1b[2J", dark)):
+            for code, jpegs in ((b"\x1b[107m", light), (b"\x1b[40m\x1b[2J", dark)):
                 if seen.endswith(code):  # the camera shows it later
                     threading.Timer(LATE_S, setattr, (self.server, "jpegs", jpegs)).start()
         self.assertEqual(command.wait(TIMEOUT), 0, seen)

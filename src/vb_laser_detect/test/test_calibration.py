@@ -111,7 +111,7 @@ NEAR = np.random.default_rng(1).uniform(0, 120, (10, 2))
         (Correspondences(EXACT.pixels, EXACT.points * (1, -1)), ["below_floor", "no_consistent_pose"]),
         (Correspondences(EXACT.pixels, EXACT.points[[3, 0, 6, 1, 7, 2, 5, 4]]), ["no_consistent_pose"]),
         (Correspondences(EXACT.pixels + (2000, 0), EXACT.points), ["outside_image"]),
-        (Correspondences(EXACT.pixels * np.nan, EXACT.points), ["bad_points"]),
+        (Correspondences(EXACT.pixels * np.nan, EXACT.points), ["outside_image"]),
     ],
 )
 def test_points_that_determine_no_pose_are_refused(observed, codes):

@@ -1,14 +1,18 @@
 """Lens, delay, exposure and settings of a camera that the detector reads itself: against what is known."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rospy
 import yaml
 
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect import camera_setup
 from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls, lens_file
@@ -105,15 +109,27 @@ def blinking(delay, rate, rng, contrast=60.0, noise=2.0, share=0.02):
 
 @pytest.mark.parametrize("delay, rate", [(0.0, 30.0), (0.045, 25.0), (0.3, 10.0), (1.6, 25.0)])
 def test_the_delay_is_measured(delay, rate):
-    found = measure_delay(*blinking(delay, rate, np.random.default_rng(int(1000 * delay + rate))))
-    assert abs(found.seconds - delay) < max(0.008, found.uncertainty)
-    assert found.uncertainty < 0.05
+    found, uncertainty = measure_delay(*blinking(delay, rate, np.random.default_rng(int(1000 * delay + rate))))
+    assert abs(found - delay) < max(0.008, uncertainty)
+    assert uncertainty < 0.05
 
 
 def test_images_that_do_not_follow_the_light_say_nothing():
     switched, seen = blinking(0.1, 25.0, np.random.default_rng(5), contrast=0.0)
     with refused("no_blinking"):
         measure_delay(switched, seen)
+
+
+def test_a_terminal_gets_its_colours_back_from_an_interrupted_measurement(monkeypatch, capsys):
+    def interrupt(seconds):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(rospy.Time))
+    monkeypatch.setattr(camera_setup.time, "sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        camera_setup._blink()
+    written = capsys.readouterr().out
+    assert written.startswith("\x1b[107m") and written.endswith("\x1b[0m\x1b[2J\x1b[H")
 
 
 # ------------------------------------------------------------- exposure
@@ -144,6 +160,36 @@ def test_a_window_in_the_image_keeps_the_exposure_short():
         return Look(min(255.0, 0.5 * exposure), 0.2 if exposure > 60 else 0.0)
 
     assert 40 < find_exposure(camera) <= 62
+
+
+@pytest.mark.parametrize("ended", [CodedError("no_images"), KeyboardInterrupt()])
+def test_a_search_that_ends_early_sets_the_camera_back(monkeypatch, ended):
+    given = {"exposure": 120, "white_balance": 5000}
+    now = dict(given)
+
+    def end(after):
+        assert now != given
+        raise ended
+
+    images = SimpleNamespace(
+        params={"capture": {**given, "rate": 5.0}}, set=lambda **values: now.update(values), next=end
+    )
+    monkeypatch.setattr(camera_setup, "CameraImages", lambda camera: images)
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(rospy.Time))
+    with pytest.raises(type(ended)):
+        camera_setup.set_exposure(SimpleNamespace(camera="hall"))
+    assert now == given
+
+
+def test_a_setting_for_a_detector_that_does_not_run_is_refused(monkeypatch):
+    def wait(service, timeout):
+        raise rospy.ROSException(f"timeout exceeded while waiting for service {service}")
+
+    monkeypatch.setattr(rospy, "wait_for_service", wait)
+    images = object.__new__(camera_setup.CameraImages)
+    images._camera = "hall"
+    with refused("detector_missing"):
+        images.set(exposure=100)
 
 
 def test_saturated_share_counts_surfaces_but_not_a_spot():
@@ -183,8 +229,10 @@ def test_automatic_settings_are_switched_off_before_values_are_set():
     assert controls.plan(OLD, params)[:2] == ["exposure_auto=1", "exposure_absolute=120"]
 
 
-def test_settings_not_asked_for_stay_automatic():
+def test_settings_not_asked_for_are_the_camera_s_own():
     assert controls.plan(NEW, CaptureParams()) == ["auto_exposure=3", "white_balance_automatic=1"]
+    ribbon = NEW.replace("min=0 max=3 default=3 value=3", "min=0 max=1 default=0 value=1")  # a camera with two modes
+    assert controls.plan(ribbon, CaptureParams())[0] == "auto_exposure=0"
     assert controls.plan("", CaptureParams()) == []
     with refused("no_control"):
         controls.plan("", CaptureParams(exposure=100))

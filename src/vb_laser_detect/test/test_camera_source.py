@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
+from vb_laser_detect.camera import source as camera_source
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, printable
 from vb_laser_detect.detector import SpotDetector
 
 RATE, FRAMES, KEY_EVERY = 25, 250, 25
@@ -38,15 +39,20 @@ def packets():
 
 @pytest.fixture
 def film(packets, tmp_path):
-    with av.open(str(tmp_path / "count.mp4"), "w") as container:
+    return write_film(tmp_path / "count.mp4", packets)
+
+
+def write_film(path, packets, damaged=()):
+    """Writes a film; of the packets with the `damaged` numbers the beginning is lost."""
+    with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=RATE)
         stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
         for number, content in enumerate(packets):
-            packet = av.Packet(bytes(content))
+            packet = av.Packet(bytes(content)[:4] + bytes(content)[20:] if number in damaged else bytes(content))
             packet.stream, packet.time_base, packet.is_keyframe = stream, Fraction(1, RATE), content.is_keyframe
             packet.pts = packet.dts = number
             container.mux(packet)
-    return str(tmp_path / "count.mp4")
+    return str(path)
 
 
 @pytest.fixture
@@ -85,13 +91,14 @@ def camera(packets):
 
 
 def slowly(address, pause_s, count):
-    """Returns the brightness and times of the images that a reader gets who needs so long for each, and how many were left out."""
-    seen, enough = [], threading.Event()
+    """Returns the brightness and times of the images that a reader gets who needs so long for each, and why others were left out."""
+    seen, left_out, enough = [], [], threading.Event()
 
     def handle(shot):
         brightness = float(shot.picture().pixels.mean())
         if len(seen) < count and (not seen or brightness > seen[-1][0] - 6.0):  # else it has begun again
             seen.append((brightness, shot.taken))
+            left_out.extend(shot.left_out)
             time.sleep(pause_s)
         else:
             enough.set()
@@ -100,24 +107,64 @@ def slowly(address, pause_s, count):
     source.start()
     assert enough.wait(60.0)
     source.close()
-    return (*np.array(seen).T, source.late)
+    return (*np.array(seen).T, left_out)
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 0.2])
 def test_a_file_has_no_hurry(film, pause_s):
-    seen, taken, late = slowly(film, pause_s, 30)
-    assert late == 0 and np.abs(seen - np.arange(30)).max() < 6.0
+    seen, taken, left_out = slowly(film, pause_s, 30)
+    assert not left_out and np.abs(seen - np.arange(30)).max() < 6.0
     # as far apart as in the film, and no more than a second behind what is shown
     assert np.diff(taken).min() > 1 / RATE - 1e-6 and taken[-1] - taken[0] > 29 * max(1 / RATE, pause_s) - 1.0 - 1e-6
 
 
 def test_late_network_images_are_left_out_until_a_key_frame(camera):
     # five times too slow, or more on a busy computer: without leaving any out, the last to be seen would be so many
-    seen, _, late = slowly(camera, 0.2, 30)
-    assert late > 50 and seen[-1] > 3 * len(seen)
+    seen, _, left_out = slowly(camera, 0.2, 30)
+    assert len(left_out) > 50 and set(left_out) == {"late_image"} and seen[-1] > 3 * len(seen)
     # what is seen after a gap is whole: it has the brightness of an image that needs no other one
     after = np.flatnonzero(np.diff(seen) > 3.0) + 1
     assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
+
+
+def test_of_a_damaged_image_on_all_are_left_out_until_a_key_frame(packets, tmp_path):
+    seen, _, left_out = slowly(write_film(tmp_path / "damaged.mp4", packets, damaged=(5,)), 0.0, 20)
+    assert left_out == ["bad_image"] * (KEY_EVERY - 5)
+    assert np.abs(seen - [*range(5), *range(KEY_EVERY, KEY_EVERY + 15)]).max() < 6.0
+
+
+def test_a_camera_without_a_whole_image_for_long_is_opened_again(packets, tmp_path, monkeypatch):
+    monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 0.4)
+    told, again = [], threading.Event()
+
+    def report(error):
+        told.append(error and error.code)
+        if len(told) == 3:
+            again.set()
+
+    source = CameraSource(
+        write_film(tmp_path / "damaged.mp4", packets, (5,)), CaptureParams(), lambda shot: None, report
+    )
+    source.start()
+    assert again.wait(60.0)
+    source.close()
+    assert told == [None, "camera_stalled", None]
+
+
+def test_a_new_delay_counts_from_the_next_image_on(film):
+    taken, enough = [], threading.Event()
+
+    def handle(shot):
+        taken.append(shot.taken)
+        source.params = CaptureParams(delay_ms=5000.0 * (len(taken) > 2))
+        if len(taken) == 5:
+            enough.set()
+
+    source = CameraSource(film, CaptureParams(), handle, lambda error: None)
+    source.start()
+    assert enough.wait(60.0)
+    source.close()
+    assert (np.diff(taken[:5]) > 0.0).tolist() == [True, True, False, True]
 
 
 def test_internal_error_is_reported_and_the_camera_reopened(film):
@@ -133,6 +180,24 @@ def test_internal_error_is_reported_and_the_camera_reopened(film):
     assert again.wait(60.0)
     source.close()
     assert told[:3] == [None, "internal_error", None]
+
+
+@pytest.mark.parametrize(
+    "address, shown",
+    [
+        ("rtsp://camera.lab:554/video?channel=1", "rtsp://camera.lab:554/video?channel=1"),
+        ("rtsp://user:secret@camera.lab/a@b", "rtsp://camera.lab/a@b"),
+        ("rtsp://user:secr@et@camera.lab/", "rtsp://camera.lab/"),
+        (
+            "rtsp://camera.lab/user=admin&password=secret&channel=1",
+            "rtsp://camera.lab/user=admin&password=***&channel=1",
+        ),
+        ("http://camera.lab/video?usr=admin&PWD=secret", "http://camera.lab/video?usr=admin&PWD=***"),
+        ("/dev/video0", "/dev/video0"),
+    ],
+)
+def test_no_password_is_shown(address, shown):
+    assert printable(address) == shown
 
 
 def test_half_a_jpeg_is_no_image():

@@ -10,10 +10,10 @@ import tf2_ros
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.robot_profile import Limits, RobotProfile, RobotShape
-from vb_core.ros import robot_profile, transforms
+from vb_core.ros import robot_profile
 from vb_core.ros.messages import message_from_transform
 from vb_laser_detect import camera_geometry
-from vb_laser_detect.camera_geometry import CameraGeometry, Robots
+from vb_laser_detect.camera_geometry import CameraGeometry
 from vb_laser_detect.detection.projection import FloorProjection
 
 PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
@@ -21,15 +21,18 @@ PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(m
 
 @pytest.fixture
 def lab(monkeypatch):
-    """(the robots, tf's buffer, the codes counted); tf is told where a robot is by `drive`."""
+    """(what knows where robots are, tf's buffer, the codes counted); tf is told where a robot is by `drive`."""
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
     monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
     # a buffer that waits asks for the time, which no node gives here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
-    lookup, counted = transforms.TransformLookup(), []
-    return Robots(["/", "/second"], lookup, SimpleNamespace(count=counted.append)), lookup._buffer, counted
+    counted = []
+    camera = CameraGeometry(
+        False, None, None, FloorProjection(), ["/", "/second"], SimpleNamespace(count=counted.append)
+    )
+    return camera, camera._transforms._buffer, counted
 
 
 def drive(buffer, frame, x, stamp, static=False):

@@ -1,6 +1,7 @@
 """What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras."""
 
 import contextlib
+import weakref
 from types import SimpleNamespace
 
 import cv2
@@ -10,17 +11,18 @@ import rospy
 from sensor_msgs.msg import CompressedImage
 
 from refusals import refused
+from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.notices import Severity
 from vb_core.ros import cameras
 from vb_core.ros.images import decode
-from vb_laser_detect import calibrate_camera_node
-from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect import camera_geometry, detector_diagnostics
+from vb_laser_detect import calibrate_camera_node, camera_geometry, detector_diagnostics, spot_detector_node
+from vb_laser_detect.camera_feed import LensFile
 from vb_laser_detect.camera_geometry import is_rectified
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
+from vb_laser_detect.detector_params import DetectorParams, SpotDetectorNodeParams
 from vb_msgs.msg import DetectorStatus
 
 
@@ -64,6 +66,20 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
     assert [error.code for error in faults] == ["unsupported_camera"]
     with pytest.raises(CodedError):
         info.model_for((640, 480))
+
+
+def test_no_picture_outlives_its_search_without_a_lens(tmp_path):
+    lens, pictures = LensFile(tmp_path / "red.yaml"), []
+
+    def search():
+        picture = np.zeros(3)
+        pictures.append(weakref.ref(picture))
+        with contextlib.suppress(CodedError):
+            lens.model_for((640, 480))
+
+    for _ in range(3):
+        search()
+    assert not any(picture() is not None for picture in pictures)
 
 
 @pytest.fixture
@@ -209,3 +225,19 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
     assert decode(message)[1] == encoding
+
+
+def test_all_images_of_a_spot_s_confirmation_can_be_published_at_once(monkeypatch):
+    queues = {}
+    monkeypatch.setattr(rospy, "Publisher", lambda topic, *_, queue_size, **__: queues.update({topic: queue_size}))
+    for name in (
+        "DetectorDiagnostics",
+        "CameraGeometry",
+        "InfoTopic",
+        "Worker",
+        "ReconfigureServer",
+        "subscribe_images",
+    ):
+        monkeypatch.setattr(spot_detector_node, name, lambda *_, **__: SimpleNamespace(record_detector=None))
+    node = spot_detector_node.SpotDetectorNode(SpotDetectorNodeParams(camera="red"))
+    assert queues[names.SPOTS] >= node._stamps.maxlen

@@ -20,7 +20,7 @@ from tf2_ros import StaticTransformBroadcaster
 
 from map_server import MapServer, lab, polygon
 from vb_testing import Newest, wait_until
-from vb_core.ros.messages import OccupancyGridArray
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid
 from vb_core.map_files import read_map
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import (
@@ -209,6 +209,16 @@ class MapIntegratorTest(unittest.TestCase):
             self.server.publish(ground)
         wait_until(lambda: [b.name for b in self.borders.message.borders] == ["carpet"], "the first place's border")
         self.assertFalse(self.borders.message.needs_confirmation)
+
+    def test_why_a_map_is_refused_is_told_until_one_is_taken(self):
+        notices = Newest("/virtual_borders/notices", NoticeArray)
+        for code, frame, cells in (("map_wrong_frame", "odom", 16000), ("bad_map", "map", 3)):
+            message = message_from_grid(self.grid, rospy.Time.now(), frame)
+            message.data = message.data[:cells]
+            self.server.publisher.publish(message)
+            wait_until(lambda: [n.code for n in notices.message.notices] == [code], code)
+        self.server.publish(self.grid)
+        wait_until(lambda: notices.message.notices == [], "no notice")
 
     def import_borders(self, source):
         done = subprocess.run(

@@ -185,7 +185,7 @@ def test_a_polygon_restricts_what_its_definition_says_cell_by_cell(draw):
             continue
         found = integrate(grid, border, grid.grid_to_world(robots))
         assert [issue.code for issue in found.issues] == codes
-        assert (found.spread(cells.shape) == wanted).all() and np.array_equal(found.line, border.points)
+        assert (found.region == wanted).all() and np.array_equal(found.line, border.points)
         assert math.isclose(found.area_m2, wanted.sum() * 0.05**2)
         raised = wanted & ((cells >= 0) | (value >= 65))
         assert np.array_equal(integrate(grid, border).posterior.data, np.where(raised, np.maximum(cells, value), cells))

@@ -173,11 +173,12 @@ def test_regions_with_different_windows_compare_and_join_by_cell(seed):
         top, left, height, width = random.integers((0, 0, 3, 3), (8, 8, 12, 12))
         mask = (random.random((height, width)) < 0.5).astype(np.uint8) * 255
         regions.append(Region((slice(top, top + height), slice(left, left + width)), mask, 100, True, 1.0))
-    one, other = (region.spread((20, 20)) for region in regions)
+    one, other = np.zeros((2, 20, 20), bool)
+    one[regions[0].window], other[regions[1].window] = regions[0].mask, regions[1].mask
     assert regions[0].shared(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
-    assert np.array_equal(join_regions(regions).spread((20, 20)), one | other)
     grid = GridMap(np.full((20, 20), -1, np.int8), 0.05)
-    assert np.array_equal(put_on_map(grid, regions).data == 100, one | other) and (grid.data == -1).all()
+    for joined in (regions, [join_regions(regions)]):
+        assert np.array_equal(put_on_map(grid, joined).data == 100, one | other) and (grid.data == -1).all()
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

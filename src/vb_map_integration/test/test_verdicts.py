@@ -61,6 +61,16 @@ def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
     assert again.in_force.status(again.borders[0]) == (True, "to_be_confirmed")
 
 
+def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
+    """A line was to be confirmed on each new map of which little was known."""
+    keeper = integrator(grid=flat())
+    keeper.add(DOOR, 1.0)
+    keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
+    assert keeper.in_force.status(keeper.borders[0]) == (True, "") and closed_at(keeper, 2.5, 5.0)
+    region = keeper._recognizer.locate(keeper.borders[0]).region_before(keeper.physical)
+    assert (keeper.physical.data[region.window][region.mask > 0] == 0).all()
+
+
 def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)

@@ -149,6 +149,16 @@ def test_drivers_agree_on_who_follows_in_any_order_of_sightings(one, other):
     assert follows[0] == follows[1] and sum(follows[0]) == 1
 
 
+def test_a_guided_robot_follows_also_while_a_quicker_camera_sees_the_spot():
+    rig = Rig()
+    rig.set_state(GUIDE)
+    for _ in range(80):
+        for camera, latency in (("red", 0.05), ("robot", 0.15)):
+            rig.arbiter.add(Sighting(rig.now - latency, (3.8, 2.5), camera, camera == "robot"))
+        rig.step()
+    assert {command.code for command in rig.commands[20:40]} == {"driving"} and rig.pose[0] > 2.3
+
+
 def test_guide_leaves_alone_a_robot_that_does_not_see_the_spot():
     far = Rig(pose=(6.0, 2.5, 0.0), camera="robot2", cameras=("robot1", "robot2"))
     far.navigation = (0.3, 0.0)

@@ -101,7 +101,7 @@ def test_a_restarted_dispatcher_sends_a_robot_to_a_blind_corner():
     lab.spot = np.array([EDGE + 0.5, 2.5])
     assert not lab.dispatcher.sightings.should_dispatch()
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
-    lab.dispatcher.set_progress("a", np.zeros((0, 2)), False, points, None, ["red"])
+    lab.dispatcher.set_progress("a", DrawingState(points[-1]), ["red"])
     assert lab.dispatcher.sightings.should_dispatch()
     for _ in range(8):
         lab.step(robot_sees=False)
@@ -142,7 +142,7 @@ def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
     lab, carpet = Lab(robot=start), np.array([[5.0, 1.7], [7.0, 1.7], [7.0, 3.2], [5.0, 3.2]])
     lab.see("red", (4.9, 1.7))  # while it was drawn
     lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
-    lab.dispatcher.set_progress("a", carpet, True, carpet[[1, 2, 3, 0]] - 0.02, None, ["red"])
+    lab.dispatcher.set_progress("a", DrawingState(carpet[0] - 0.02, carpet, closed=True), ["red"])
     lab.spot = np.array([10.0, 2.5])  # nobody sees it
     while lab.now < 105.0:
         lab.step()
@@ -154,7 +154,7 @@ def test_a_bright_spot_after_the_seed_does_not_replace_it():
     lab = Lab(robot=(6.5, 3.6, 2.4))
     line, seed = np.array([[6.0, 4.95], [6.0, 3.4], [6.8, 3.4]]), np.array([5.3, 3.0])
     lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
-    lab.dispatcher.set_progress("a", line, False, line, seed, ["red"])
+    lab.dispatcher.set_progress("a", DrawingState(line[-1], line, seed=seed), ["red"])
     lab.spot = np.array([10.0, 2.5])
     for bright in (seed, (6.6, 4.3)):
         for _ in range(20):

@@ -406,24 +406,29 @@ def test_the_gate_limits_a_command_and_names_the_reason(source, gate, wish, foun
         st.tuples(st.sampled_from([0.0, 0.3, 0.3, 0.6, 1.2, -50.0]), st.sampled_from([None, -2, 0, 0, 1, 1, 2, 3])),
         min_size=3,
         max_size=12,
-    )
+    ),
+    st.sampled_from([0.0, 0.03]),
 )
-def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps):
-    """In units of 0.1 m, of a robot whose odometry stands; the clock may be set back. Three units are too many."""
+def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps, ahead):
+    """In units of 0.1 m, of a robot whose odometry stands; the clock may be set back. Three units are too many.
+
+    Args:
+        ahead: [s] the base's clock is ahead of the driver's.
+    """
     gate, now, place, fixes, held_until = Gate(PROFILE), 100.0, 0, [], -math.inf
     for seconds, shift in steps:
         now += seconds
-        held_until = -math.inf if held_until > now + 1.0 else held_until
+        held_until = -math.inf if held_until > now + 10.0 else held_until
         if shift is None:
             gate.set_pose(None, now)
             assert gate.pose(now) is None
             continue
         place += shift
-        gate.set_pose((0.1 * place, 0.0, 0.0), now, odometry=(0.0, 0.0, 0.0))
+        gate.set_pose((0.1 * place, 0.0, 0.0), now + ahead, odometry=(0.0, 0.0, 0.0))
         recent = [fix for fix in fixes if 0.0 <= now - fix[0] <= 1.0] or [fix for fix in fixes[-1:] if fix[0] <= now]
         jumps = any(abs(place - before) >= 3 for _, before in (*recent[:1], *recent[-1:]))
         fixes = [*([] if jumps else fixes), (now, place)]
-        held_until = now + 1.0 if jumps else held_until
+        held_until = now + ahead + 1.0 if jumps else held_until
         assert gate.pose(now) == (None if now < held_until else (0.1 * place, 0.0, 0.0))
         request, wanted = VelocityRequest(0.0, 0.0), "pose_jumped" if now < held_until else "no_map"
         assert gate.limit(now, NAVIGATION, request) == (0.0, 0.0, wanted)

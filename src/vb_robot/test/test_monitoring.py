@@ -3,11 +3,13 @@
 import itertools
 import math
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import ReconfigureResponse
+from geometry_msgs.msg import Point
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
@@ -16,6 +18,8 @@ from vb_testing import wait_until
 
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
+from vb_robot.inputs import borders_for
 from vb_robot.monitoring import navigation_limits, wiring
 from vb_robot.monitoring.goals import GoalReview, KnownBorder, is_inside, name_of
 from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
@@ -168,6 +172,18 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
         told = [notice.code for notice in robot.notices(0.0)]
         complete = robot._maps.keys() >= {"physical", "borders"}
         assert told == ["robot_caught_in_border"] * complete
+    before, robot.wiring = robot.review(), replace(robot.wiring, radius=0.3)
+    assert robot.review() is not before and robot.review() is robot.review()
+
+
+def test_only_what_forbids_a_place_lends_its_name():
+    rows = [("soft", 0, 0.5, []), ("detour", 1, 0.75, []), ("slow", 2, 1.0, []), ("ada's", 0, 1.0, ["ada"])]
+    message = VirtualBorderArray()
+    for name, zone, occupancy, robots in [*rows, ("rug", 0, 1.0, [])]:
+        border = VirtualBorder(name=name, zone=zone, occupancy=occupancy, robots=robots, in_force=True)
+        border.points = [Point()]
+        message.borders.append(border)
+    assert [border.name for border in borders_for("bob", message)] == ["rug"]
 
 
 @pytest.mark.parametrize("seed", range(40))

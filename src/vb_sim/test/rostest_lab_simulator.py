@@ -214,10 +214,10 @@ class LabSimulatorTest(unittest.TestCase):
     def test_bad_parameters_end_with_one_line(self):
         world = f"_world:={rospy.get_param('/lab_simulator/world')}"
         cases = {
-            "lab_simulator": [(["_world:=/no/such.yaml"], "no_world"), (["_seed:=2"], "world")],
+            "lab_simulator": [(["_world:=/no/such.yaml"], "no_world"), (["_seed:=2"], "world: must be set")],
             "participant": [
-                (["_scenario:=room"], "/world"),
-                ([world], "/scenario"),
+                (["_scenario:=room"], "world: must be set"),
+                ([world], "scenario: ''"),
                 ([world, "_scenario:=attic"], "attic"),
                 ([world, "_scenario:=room", "_method:=magic"], "/method"),
             ],

@@ -15,7 +15,7 @@ from vb_sim.models import ParticipantModel
 from vb_sim.person.participant import Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
-from vb_sim.person.stroke_order import choose_order
+from vb_sim.person.participant_robot_only import choose_order
 from vb_sim.room.world import load_world
 
 from closed_loop import DT, System

@@ -15,11 +15,10 @@ from hypothesis import strategies as st
 
 from vb_core.notices import Notice, Severity
 from vb_msgs.msg import VirtualBorder
-from vb_voice_wizard.dialogue.answer_cache import AnswerCache
+from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
 from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, PreviewInputs, PreviewScheduler, places
 from vb_voice_wizard.interaction_manager_node import _what_changed
-from vb_voice_wizard.session import Answer
 
 
 # ------------------------------------------------------------------ commands that are sent again

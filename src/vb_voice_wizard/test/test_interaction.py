@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 
 from vb_core import sentences
 from vb_core.sentences import spelled_out
-from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED
+from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
-from vb_voice_wizard.confirmation import ANSWERS, CONFIRM_WITHIN
-from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.session import Answer, InteractionParams, UNSEEN_AFTER
+from vb_voice_wizard.dialogue.answers import Answer
+from vb_voice_wizard.interaction import CONFIRM_WITHIN, UNSEEN_AFTER, Interaction, InteractionParams
 
 ENTERING = {DEFINE_BORDER: BORDER, DEFINE_SEED: SEED, GUIDE_ROBOT: GUIDE}
 
@@ -133,7 +132,7 @@ def test_saving_blocks_other_commands_and_refusal_keeps_the_drawing():
     for command in (*COMMANDS, "nonsense"):
         if command not in (STOP, RESUME):
             assert interaction.command(command, "wizard", 6.0).code == "busy"
-    assert not interaction.end_if_idle(1000.0) and interaction.saving
+    assert not interaction.end_if_idle(1000.0) and interaction.pending == SAVE
     interaction.advance(6.0)
     answer = interaction.finish(Answer(False, "no_service", {"who": "$map_integrator"}), 7.0)
     assert answer.message == "The map integrator is not running."
@@ -220,7 +219,7 @@ def test_a_pause_keeps_everything_until_the_person_goes_on(way):
     assert paused(interaction).suggested_commands()[0] == CONTINUE and PAUSE not in interaction.suggested_commands()
     for command in interaction.suggested_commands():
         other = paused(after(*way))
-        assert other.command(command, "test", 40001.0).success and other.saving == (command == SAVE)
+        assert other.command(command, "test", 40001.0).success and (other.pending == SAVE) == (command == SAVE)
     assert interaction.command(PAUSE, "test", 40001.0).code == "paused"
     assert interaction.command(CONTINUE, "test", 40002.0).success
     assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 
 import numpy as np
+import rospy
 import rostest
 
 from page_rig import CARPET, PageTest, round_the
@@ -13,6 +14,7 @@ from vb_testing import wait_until
 from vb_core import names, sentences
 from vb_core.ros.messages import grid_from_message
 from vb_msgs.msg import VirtualBorder
+from vb_msgs.srv import RenameBorder
 
 
 class BordersTest(PageTest):
@@ -176,7 +178,64 @@ class BordersTest(PageTest):
         self.assertEqual({one: sent.count(one) for one in sent}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
         self.browser.driver.refresh()
 
-    def test_lengths_a_scale_and_the_last_corner(self):
+    def test_a_change_after_somebody_elses_succeeds_when_it_is_tried_again(self):
+        self.store_carpet()
+        self.browser.click("#borders .name")
+        self.browser.field("#dialog input").send_keys(" 2")
+        self.store_carpet("Other", "Other")
+        self.browser.click("#dialog button", "Rename")
+        self.browser.wait_text("#toast", "Somebody else")
+        self.assertEqual(self.borders()[0].name, "Rug")
+        self.browser.click("#dialog button", "Rename")
+        self.browser.wait_text("#borders", "Rug 2")
+        self.browser.click("#borders .name")
+        rospy.ServiceProxy(names.RENAME_BORDER, RenameBorder)(id=self.borders()[0].id, name="Mat", source="test")
+        self.browser.wait_text("#borders", "Mat")
+        self.browser.click("#dialog button", "Edit")
+        self.browser.field("#review input").send_keys(" 3")
+        self.store_carpet("Third", "Third")
+        self.browser.click("#review button", "Save")
+        self.browser.wait_text("#toast", "Somebody else")
+        self.browser.wait_text("#review", "m²")
+        self.assertEqual(self.borders()[0].name, "Mat")
+        self.browser.click("#review button", "Save")
+        self.browser.wait_text("#borders", "Mat 3")
+
+    def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
+        self.store_carpet()
+        seen = self.browser.driver.execute_async_script(
+            """const done = arguments[0], { draft, map, view } = window.virtualBorders, [border] = view.borders.list;
+            const press = (selector) => [...document.querySelectorAll(selector)].pop().click();
+            Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, examine, setMode }]) => {
+                const asked = [], modes = [];
+                page.link.send = (_action, fields) => new Promise((resolve) => asked.push({ fields, resolve }));
+                const answer = (one) => {
+                    one.resolve({ ok: true, code: "ok", values: {}, area: 1, issues: [] });
+                    return new Promise((next) => setTimeout(next));
+                };
+                edit(border);
+                for (draft().name of ["a", "b"]) examine();
+                for (const one of asked) await answer(one);
+                const previews = asked.splice(0).map((one) => one.fields.draft.name);
+                for (const [ask, begin] of [
+                    [() => press("#review button"), () => edit(border)],
+                    [() => (setMode("go"), map.on.tap([3, 1])), () => setMode("go")],
+                    [() => (press("#borders .name"), press("#dialog .danger")), () => press("#settings-button")],
+                ]) {
+                    ask();
+                    setMode("look");
+                    begin();
+                    await answer(asked.splice(0)[0]);
+                    modes.push(page.mode);
+                    setMode("look");
+                }
+                done([previews, modes, document.getElementById("dialog").open]);
+            });"""
+        )
+        self.assertEqual(seen, [["Rug", "b"], ["review", "go", "look"], True])
+        self.browser.driver.refresh()
+
+    def test_lengths_a_scale_corners_and_the_caret(self):
         scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
         for factor in (1, 3, 3):
@@ -209,6 +268,31 @@ class BordersTest(PageTest):
         sides = self.browser.run("""const points = window.virtualBorders.draft().points, last = points[points.length - 1];
             return [points[1], last].map((one) => Math.hypot(one[0] - points[0][0], one[1] - points[0][1]))""")
         np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
+        # the seed follows each change of corners, and Delete takes the corner that has the focus
+        seen = self.browser.driver.execute_async_script(
+            """const done = arguments[0], { map, draft } = window.virtualBorders;
+            import("/shapes.js").then(({ inside }) => {
+                map.on.drag(2, [6.5, 3.0], true);
+                map.on.choose(0);
+                document.querySelector("[data-corner='2']").dispatchEvent(
+                    new KeyboardEvent("keydown", { key: "Delete", bubbles: true }));
+                const seen = [draft().points.every(([x]) => x < 6), inside(draft().seed, draft().points)];
+                map.on.between(0, [3.5, 1.7]);  // a quick finger: beyond the middle at once
+                done([...seen, inside(draft().seed, draft().points)]);
+            });"""
+        )
+        self.assertEqual(seen, [True] * 3)
+        # a form that is drawn again keeps the caret
+        caret = self.browser.run(
+            """const { map, draft } = window.virtualBorders, before = document.querySelector("#review input");
+            before.focus();
+            before.value = draft().name = "Rug";
+            before.setSelectionRange(1, 2);
+            map.on.choose(1);
+            const now = document.activeElement;
+            return [now !== before, now.value, now.selectionStart, now.selectionEnd]"""
+        )
+        self.assertEqual(caret, [True, "Rug", 1, 2])
         self.browser.click("#review button", "Cancel")
 
     def test_a_wall_with_a_warning_hides_no_name(self):

@@ -24,11 +24,16 @@ class LostTest(PageTest):
         self.browser.wait_text("#review", "m²")
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
         view = self.browser.run("return window.virtualBorders.map.view")
+        self.browser.run("""const wait = window.setTimeout, ask = window.fetch;
+            window.asked = 0;
+            window.setTimeout = (work, time) => wait(work, time === 8000 ? 2000 : time);
+            window.fetch = (...given) => ask(...given, ++window.asked)""")
         self.page.process.send_signal(signal.SIGSTOP)
         try:
             self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
             self.browser.click("#review button", "Save")
             self.browser.wait_text("#review", "connection is lost")
+            self.browser.wait("window.asked > 1", what="another try after one that nobody answers")
         finally:
             self.page.process.send_signal(signal.SIGCONT)
         self.browser.wait("document.body.dataset.state == 'default'", what="the connection")
@@ -37,7 +42,7 @@ class LostTest(PageTest):
         self.assertEqual(self.browser.text("#toast"), "")
         self.browser.click("#review button", "Save")
         self.wait_borders(1)
-        self.browser.click("#zoom-fit")
+        self.browser.driver.refresh()
 
     def test_robot_in_a_border_and_a_silent_monitor_are_problems(self):
         self.restart_page()  # without the cameras and robots of other tests
@@ -68,7 +73,11 @@ class LostTest(PageTest):
         # as it was before
         self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
         field = self.browser.field("#login input")
+        self.browser.run("window.ask = fetch; window.fetch = () => Promise.reject()")
         field.send_keys("wrong-code\n")
+        self.browser.wait_text("#login-answer", "no answer")
+        self.browser.run("window.fetch = window.ask")
+        field.send_keys("\n")
         self.browser.wait_text("#login-answer", "not a valid code")
         field.clear()
         codes = yaml.safe_load(self.codes.read_text())

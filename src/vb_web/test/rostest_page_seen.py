@@ -38,11 +38,13 @@ class SeenTest(PageTest):
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
                     Notice("robot_caught_in_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_caught_in_border", values={"who": "ada", "border": "$border_without_name"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
             self.browser.wait_text("#notices", "The robot is inside Rug")
             other.wait_text("#notices", "Der Roboter ist in Rug")
+            other.wait_text("#notices", sentences.translate("border_without_name", {}, "de"))
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()
@@ -146,6 +148,26 @@ class SeenTest(PageTest):
             what="the second request",
         )
         self.browser.run("window.virtualBorders.map.picture('floor', '')")
+        # it comes by itself, and not again after it was switched off and the link was lost
+        on = self.browser.driver.execute_async_script(
+            """const done = arguments[0], { view } = window.virtualBorders, button = document.getElementById("floor-button");
+            import("/state.js").then(({ hello, page: { link } }) => {
+                const section = { map: { ...view.map, floor: 4 } }, on = [];
+                for (const next of [() => {}, () => button.click(), () => link.onHello({ ...hello })]) {
+                    next();
+                    link.onView(section);
+                    on.push(button.getAttribute("aria-pressed"));
+                }
+                done(on);
+            });"""
+        )
+        self.assertEqual(on, ["true", "false", "false"])
+        # a map that begins elsewhere is shown where it is
+        moved = (
+            "const { map } = window.virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
+        )
+        self.assertGreater(self.browser.run(moved), 50)
+        self.browser.driver.refresh()
 
     def test_a_spot_is_seen_and_text_stays_text(self):
         spot = LaserSpot(camera="red")

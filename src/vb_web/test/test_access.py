@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from refusals import refused
 from vb_web import access
 from vb_core.limiter import Limiter
-from vb_web.access import AccessCodes, Places, Role, Sessions
+from vb_web.access import Places, Role, Sessions
 
-CODES = AccessCodes("view-er22", "oper-at33")
+CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 
 
 def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
@@ -21,9 +21,9 @@ def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     first = access.load_codes(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert access.load_codes(path) == first
-    assert first.viewer != first.operator
+    assert first["viewer"] != first["operator"]
     sessions = Sessions(first)
-    roles = [sessions.find(sessions.open(code))[0] for code in (first.viewer, first.operator)]
+    roles = [sessions.find(sessions.open(code))[0] for code in (first["viewer"], first["operator"])]
     assert roles == [Role.VIEWER, Role.OPERATOR]
 
 
@@ -34,7 +34,7 @@ PROTECT_NOTHING += [{"more": "x"}, {"viewer": 12345678}]
 @pytest.mark.parametrize("change", PROTECT_NOTHING)
 def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
     path = tmp_path / "codes.yaml"
-    path.write_text(yaml.safe_dump({**vars(CODES), **change}))
+    path.write_text(yaml.safe_dump({**CODES, **change}))
     path.chmod(0o600)
     with refused("page_codes_bad"):
         access.load_codes(path)
@@ -49,7 +49,7 @@ def test_codes_are_taken_as_people_type_them():
 @pytest.mark.parametrize("role", [Role.VIEWER, Role.OPERATOR])
 def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
     path = tmp_path / "sessions.json"
-    cookie = Sessions(CODES, path).open(getattr(CODES, role.name.lower()))
+    cookie = Sessions(CODES, path).open(CODES[role.name.lower()])
     sessions = Sessions(CODES, path)  # as after a restart
     found, name = sessions.find(cookie)
     assert found == role and name and cookie not in path.read_text()
@@ -60,14 +60,14 @@ def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
 
 def test_a_new_code_ends_the_sessions_of_the_old_one(tmp_path):
     path = tmp_path / "sessions.json"
-    cookies = [Sessions(CODES, path).open(code) for code in (CODES.viewer, CODES.operator)]
-    changed = Sessions(AccessCodes(CODES.viewer, "new-code55"), path)
+    cookies = [Sessions(CODES, path).open(code) for code in CODES.values()]
+    changed = Sessions({**CODES, "operator": "new-code55"}, path)
     assert [changed.find(cookie)[0] for cookie in cookies] == [Role.VIEWER, Role.NOBODY]
 
 
 def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypatch):
     path = tmp_path / "sessions.json"
-    cookie = Sessions(CODES, path).open(CODES.viewer)
+    cookie = Sessions(CODES, path).open(CODES["viewer"])
     monkeypatch.setattr(access.time, "time", lambda: path.stat().st_mtime + access.COOKIE_DAYS * 86400 + 60)
     assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
     monkeypatch.undo()
@@ -75,9 +75,18 @@ def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypa
     assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
 
 
+def test_a_disk_that_cannot_be_written_keeps_nobody_out(tmp_path):
+    (tmp_path / "file").write_text("")
+    told = []
+    sessions = Sessions(CODES, tmp_path / "file" / "sessions.json", lambda error: told.append(error.code))
+    role, name = sessions.find(sessions.open(CODES["operator"]))
+    sessions.end(name)
+    assert (role, told) == (Role.OPERATOR, ["cannot_write"] * 2)
+
+
 def test_many_viewers_log_no_operator_out():
     sessions = Sessions(CODES)
-    operator, *viewers = [sessions.open(code) for code in (CODES.operator, *[CODES.viewer] * 300)]
+    operator, *viewers = [sessions.open(code) for code in (CODES["operator"], *[CODES["viewer"]] * 300)]
     assert sessions.find(operator)[0] == Role.OPERATOR
     assert [bool(sessions.find(cookie)[0]) for cookie in viewers] == [False] * 200 + [True] * 100
 
@@ -85,7 +94,7 @@ def test_many_viewers_log_no_operator_out():
 @given(st.text(max_size=200))
 def test_any_other_text_is_no_cookie(text):
     sessions = Sessions(CODES)
-    sessions.open(CODES.operator)
+    sessions.open(CODES["operator"])
     assert sessions.find(text) == sessions.find(None) == (Role.NOBODY, "")
 
 

@@ -16,12 +16,12 @@ from refusals import refused
 from vb_core.limiter import Limiter
 from vb_core.errors import CodedError, ParameterError
 from vb_web import access
-from vb_web.access import AccessCodes, Places, Role, Sessions
+from vb_web.access import Places, Role, Sessions
 from vb_web.images import ImageCache, EncodedImage
 from vb_web.server import PageParams, PageServer, addresses
 from vb_web.view import View
 
-CODES = AccessCodes("view-er22", "oper-at33")
+CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 BOUNDS = (0.0, 0.0), (8.0, 5.0)
 PREVIEW = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
 CERTIFICATE = (
@@ -154,7 +154,7 @@ def test_certificate_makes_the_network_https_only(tmp_path):
     with serving(Sessions(CODES), params) as running:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         given = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
-        answer = log_in(running, CODES.viewer, **given)
+        answer = log_in(running, CODES["viewer"], **given)
         assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"]
         assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # http: no answer at all
@@ -162,7 +162,7 @@ def test_certificate_makes_the_network_https_only(tmp_path):
 
 
 def cookie(running, role):
-    return f"{access.COOKIE}={running.server.sessions.open(getattr(CODES, role.name.lower()))}"
+    return f"{access.COOKIE}={running.server.sessions.open(CODES[role.name.lower()])}"
 
 
 async def answer_to(connection, **request):
@@ -244,7 +244,7 @@ def test_code_gives_a_cookie_hidden_from_scripts_and_other_sites(network):
 
 
 def test_codes_cannot_be_tried_fast(network):
-    codes = [log_in(network, given).code for given in [*["guess"] * 4, *[CODES.operator] * 4]]
+    codes = [log_in(network, given).code for given in [*["guess"] * 4, *[CODES["operator"]] * 4]]
     assert codes[:5] == [401] * 4 + [200] and codes[-1] == 429
 
 
@@ -378,7 +378,7 @@ def test_strangers_who_hold_connections_keep_nobody_out(network):
         for connection in held:
             connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
         assert network.ask("/session").code == 200
-        assert log_in(network, CODES.operator).code == 200
+        assert log_in(network, CODES["operator"]).code == 200
         assert all(map(closed_by_the_server, held[:50]))
 
 

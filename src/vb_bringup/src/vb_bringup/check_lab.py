@@ -12,23 +12,35 @@ import rospy
 from rich.console import Console
 from rich.table import Table
 
-from vb_bringup.lab_checks import CheckLine
 from vb_bringup.lab_observation import observe_lab
 from vb_core import sentences
-from vb_core.notices import Severity
+from vb_core.notices import Notice, Severity
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
+# what a line is about that names no camera, robot or border, by how its code begins
+_SUBJECTS = {
+    "lab_no_cameras": "cameras",
+    "lab_map_": "map",
+    "lab_borders_": "borders",
+    "borders_": "borders",
+    "lab_node_": "nodes",
+    "lab_disk_": "disk",
+    "lab_robot_": "robot",
+    "robot_": "robot",
+    "no_rviz": "display",
+    "no_screen": "display",
+}
 _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
 
 
-def print_table(lines: List[CheckLine], language: str, console: Console) -> None:
+def print_table(lines: List[Notice], language: str, console: Console) -> None:
     """Prints a table, the faults last, where they are seen."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("", ""):
         table.add_column(heading, overflow="fold")
-    for line in sorted(lines, key=lambda line: line.state):
-        table.add_row(f"[{_STYLES[line.state]}]{_STATES[line.state]}[/]", line.sentence(language))
+    for line in sorted(lines, key=lambda line: line.severity):
+        table.add_row(f"[{_STYLES[line.severity]}]{_STATES[line.severity]}[/]", line.sentence(language))
     console.print(table)
 
 
@@ -44,9 +56,28 @@ def print_camera(camera: str) -> None:
         print("\n".join(describe(str(parameters["source"]), capture)))
 
 
-def to_json(lines: List[CheckLine], language: str) -> str:
+def subject(line: Notice) -> str:
+    """Returns what a line is about."""
+    if line.camera:
+        return f"camera {line.camera}"
+    if line.robot:
+        return f"robot {line.robot}"
+    known = (name for start, name in _SUBJECTS.items() if line.code.startswith(start))
+    return next(known, "borders" if line.border_id else "lab")
+
+
+def to_json(lines: List[Notice], language: str) -> str:
     """Formats the lines for programs: of each its subject, state, code, values, and the sentence for people."""
-    rows = [{**vars(line), "state": _STATES[line.state], "message": line.sentence(language)} for line in lines]
+    rows = [
+        {
+            "subject": subject(line),
+            "state": _STATES[line.severity],
+            "code": line.code,
+            "values": line.values,
+            "message": line.sentence(language),
+        }
+        for line in lines
+    ]
     return json.dumps(rows, indent=1, ensure_ascii=False, default=str)
 
 
@@ -74,7 +105,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
     lines = observe_lab(chosen.seconds)
-    faults = [line for line in lines if line.state is Severity.ERROR]
+    faults = [line for line in lines if line.severity is Severity.ERROR]
     if chosen.json:
         print(to_json(lines, chosen.language))
     else:

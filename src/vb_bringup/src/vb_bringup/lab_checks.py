@@ -2,77 +2,45 @@
 
 The idea: each fault belongs to one node, which reports it in a notice as long as it lasts: a detector reports that its
 camera is silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders.
-`lines_from_notices` makes a line of each. This module checks what shows only from outside: a node that does not run,
-topics that do not meet, a map that was read wrongly.
+check_lab repeats them. This module checks what shows only from outside: a node that does not run, topics that do not meet,
+a map that was read wrongly.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from vb_core import sentences
+from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 
 MIN_DISK_MB = 500  # room for a day of logs and recordings
 MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least what is ahead
+_IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 _HARDLY_ANY = 0.01  # share of unknown cells; shades between may be left where all else was read as free
 
 
-@dataclass(frozen=True)
-class CheckLine:
-    """The result of one check, or a notice of one of the lab's nodes; a `state` of INFO: nothing is wrong."""
-
-    subject: str
-    state: Severity
-    code: str
-    values: Mapping[str, Any] = field(default_factory=dict)
-    message: str = ""
-
-    def sentence(self, language: str = sentences.ENGLISH) -> str:
-        """Returns the sentence that people read."""
-        return sentences.translate(self.code, self.values, language, self.message)
-
-
-def lines_from_notices(notices: Iterable[Notice], others: Iterable[CheckLine] = ()) -> List[CheckLine]:
-    """Makes a line of each notice, unless one of the other lines has the same subject and code."""
-    present = {(line.subject, line.code) for line in others}
-    lines = []
-    for notice in notices:
-        subject = "lab"
-        if notice.camera:
-            subject = f"camera {notice.camera}"
-        elif notice.robot or notice.code.startswith("robot_"):
-            subject = f"robot {notice.robot}".strip()
-        elif notice.border_id or notice.code.startswith("borders_"):
-            subject = "borders"
-        if (subject, notice.code) not in present:
-            lines.append(CheckLine(subject, Severity(notice.severity), notice.code, notice.values, notice.message))
-    return lines
-
-
-def check_camera(
-    name: str,
-    topic: str = "",
-    publishers: Sequence[str] = (),
-    others: Sequence[str] = (),
-    rate: float = 0.0,
-    no_delay: bool = False,
-) -> CheckLine:
+def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], rate: float) -> Notice:
     """Checks how a camera's images reach its detector; the detector itself reports whether they can be used.
 
     Args:
-        topic: the topic of its images; "" if the detector reads the camera itself.
-        publishers: nodes that publish it.
-        others: topics of images that its driver publishes instead.
+        parameters: of its detector.
         rate: [1/s] searched images per second.
-        no_delay: whether it is a network camera whose delay nobody has measured.
     """
+    source = str(parameters.get("source", ""))
+    images = [topic for topic in graph.subscriptions(f"/spot_detector_{name}", _IMAGES) if "depth" not in topic]
+    topic = "" if source or not images else images[0]
+    publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
+    others = sorted(
+        other
+        for other, nodes in graph.publishers.items()
+        if nodes and other.startswith(beside) and graph.types.get(other) == _IMAGES[0]
+    )
 
-    def line(state: Severity, code: str, **values: Any) -> CheckLine:
-        return CheckLine(f"camera {name}", state, code, {"camera": name, "topic": topic, **values})
+    def line(severity: Severity, code: str, **values: str) -> Notice:
+        return Notice(code, severity, camera=name, values={"camera": name, "topic": topic, **values})
 
     if topic and not publishers and others:
         shown = {"others": ", ".join(others), "image": others[0].strip("/")}
@@ -81,38 +49,41 @@ def check_camera(
         return line(Severity.ERROR, "lab_camera_no_publisher")
     if len(publishers) > 1:
         return line(Severity.ERROR, "lab_camera_many_publishers", nodes=", ".join(publishers))
-    if no_delay:
+    if "://" in source and not parameters.get("capture", {}).get("delay_ms", 0.0):  # nobody has measured it
         return line(Severity.WARNING, "lab_camera_no_delay")
     return line(Severity.INFO, "lab_camera_ok", rate=f"{rate:.1f}")
 
 
 def check_robot(
     name: str, keeps_margin: bool, scan_topic: str, scan_deg: Optional[float], clears_plans: bool
-) -> List[CheckLine]:
+) -> List[Notice]:
     """Checks the scanner of a lab's own robot, and the costmaps and parameters of its navigation.
 
     Args:
         name: "" for the only robot.
-        keeps_margin: whether it plans on the driver's keep_out.
-        scan_deg: [deg] what the scan of a robot with a driver covers; 0: no scan arrived, None: it has no driver.
+        keeps_margin: whether it plans on the driver's keep_out, or has no driver.
+        scan_deg: [deg] what its scan covers; 0: no scan arrived, None: it has no scanner, or no driver that needs it.
         clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
+
+    def line(severity: Severity, code: str, **values: str) -> Notice:
+        return Notice(code, severity, robot=name, values={"robot": sentences.robot_value(name), **values})
+
     faults = []
-    if scan_deg is not None and not keeps_margin:
-        faults.append((Severity.WARNING, "lab_robot_without_margin", {}))
+    if not keeps_margin:
+        faults.append(line(Severity.WARNING, "lab_robot_without_margin"))
     if scan_deg == 0.0:
-        faults.append((Severity.WARNING, "lab_robot_no_scan", {"topic": scan_topic}))
+        faults.append(line(Severity.WARNING, "lab_robot_no_scan", topic=scan_topic))
     elif scan_deg is not None and scan_deg < MIN_SCAN_DEG:
-        faults.append((Severity.WARNING, "lab_robot_narrow_scan", {"degrees": f"{scan_deg:.0f}"}))
+        faults.append(line(Severity.WARNING, "lab_robot_narrow_scan", degrees=f"{scan_deg:.0f}"))
     if clears_plans:
-        faults.append((Severity.ERROR, "lab_robot_clears_plans", {}))
-    subject, who = f"robot {name}".strip(), {"robot": sentences.robot_value(name)}
-    return [CheckLine(subject, state, code, {**who, **values}) for state, code, values in faults]
+        faults.append(line(Severity.ERROR, "lab_robot_clears_plans"))
+    return faults
 
 
 def check_map(
     size: Optional[Tuple[float, float]], publishers: Sequence[str], with_borders: bool, file: str, all_known: bool
-) -> List[CheckLine]:
+) -> List[Notice]:
     """Checks whether there is one physical map, and one with the borders.
 
     Args:
@@ -123,16 +94,16 @@ def check_map(
         all_known: see `is_all_known`.
     """
     if size is None:
-        return [CheckLine("map", Severity.ERROR, "lab_map_not_served" if file else "lab_map_missing", {"file": file})]
+        return [Notice("lab_map_not_served" if file else "lab_map_missing", Severity.ERROR, values={"file": file})]
     lines = []
     if len(publishers) > 1:
-        lines.append(CheckLine("map", Severity.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(publishers)}))
+        lines.append(Notice("lab_map_many_publishers", Severity.ERROR, values={"nodes": ", ".join(publishers)}))
     if not with_borders:
-        lines.append(CheckLine("map", Severity.ERROR, "lab_map_without_borders"))
+        lines.append(Notice("lab_map_without_borders", Severity.ERROR))
     if all_known:
-        lines.append(CheckLine("map", Severity.WARNING, "lab_map_all_known"))
+        lines.append(Notice("lab_map_all_known", Severity.WARNING))
     values = {"width": f"{size[0]:.1f}", "height": f"{size[1]:.1f}"}
-    return lines or [CheckLine("map", Severity.INFO, "lab_map_ok", values)]
+    return lines or [Notice("lab_map_ok", Severity.INFO, values=values)]
 
 
 def is_all_known(cells: np.ndarray) -> bool:
@@ -144,16 +115,16 @@ def is_all_known(cells: np.ndarray) -> bool:
     return bool((edges == 0).any()) and float((cells < 0).mean()) < _HARDLY_ANY
 
 
-def check_nodes(missing: Sequence[str]) -> List[CheckLine]:
+def check_nodes(missing: Sequence[str]) -> List[Notice]:
     """Checks whether the nodes that belong to the lab are running; `missing` names those that are not."""
     if not missing:
-        return [CheckLine("nodes", Severity.INFO, "lab_node_ok")]
-    return [CheckLine("nodes", Severity.ERROR, "lab_node_missing", {"node": node}) for node in missing]
+        return [Notice("lab_node_ok", Severity.INFO)]
+    return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing]
 
 
-def check_disk(folder: str, free_mb: float, writable: bool = True) -> CheckLine:
+def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
     """Checks whether the folder of borders and records has room, and can be written."""
     code = "lab_disk_ok" if free_mb >= MIN_DISK_MB else "lab_disk_full"
     code = code if writable else "lab_disk_read_only"
     state = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
-    return CheckLine("disk", state, code, {"folder": folder, "free": f"{free_mb:.0f}"})
+    return Notice(code, state, values={"folder": folder, "free": f"{free_mb:.0f}"})

@@ -10,15 +10,17 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 import rospy
+from rosgraph.names import ns_join
 from sensor_msgs.msg import LaserScan
 
-from vb_bringup.lab_checks import CheckLine, check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
-from vb_bringup.lab_checks import lines_from_notices
+from vb_bringup.lab_checks import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 from vb_core.offer import offer
+from vb_core.robot_profile import Scanner
+from vb_core.ros import robot_profile
 from vb_core.ros.graph import read_graph
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 from vb_core.ros.node import wait_for_publishers
@@ -26,14 +28,12 @@ from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robots import connections_from_message
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
-_DETECTOR = "/spot_detector_"
 # nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors
 _NODES = ("/map_integrator", "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
 _CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within it is a fault to report
-_IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 
 
-def observe_lab(seconds: float) -> List[CheckLine]:
+def observe_lab(seconds: float) -> List[Notice]:
     """Listens to the nodes for some seconds, looks at everything else, and judges it."""
     graph = read_graph()
     newest, statuses, notices = _listen(seconds)
@@ -42,36 +42,38 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         [node for node in _NODES if node not in running and (node == _NODES[0] or rospy.has_param(node))]
     )
     if rospy.has_param("/border_fusion") and not statuses:
-        lines.append(CheckLine("cameras", Severity.WARNING, "lab_no_cameras"))
+        lines.append(Notice("lab_no_cameras", Severity.WARNING))
     for camera, status in sorted(statuses.items()):
-        line = _check_camera(graph, camera, status)
-        if line.state is Severity.ERROR:  # the line says why the camera is silent
+        line = check_camera(graph, camera, _parameters(f"/spot_detector_{camera}"), status.rate_hz)
+        if line.severity is Severity.ERROR:  # the line says why the camera is silent
             notices = [one for one in notices if (one.code, one.camera) != ("camera_silent", camera)]
-        if line.state is not Severity.INFO or all(one.camera != camera for one in notices):
+        if line.severity is not Severity.INFO or all(one.camera != camera for one in notices):
             lines.append(line)
     lines += _check_map(graph, newest)
     if names.BORDERS in newest:
         borders = newest[names.BORDERS].borders
         values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
-        lines.append(CheckLine("borders", Severity.INFO, "lab_borders_ok", values))
+        lines.append(Notice("lab_borders_ok", Severity.INFO, values=values))
     if names.ROBOTS in newest:
-        lines += lines_from_notices(offer(connections_from_message(newest[names.ROBOTS])).lines)
+        lines += offer(connections_from_message(newest[names.ROBOTS])).lines
         for robot in newest[names.ROBOTS].robots:
-            lines += _check_robot(robot, newest.get(_scan(robot.robot)))
+            lines += _check_robot(robot, newest)
     lines += _check_computer(running)
-    return lines + lines_from_notices(notices, lines)
+    said = {(line.code, line.camera, line.robot) for line in lines}
+    return lines + [one for one in notices if (one.code, one.camera, one.robot) not in said]
 
 
 def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], List[Notice]]:
     """Returns the newest message of each topic, the newest status of each camera, and the notices that hold."""
     newest: Dict[str, Any] = {}
     statuses: Dict[str, DetectorStatus] = {}
+    scans = {_scan(robot) for robot in rospy.get_param("/robot_monitor/robots", []) or [""]} - {""}
     topics = {
         names.PHYSICAL_MAP: OccupancyGridArray,
         names.MAP_WITH_BORDERS: OccupancyGridArray,
         names.BORDERS: VirtualBorderArray,
         names.ROBOTS: RobotStatusArray,
-        **{_scan(robot): LaserScan for robot in rospy.get_param("/robot_monitor/robots", []) or [""]},
+        **dict.fromkeys(scans, LaserScan),
     }
     subscribers = [
         rospy.Subscriber(name, kind, lambda message, name=name: newest.update({name: message}), queue_size=1)
@@ -85,43 +87,30 @@ def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], 
 
 
 def _scan(robot: str) -> str:
-    return f"/{robot}/scan" if robot else "/scan"
+    """Returns the topic of a robot's scanner; "" if it has none."""
+    try:
+        scanner = robot_profile.read(robot).scanner
+    except CodedError:  # whoever drives by this profile says what is wrong with it
+        scanner = Scanner()
+    return ns_join(f"/{robot}", scanner.topic) if scanner.present else ""
 
 
-def _check_camera(graph: NodeGraph, camera: str, status: DetectorStatus) -> CheckLine:
-    node = _DETECTOR + camera
-    parameters = _parameters(node)
-    source = str(parameters.get("source", ""))
-    images = [topic for topic in graph.subscriptions(node, list(_IMAGES)) if "depth" not in topic]
-    topic = "" if source or not images else images[0]
-    beside = f"/{topic.strip('/').split('/')[0]}/"
-    return check_camera(
-        camera,
-        topic,
-        graph.publishers.get(topic, []),
-        sorted(
-            other
-            for other, nodes in graph.publishers.items()
-            if nodes and other.startswith(beside) and graph.types.get(other) == _IMAGES[0]
-        ),
-        status.rate_hz,
-        "://" in source and not parameters.get("capture", {}).get("delay_ms", 0.0),
-    )
-
-
-def _check_robot(status: RobotStatus, scan: Optional[LaserScan]) -> List[CheckLine]:
+def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]:
     navigation = _parameters(status.move_base) if status.move_base else {}
+    topic = _scan(status.robot)
+    scan: Optional[LaserScan] = newest.get(topic)
     covered = 0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min))
+    has_margin = any(name.endswith(names.MAP_WITH_MARGIN) for name in status.maps)
     return check_robot(
         status.robot,
-        not status.plans_round_borders or any(name.endswith(names.MAP_WITH_MARGIN) for name in status.maps),
-        _scan(status.robot),
-        covered if status.driver else None,
+        has_margin or not (status.driver and status.plans_round_borders),
+        topic,
+        covered if status.driver and topic else None,
         bool(navigation.get("make_plan_clear_costmap", True)) and "global_costmap" in navigation,
     )
 
 
-def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[CheckLine]:
+def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
     physical, size, all_known = newest.get(names.PHYSICAL_MAP), None, False
     if physical is not None:
         size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
@@ -131,13 +120,13 @@ def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[CheckLine]:
     return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, all_known)
 
 
-def _check_computer(running: Any) -> List[CheckLine]:
+def _check_computer(running: Any) -> List[Notice]:
     """Judges the display, and the folder that borders are stored in."""
     lines = []
     display = next((node for node in sorted(running) if node.split("/")[-1] in ("smart_display", "rviz")), "")
     lacking = rospy.get_param(f"{display}/lacking", "") if display else ""
     if lacking:
-        lines.append(CheckLine("display", Severity.WARNING, lacking, {"node": display}))
+        lines.append(Notice(lacking, Severity.WARNING, values={"node": display}))
     place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent

@@ -26,8 +26,9 @@ _LAUNCH = """\
        Every argument of the stack's lab.launch can be set here; $(find vb_bringup)/launch/lab.launch lists and explains them. -->
   <arg name="rviz" default="true" doc="whether the smart display is on this computer"/>
   <arg name="page_port" default="8420" doc="port of the page"/>
+  <arg name="page_address" default="127.0.0.1" doc="0.0.0.0: the page is for the whole network, with codes"/>
   <include file="$(dirname)/cameras.launch"/>
-  <include file="$(find vb_bringup)/launch/lab.launch">
+  <include file="$(find vb_bringup)/launch/lab.launch" pass_all_args="true">
     <arg name="cameras" value="{cameras}"/>
     <arg name="configs" value="{configs}"/>
     <arg name="calibration" value="$(dirname)/calibration"/>
@@ -37,8 +38,6 @@ _LAUNCH = """\
     <arg name="robot_types" value="$(dirname)/robot.yaml"/>
     <arg name="navigation" value="none"/>
     <arg name="voice" value="false"/>
-    <arg name="rviz" value="$(arg rviz)"/>
-    <arg name="page_port" value="$(arg page_port)"/>
   </include>
 </launch>
 """
@@ -113,9 +112,11 @@ def write_lab(
         profiles: folder of the robot types.
 
     Raises:
-        CodedError: "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file" before anything is
-            written; or "cannot_write_lab".
+        CodedError: "folder_with_space", "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file"
+            before anything is written; or "cannot_write_lab".
     """
+    if len(str(folder).split()) != 1:  # arguments of launch files are separated by spaces
+        raise CodedError("folder_with_space", folder=folder)
     if folder.exists() and any(folder.iterdir()):
         raise CodedError("folder_not_empty", folder=folder)
     wrong = [name for name in cameras if not NAME.fullmatch(name)]
@@ -156,8 +157,15 @@ def write_lab(
     return written
 
 
+def parse_camera(text: str) -> str:
+    """Converts a camera's number, device, address or file to a detector's parameter `source`."""
+    if text.isdigit():
+        return f"/dev/video{text}"
+    return text if "://" in text else str(Path(text).expanduser().absolute())
+
+
 def parse_cameras(text: str) -> Dict[str, str]:
-    """Reads NAME or NAME=SOURCE separated by spaces; a file's place is made absolute.
+    """Reads NAME or NAME=SOURCE separated by spaces, with a source as `parse_camera` takes it.
 
     Raises:
         CodedError: "bad_camera_name" if two have the same name.
@@ -166,10 +174,7 @@ def parse_cameras(text: str) -> Dict[str, str]:
     cameras = dict(words)
     if len(cameras) != len(words):
         raise CodedError("bad_camera_name", name=", ".join(name for name, _ in words))
-    return {
-        name: source if not source or "://" in source else str(Path(source).expanduser().absolute())
-        for name, source in cameras.items()
-    }
+    return {name: source and parse_camera(source) for name, source in cameras.items()}
 
 
 def _copy_map(map_file: Path, folder: Path) -> List[Path]:

@@ -28,7 +28,7 @@ import rospy
 import tornado.web
 import yaml
 
-from vb_bringup.new_lab import write_lab
+from vb_bringup.new_lab import parse_camera, write_lab
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
@@ -41,7 +41,7 @@ from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
 from vb_laser_detect.camera import lens_file
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_network
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
 from vb_laser_detect.detection.projection import floor_points
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
@@ -59,12 +59,14 @@ _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
 
 # ------------------------------------------------------------- the floor
 def seen_floor(view: FloorView) -> GridMap:
-    """Returns an empty map of the floor that a camera sees."""
+    """Returns an empty map of the floor that a camera sees; raises CodedError "bad_rectangle" if all of it is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
     with np.errstate(invalid="ignore"):
         places = places[np.linalg.norm(places - T[:2, 3], axis=1) < _FAR]
+    if not len(places):
+        raise CodedError("bad_rectangle")
     low, high = places.min(axis=0), places.max(axis=0)
     columns, rows = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
     floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*map(float, low), 0.0))
@@ -158,11 +160,7 @@ class CornerPage:
             self._done.set()
         places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
         worst = uncertainty(corners, size, image, project(view.camera, view.T_map_camera, places))
-        return {
-            "lines": grid_lines(view, floor),
-            "worst_cm": round(100.0 * min(worst, 9.99)),
-            "height": round(float(view.T_map_camera[2, 3]), 2),
-        }
+        return {"lines": grid_lines(view, floor), "worst_cm": round(100.0 * min(worst, 9.99))}
 
 
 class _Handler(tornado.web.RequestHandler):
@@ -198,6 +196,7 @@ class _Floor(_Handler):
             self.write({"error": error.message})
         except (ValueError, KeyError, TypeError, AttributeError):
             self.set_status(400)
+            self.write({"error": CodedError("bad_rectangle").message})
 
 
 # ------------------------------------------------------------- the lab
@@ -256,13 +255,6 @@ class TryLab:
             if time.monotonic() > end or rospy.is_shutdown():
                 raise CodedError("no_response", name="$interaction_manager")
             rospy.rostime.wallsleep(0.05)
-
-
-def parse_camera(text: str) -> str:
-    """Converts a camera's number, device, address or file to a detector's parameter `source`."""
-    if text.isdigit():
-        return f"/dev/video{text}"
-    return text if is_network(text) else str(Path(text).expanduser().absolute())
 
 
 def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:

@@ -116,8 +116,9 @@ _COMMANDS = (
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
 DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS
 
-# codes of answers that ask whether the command was meant
+# codes of answers that ask whether a command was meant; what answers them, and the command that it confirms
 QUESTIONS = ("confirm_save", "confirm_command")
+ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.matters != NEVER}
 
 
 def normalize(text: str) -> str:

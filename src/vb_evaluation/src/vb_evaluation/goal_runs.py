@@ -13,7 +13,6 @@ from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from vb_core import names
-from vb_core.geometry import chain_length
 from vb_core.ros.messages import message_from_pose2d
 from vb_evaluation.observer import wait_until
 from vb_msgs.msg import LabState
@@ -48,11 +47,6 @@ class GoalOutcome:
     path: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     seconds: float = 0.0
     false_reports: int = 0
-
-    @property
-    def length(self) -> float:
-        """[m]"""
-        return chain_length(self.path) if len(self.path) > 1 else 0.0
 
 
 class GoalRunner:

@@ -31,6 +31,7 @@ from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderR
 WATCHED = 2.0  # [s] for which plans are asked for after the costmaps were cleared
 STILL = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
 SOFT = 0.75  # delta of the soft border
+_SIGNS = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}
 
 
 class Check(NamedTuple):
@@ -200,7 +201,8 @@ def main() -> None:
     parser.add_argument("--size", type=float, default=0.5, help="[m] edge of the border that is put on the way")
     parser.add_argument("--robot", default="", help="its name, if there are several")
     options = parser.parse_args(rospy.myargv()[1:])
-    rospy.init_node("check_navigation", anonymous=True)
+    # rospy's own handler would end the node before its border is taken away
+    rospy.init_node("check_navigation", anonymous=True, disable_signals=True)
     console = Console()
     console.print("Asks move_base for plans, with and without a border; half a minute. The robot does not drive.")
     try:
@@ -211,10 +213,6 @@ def main() -> None:
         sys.exit(1)
     table = Table("", "check", "found")
     for check in checks:
-        table.add_row(
-            {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}[check.good],
-            check.what,
-            check.found,
-        )
+        table.add_row(_SIGNS[check.good], check.what, check.found)
     console.print(table)
     sys.exit(1 if any(check.good is False for check in checks) else 0)

@@ -10,7 +10,7 @@ import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -66,16 +66,11 @@ class Observer:
         Raises:
             CodedError: "no_planner" if the service does not answer.
         """
-        poses = []
-        for pose in (start, goal):
-            stamped = PoseStamped()
-            stamped.header.frame_id = names.MAP_FRAME
-            stamped.header.stamp = rospy.Time.now()
-            stamped.pose = messages.message_from_pose2d(*pose)
-            poses.append(stamped)
+        header = Header(0, rospy.Time.now(), names.MAP_FRAME)
+        poses = [PoseStamped(header, messages.message_from_pose2d(*pose)) for pose in (start, goal)]
         try:
             rospy.wait_for_service(service, timeout=20.0)
-            reply = rospy.ServiceProxy(service, GetPlan)(poses[0], poses[1], 0.0)
+            reply = rospy.ServiceProxy(service, GetPlan)(*poses, 0.0)
         except (rospy.ROSException, rospy.ServiceException) as error:
             raise CodedError("no_planner", f"{service} does not answer: {error}") from None
         return messages.array_from_points([pose.pose.position for pose in reply.plan.poses])

@@ -63,11 +63,6 @@ class Child:
         """Returns whether it has not ended yet."""
         return self._process.poll() is None
 
-    @property
-    def pid(self) -> int:
-        """Its process id, which is its group's too."""
-        return self._process.pid
-
     def tail(self, lines: int = 8) -> str:
         """Returns the last lines that the process wrote."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])

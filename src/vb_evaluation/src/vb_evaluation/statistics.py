@@ -252,8 +252,8 @@ def people_needed(effect: float, tests: int = 1) -> int:
 def difference_of_shares(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Computes how much larger the first sample's share of 1 is, (N,) and (M,) of 0 and 1, with Newcombe's interval.
 
-    Pairs count as independent, which is on the safe side. Unlike a bootstrap it knows that what nobody of a few people
-    had may still happen.
+    All values count as independent: the interval is too wide for pairs, and too narrow for several runs of a person who
+    fails more than once. Unlike a bootstrap it knows that what nobody of a few people had may still happen.
     """
     from statsmodels.stats.proportion import confint_proportions_2indep
 

@@ -124,8 +124,10 @@ class BorderFusionNode:
         The pace is in wall time: it limits the load on people and processors, and simulated time that pauses or
         jumps must not stop it.
         """
-        while not rospy.is_shutdown() and not self._closing:
+        while not rospy.is_shutdown():
             state_changed = self._changed.wait(1.0 / RATE)
+            if self._closing:
+                return
             if state_changed:  # else one that comes just now would be lost
                 self._changed.clear()
             try:
@@ -137,7 +139,11 @@ class BorderFusionNode:
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
                 what = error.message if isinstance(error, CodedError) else repr(error)
                 self._failure = CodedError("extraction_failed", what=what)
-            self._publish_notices()
+            try:
+                self._publish_notices()
+            except rospy.ROSException:  # topics close before the node has ended
+                if not rospy.is_shutdown():
+                    raise
 
     def _publish_notices(self) -> None:
         """Publishes notices of what is still wrong."""
@@ -259,6 +265,7 @@ class BorderFusionNode:
         """Ends the worker."""
         self._closing = True
         self._changed.set()
+        self._worker.join(1.0)  # it would publish notices again
         self._notices.close()
 
 

@@ -41,7 +41,7 @@ class SpotStore:
     """
 
     def __init__(self) -> None:
-        self.clear()
+        self._data, self.total = array("d"), 0
 
     def append(self, spot: FloorSpot, camera: int) -> None:
         """Keeps a spot seen by camera number `camera`."""
@@ -52,10 +52,6 @@ class SpotStore:
             self._data = array("d", rows[np.sort(order[number % 2 == 0])].tobytes())
         self._data.extend((spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile))
         self.total += 1
-
-    def clear(self) -> None:
-        """Drops all."""
-        self._data, self.total = array("d"), 0
 
     @property
     def rows(self) -> np.ndarray:
@@ -87,7 +83,6 @@ class Collector:
         self.interaction_id = ""
         self.state = DEFAULT
         self.lost = False  # a part of the drawing is missing: its border would be another one than was drawn
-        self.to_forget = False  # the drawing is over and was not saved: `forget` may drop its spots
         self.ignored: Counter = Counter()
         self._heard_state = False
         self._entered = -math.inf
@@ -98,7 +93,7 @@ class Collector:
         self._set_back: Dict[str, float] = {}
         self._previous: Dict[str, float] = {}
         self._newest: Dict[str, float] = {}
-        self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
+        self.forget()
 
     def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
         """Adopts a new state; returns whether a new interaction began.
@@ -115,8 +110,7 @@ class Collector:
             self.ignored = Counter()
             self._cameras = []
             self.faults = set()
-            for store in self._stores.values():
-                store.clear()
+            self.forget()
         self._heard_state = True
         if state != self.state or fresh:
             if state == DEFAULT:
@@ -155,11 +149,18 @@ class Collector:
 
     def _find_set_back(self, spot: FloorSpot) -> float:
         """Returns by how much [s] the clock of a spot's camera has been set back since the state was entered."""
-        set_back = self._set_back.get(spot.camera, 0.0)
-        back = self._newest.get(spot.camera, -math.inf) - spot.stamp
-        if back - set_back > CLOCK_STEP:
-            # clocks of one computer are set back together: the camera that saw the spot last knows by how much
-            set_back = max([back, *(other for other in self._set_back.values() if abs(other - back) < CLOCK_STEP)])
+        set_back, known = self._set_back.get(spot.camera, 0.0), self._set_back.values()
+        if spot.camera in self._newest:
+            back = self._newest[spot.camera] - spot.stamp
+            if back - set_back > CLOCK_STEP:
+                # clocks of one computer are set back together: the camera that saw the spot last knows by how much
+                set_back = max([back, *(other for other in known if abs(other - back) < CLOCK_STEP)])
+        else:
+            # so it is with one that sees the spot only now: if others saw it later than that, its clock was set back too
+            back = max(self._newest.values(), default=-math.inf) - spot.stamp
+            if back - set_back > CLOCK_STEP:
+                set_back = min((other for other in known if other > back - CLOCK_STEP), default=set_back)
+        if set_back:
             self._set_back[spot.camera] = set_back
         return set_back
 
@@ -183,9 +184,8 @@ class Collector:
 
     def forget(self) -> None:
         """Drops all spots, but stays in the interaction."""
-        self.to_forget = False
-        for store in self._stores.values():
-            store.clear()
+        self.to_forget = False  # the drawing is over and was not saved: its spots may be dropped
+        self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
     def cameras_seeing(self, now: float, timeout: float) -> List[str]:
         """Returns the names of the cameras that have seen the spot within a timeout [s] of a time [s]."""

@@ -14,8 +14,8 @@ line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -23,10 +23,9 @@ from shapely.geometry import LineString, Polygon
 from shapely.ops import unary_union
 from shapely.validation import make_valid
 
-from vb_core import geometry
+from vb_core import geometry, sentences
 from vb_core.parameters import Parameters, param
 from vb_core.errors import CodedError
-from vb_fusion.line.chain import BorderChain
 from vb_fusion.line.closure import CURLED, Closure, classify_closure
 from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, resample_stroke
@@ -61,6 +60,37 @@ class ExtractionParams(Parameters):
     min_size: int = param(10, low=2, high=100000)
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)
+
+
+@dataclass(frozen=True)
+class BorderChain:
+    """A polygonal chain P (paper, Sect. 3).
+
+    Attributes:
+        points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
+        closed: polygon (True) or separating curve (False).
+        code: why it is closed or open, and its values.
+        length: [m] of the chain, with its closing segment if it is closed.
+        gap: [m] between the ends where the drawing left them.
+        left_out: (L, 2) [m] drawn spots that belong to no part of the chain.
+        left_out_spots: how many these are.
+        unseen: [m] the longest piece of the chain between two spots that nobody saw.
+    """
+
+    points: np.ndarray
+    closed: bool
+    code: str = ""
+    length: float = 0.0
+    gap: float = 0.0
+    values: Dict[str, str] = field(default_factory=dict)
+    left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
+    left_out_spots: int = 0
+    unseen: float = 0.0
+
+    @property
+    def reason(self) -> str:
+        """English sentence that says why it is closed or open."""
+        return sentences.translate(self.code, self.values) if self.code else ""
 
 
 def extract_border(

@@ -213,7 +213,8 @@ def main() -> int:
     cv2.setNumThreads(1)
     try:
         if arguments.run is not _print_board:  # which needs no master
-            rospy.init_node("calibrate_camera", anonymous=True)
+            # Ctrl-C ends what is done here and not the node, which sets the camera back first
+            rospy.init_node("calibrate_camera", anonymous=True, disable_signals=True)
         return arguments.run(arguments)
     except CodedError as error:
         print(f"calibrate_camera: {error}", file=sys.stderr)

@@ -21,6 +21,7 @@ from vb_laser_detect.camera import controls, lens_file
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, is_file, printable
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
+from vb_laser_detect.detector_params import SpotDetectorNodeParams
 
 FOLDER = "~/.ros/virtual_borders"
 
@@ -68,7 +69,7 @@ class LensFile:
             except CodedError as error:
                 self._error = error.without_traceback()
         if self._error is not None:
-            raise self._error
+            raise self._error.without_traceback()
         return require_size(self._camera, size)
 
 
@@ -80,33 +81,23 @@ class CameraFeed:
             (sensor_msgs/CameraInfo): only if listened to
 
     Args:
-        camera: its name; frame: its optical frame.
-        source: see `CameraSource`.
+        params: of its detector.
         image: topic.
-        settings: its file, detectors/NAME.yaml, if that is known.
         mailbox: takes each image.
         report: of faults, and why there are no images.
     """
 
     def __init__(
-        self,
-        camera: str,
-        frame: str,
-        source: str,
-        params: CaptureParams,
-        image: str,
-        settings: str,
-        mailbox: Mailbox,
-        report: DetectorDiagnostics,
+        self, params: SpotDetectorNodeParams, image: str, mailbox: Mailbox, report: DetectorDiagnostics
     ) -> None:
-        self.lens = LensFile(lens_path(settings, camera))
-        self._frame, self._mailbox, self._report = frame, mailbox, report
+        self.lens = LensFile(lens_path(params.settings, params.camera))
+        self._frame = params.frame or f"{params.camera}_optical_frame"
+        self._mailbox, self._report = mailbox, report
         self._raw = rospy.Publisher(image, Image, queue_size=1)
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         self._setting = threading.Lock()
-        self._late = 0
-        self._source = CameraSource(source, params, self._take, self._tell)
+        self._source = CameraSource(params.source, params.capture, self._take, self._tell)
         self._source.start()  # its thread may call at once
 
     def close(self) -> None:
@@ -144,10 +135,9 @@ class CameraFeed:
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
 
     def _take(self, shot: Shot) -> None:
+        for code in shot.left_out:
+            self._report.count(code)
         # simulated time has another clock than the camera
-        for _ in range(self._late, self._source.late):
-            self._report.count("late_image")
-        self._late = self._source.late
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
         self._mailbox.put(ReceivedImage(stamp, self._frame, shot.picture, shot))
         if is_file(self._source.address):

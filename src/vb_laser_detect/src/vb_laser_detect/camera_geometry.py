@@ -146,45 +146,6 @@ def depth_array(message: Image) -> np.ndarray:
     return depth
 
 
-class Robots:
-    """The robots as cylinders that hide the floor.
-
-    Subscribed topics:
-        tf: <robot>/base_link to map
-
-    Args:
-        namespaces: of each; "/": the one without.
-        transforms: where tf is heard.
-        report: counts "robot_without_pose": a robot that is nowhere hides nothing.
-    """
-
-    def __init__(self, namespaces: Sequence[str], transforms: TransformLookup, report: DetectorDiagnostics) -> None:
-        self._transforms, self._report = transforms, report
-        self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in namespaces]
-
-    def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
-        """Returns where the robots were at a time.
-
-        One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
-        """
-        found = []
-        for prefix, profile in self._profiles:
-            frame = prefix + profile.frames.base
-            newest = self._transforms.newest(names.MAP_FRAME, frame)
-            at = stamp if newest.is_zero() else min(newest, stamp)
-            late = (stamp - at).to_sec()
-            try:
-                if late > _MAX_POSE_AGE:
-                    raise CodedError("robot_without_pose")
-                x, y = self._transforms.lookup(names.MAP_FRAME, frame, at, 0.0)[:2, 3].tolist()
-            except CodedError:
-                self._report.count("robot_without_pose")
-                continue
-            radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
-            found.append(RobotCylinder(x, y, radius, profile.shape.height))
-        return found
-
-
 class CameraGeometry:
     """Finds each image's geometry.
 
@@ -195,7 +156,7 @@ class CameraGeometry:
         mobile: whether the camera moves.
         info, depth: topics; depth None: the floor is a plane.
         projector: the camera's.
-        robots: namespaces of those that the camera sees.
+        robots: namespaces of those that the camera sees; "/": the one without.
         report: of faults.
     """
 
@@ -211,7 +172,7 @@ class CameraGeometry:
         self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector
         self._report = report
         self._transforms = TransformLookup()
-        self._robots = Robots(robots, self._transforms, report)
+        self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
         self._pose: Optional[np.ndarray] = None
         self._of, self._looked_up = ("", (0, 0)), -math.inf  # frame and size of the images, and when [s]
 
@@ -236,7 +197,7 @@ class CameraGeometry:
         else:
             pose = partial(np.copy, self._pose)
         depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
-        return ImageGeometry(self._camera, pose, self._projector, depth, partial(self._robots.cylinders, stamp))
+        return ImageGeometry(self._camera, pose, self._projector, depth, partial(self.cylinders, stamp))
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
@@ -250,3 +211,25 @@ class CameraGeometry:
             if self._pose is None or frame_id != self._of[0]:
                 raise
             return self._pose
+
+    def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
+        """Returns where the robots were at a time, as cylinders that hide the floor; one that is nowhere hides nothing.
+
+        One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
+        """
+        found = []
+        for prefix, profile in self._profiles:
+            frame = prefix + profile.frames.base
+            newest = self._transforms.newest(names.MAP_FRAME, frame)
+            at = stamp if newest.is_zero() else min(newest, stamp)
+            late = (stamp - at).to_sec()
+            try:
+                if late > _MAX_POSE_AGE:
+                    raise CodedError("robot_without_pose")
+                x, y = self._transforms.lookup(names.MAP_FRAME, frame, at, 0.0)[:2, 3].tolist()
+            except CodedError:
+                self._report.count("robot_without_pose")
+                continue
+            radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
+            found.append(RobotCylinder(x, y, radius, profile.shape.height))
+        return found

@@ -17,6 +17,7 @@ import cv2
 import dynamic_reconfigure.client
 import numpy as np
 import rospy
+from dynamic_reconfigure import DynamicReconfigureException
 from sensor_msgs.msg import CameraInfo
 
 from vb_core.camera_model import CameraModel
@@ -28,6 +29,7 @@ from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import lens_file, settings_file
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import WHITE, Look, find_exposure, look_at
+from vb_laser_detect.camera.source import printable
 from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
 
@@ -54,8 +56,8 @@ class CameraImages:
     """
 
     def __init__(self, camera: str, own_source: bool = True) -> None:
-        self.node = f"/spot_detector_{camera}"
-        self.params: Dict[str, Any] = rospy.get_param(self.node, {})
+        self._camera = camera
+        self.params: Dict[str, Any] = rospy.get_param(f"/spot_detector_{camera}", {})
         if own_source and not self.params.get("source"):
             raise CodedError("no_source", camera=camera)
         self.settings = str(self.params.get("settings", ""))
@@ -100,14 +102,17 @@ class CameraImages:
         """Changes settings of the running camera.
 
         Raises:
-            CodedError: "control_refused" if the camera did not take them.
+            CodedError: "control_refused" if the camera did not take them; "detector_missing"
         """
-        client = dynamic_reconfigure.client.Client(f"{self.node}/capture", timeout=_TIMEOUT)
-        taken = client.update_configuration(values)
+        try:
+            client = dynamic_reconfigure.client.Client(f"/spot_detector_{self._camera}/capture", timeout=_TIMEOUT)
+            taken = client.update_configuration(values)
+        except (rospy.ROSException, DynamicReconfigureException):
+            raise CodedError("detector_missing", camera=self._camera) from None
         client.close()
         refused = [name for name, value in values.items() if taken[name] != value]
         if refused:
-            raise CodedError("control_refused", source=self.params["source"], why=", ".join(refused))
+            raise CodedError("control_refused", source=printable(self.params["source"]), why=", ".join(refused))
 
     def keep(self, **values: Any) -> None:
         """Writes settings into the camera's file, or says what to write if the lab has none."""
@@ -221,14 +226,13 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
         watching = pool.submit(watch)
         try:
             switched = _blink()
-            time.sleep(3.0)  # images that are late
         finally:
             ended.set()
-    found = measure_delay(switched, watching.result())
+    seconds, uncertainty = measure_delay(switched, watching.result())
     before = float(images.params.get("capture", {}).get("delay_ms", 0.0))
-    delay = round(max(0.0, before + 1e3 * found.seconds), 1)
+    delay = round(max(0.0, before + 1e3 * seconds), 1)
     print(
-        f"The images are {delay:.0f} ms late, to within {1e3 * found.uncertainty:.0f} ms; the screen's own delay, often 20 to "
+        f"The images are {delay:.0f} ms late, to within {1e3 * uncertainty:.0f} ms; the screen's own delay, often 20 to "
         "50 ms, is in it."
     )
     images.set(delay_ms=delay)
@@ -239,14 +243,17 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
 def _blink() -> List[float]:
     """Makes the terminal's window light and dark at uneven times; returns them [s]."""
     switched = []
-    for number in range(_BLINKS):
-        # all cells in reverse video or not, and nothing written
-        sys.stdout.write("\x1b[0m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
+    try:
+        for number in range(_BLINKS):
+            # white or black, whatever the terminal's own colours are, and nothing written
+            sys.stdout.write("\x1b[40m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
+            sys.stdout.flush()
+            switched.append(rospy.Time.now().to_sec())
+            time.sleep(random.uniform(_SHORTEST, _LONGEST))
+        time.sleep(3.0)  # images that are late
+    finally:
+        sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
         sys.stdout.flush()
-        switched.append(rospy.Time.now().to_sec())
-        time.sleep(random.uniform(_SHORTEST, _LONGEST))
-    sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
-    sys.stdout.flush()
     return switched
 
 
@@ -258,13 +265,19 @@ def set_exposure(arguments: argparse.Namespace) -> int:
         images.set(exposure=exposure)
         return look_at(images.next(rospy.Time.now().to_sec() + _SETTLED)[1].bgr())
 
-    values: Dict[str, Any] = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
+    capture = images.params.get("capture", {})
+    given = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
     try:
-        images.set(white_balance=_USUAL_WHITE)
-        values["white_balance"] = _USUAL_WHITE
-    except CodedError as error:
-        print(f"! the white balance stays automatic: {error.message}")
-    images.keep(**values)
+        values = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
+        try:
+            images.set(white_balance=_USUAL_WHITE)
+            values["white_balance"] = _USUAL_WHITE
+        except CodedError as error:
+            print(f"! the white balance stays automatic: {error.message}")
+        images.keep(**values)
+    except BaseException:  # also Ctrl-C: a lab goes on with these images
+        images.set(**given)
+        raise
     print(f"Point the laser at the floor ({_SPOT_TIMEOUT:.0f} s) ...", flush=True)
     before = images.next()[1].bgr().max(axis=2)
     end = time.monotonic() + _SPOT_TIMEOUT

@@ -29,6 +29,7 @@ from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopi
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
+_CONFIRMED = 256  # images within which a spot is confirmed: then those of all of them are published at once
 _DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing them takes longer than the search
 
 
@@ -72,12 +73,12 @@ class SpotDetectorNode:
         self._projector = FloorProjection(params.projection)
         self._detector = SpotDetector(params.detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
-        # seconds as a float lose an image's nanoseconds; and a spot is confirmed within this many images
-        self._stamps: Deque[rospy.Time] = deque(maxlen=256)
+        # seconds as a float lose an image's nanoseconds
+        self._stamps: Deque[rospy.Time] = deque(maxlen=_CONFIRMED)
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
         self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile, bool(params.source))
-        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
+        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_CONFIRMED, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
         lens, depth = self._connect()
@@ -101,16 +102,7 @@ class SpotDetectorNode:
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
         depth = DepthTopic(rospy.resolve_name(params.depth), report) if params.depth else None
         if params.source:
-            self._feed = CameraFeed(
-                params.camera,
-                params.frame or f"{params.camera}_optical_frame",
-                params.source,
-                params.capture,
-                image,
-                params.settings,
-                self._mailbox,
-                report,
-            )
+            self._feed = CameraFeed(params, image, self._mailbox, report)
             return self._feed.lens, depth
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), params.camera, image)
         subscribe_images(image, params.image_transport, params.frame, self._mailbox.put)

@@ -1,4 +1,4 @@
-"""What is in force on a map: the map with borders, and a verdict for each border.
+"""What is in force on a map: the map with borders, a verdict for each border, and what people should know of them.
 
 The idea: a border is what it closed off, not only where it was drawn. On the map on which a person accepted it, it is what
 was drawn. On any other map it is the same if the walls round it are where they should be and it closes off the same floor;
@@ -8,13 +8,15 @@ off now unless that is much more, and at its second possible place. If nothing o
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Callable, Dict, Iterable, List, Mapping, Optional, Tuple
+from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from vb_core.grid_map import GridMap
+from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.region import Region, join_regions, put_on_map
@@ -29,6 +31,7 @@ PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
 _SAME_EFFECT = 0.5
 # while it waits, it is in force on what it closes off now only up to this many times what it was accepted for
 _WITHIN_REASON = 2.0
+_NAMED = 3  # borders by which a place is described
 
 
 @dataclass(frozen=True)
@@ -157,26 +160,21 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
     if not border.enabled:
         return Verdict(stored, border)
     now, error = _region(grid, border)
-    if place.accepted_here:
+    if place.accepted is None:
         return Verdict(stored, border, "" if now else DOES_NOT_FIT, error, now, after=now)
     # what a closed line or a wall closes off, the line alone decides, wherever it is: the same as before
     before = now if border.closed or border.wall else place.region_before(grid)
-    why = error or _reason_to_ask(place, before, now)
+    why = error
+    if not why and place.is_seen and not place.is_shown:
+        why = PLACE
+    # they are one object if the line alone decides: then there is nothing to compare
+    if not why and before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
+        why = EFFECT
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if not why:
         return Verdict(stored, border, region=join_regions(possible), after=now)
     region = _region_while_waiting(before, possible)
     return Verdict(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, why, region, before, now)
-
-
-def _reason_to_ask(place: BorderPlace, before: Optional[Region], now: Optional[Region]) -> str:
-    """Returns PLACE, EFFECT, or "" if a border that fits the map needs no confirmation."""
-    if not place.is_certain:
-        return PLACE
-    # they are one object if the line alone decides: then there is nothing to compare
-    if before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
-        return EFFECT
-    return ""
 
 
 def _region_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
@@ -193,3 +191,39 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
         return integrate(grid, border), ""
     except IntegrationError as error:
         return None, error.code
+
+
+def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place: str) -> List[Notice]:
+    """Finds what people should know about a map, and about borders that are not what they were on it.
+
+    Args:
+        is_certain: whether it is known which place the map shows.
+        place: its name; "" if it has none.
+    """
+    notices = []
+    waiting = [one.border for one in verdicts if one.can_be_confirmed]
+    if not is_certain:
+        values = {"count": str(len(verdicts)), **_describe_place(place, [one.border for one in verdicts])}
+        notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
+    elif waiting:
+        values = {"count": str(len(waiting)), "borders": _names(waiting)}
+        notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
+    return notices + [
+        Notice(one.code, Severity.WARNING, border_id=one.border.id, values=one.values) for one in verdicts if one.code
+    ]
+
+
+def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, str]:
+    """Describes a place to people: by the name that they gave it, else by its borders and their date."""
+    if name:
+        return {"place": "$find_place", "map": name}
+    drawn = sorted(borders, key=lambda border: border.created)
+    if not drawn:
+        return {"place": "$place_before"}
+    date = time.strftime("%Y-%m-%d", time.localtime(drawn[0].created))
+    return {"place": "$place_of_borders", "borders": _names(drawn), "date": date}
+
+
+def _names(borders: Sequence[VirtualBorder]) -> str:
+    """Names the first of some borders."""
+    return ", ".join(border.name for border in borders[:_NAMED]) + (", ..." if len(borders) > _NAMED else "")

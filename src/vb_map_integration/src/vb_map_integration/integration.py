@@ -68,7 +68,9 @@ class Integration(Region):
     @property
     def region(self) -> np.ndarray:
         """(H, W) bool, the cells that the border restricts; obstacles are not among them."""
-        return self.spread(self.prior.shape)
+        region = raster.filled(self.prior.shape, 0).view(bool)
+        region[self.window] = self.mask != 0
+        return region
 
 
 def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Integration:

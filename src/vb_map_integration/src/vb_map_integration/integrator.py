@@ -19,8 +19,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.grid.free_parts import count_free_parts
 from vb_map_integration.grid.region import put_on_map
-from vb_map_integration.in_force import InForce, Verdict, put_in_force
-from vb_map_integration.verdict_notices import find_notices
+from vb_map_integration.in_force import InForce, Verdict, find_notices, put_in_force
 from vb_map_integration.integration import Integration, integrate
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.borders.issues import IntegrationError, warning
@@ -217,7 +216,6 @@ class MapIntegrator:
         waiting = self._waiting() if same else []
         self._use(grid, PlaceRecognition(place, transform))
         if waiting:  # from now on these borders mean what they close off here
-            self._keep_map()
             accepted = [self._to_place_frame(one.border.replace(map_id=self.map_id)) for one in waiting]
             self._make_change(
                 tuple(BorderChange(one.stored.id, one.stored, new) for one, new in zip(waiting, accepted))
@@ -360,12 +358,14 @@ class MapIntegrator:
         return border.moved(self._recognition.transform.inverse)
 
     def _keep_map(self) -> None:
-        """Keeps the map on which a person draws: later ones are compared with it."""
-        if self._database.find_map(self.map_id) is None:
-            place, transform = self._recognition.place, self._recognition.transform
+        """Keeps the map on which a person draws, if it is not one of the place's: later ones are compared with it."""
+        place, transform = self._recognition.place, self._recognition.transform
+        known = self._database.find_map(self.map_id)
+        if known is None or known.place != place:
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
             place = self._database.add_map(self.physical, self.map_id, place, transform, name)
             self._recognition = PlaceRecognition(place, transform)
+            self._recognizer.start_map(self.physical, self.map_id, self._recognition)
 
     def _make_change(
         self,

@@ -32,7 +32,7 @@ from vb_msgs.srv import (
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.notices import Notice
+from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
@@ -41,7 +41,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, messages_from_issues, message_from_border
 from vb_map_integration.grid.costmap_settings import is_trinary
-from vb_map_integration.borders.issues import IntegrationError, issues_of, warning
+from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
 # makes a change that a request asks for, at a time [s]
@@ -67,11 +67,11 @@ class MapIntegratorNode:
         /map (nav_msgs/OccupancyGrid): the physical map.
     Published topics, latched, with the same stamp for the same state:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the current map; with every change.
-        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
-            there is or was one, with every change.
-        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as there is
             a map, and complete with every change.
+        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
+        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones, whichever robots they
+            name [cm/s], 0: no limit; once there is or was one, with every change.
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
     Services (a request that fails answers with code and message, and changes nothing):
@@ -101,7 +101,8 @@ class MapIntegratorNode:
         self._integrator = MapIntegrator(root, params.map_name, robots, radius)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
-        self._notices.set(self._integrator.notices)
+        self._map_refused: List[Notice] = []  # why the last map was not taken
+        self._show_notices()
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
 
@@ -143,11 +144,18 @@ class MapIntegratorNode:
     # ------------------------------------------------------------- map in, map out
     def _take_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
-        if frame and frame != names.MAP_FRAME:
-            raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
-        grid = messages.grid_from_message(message)
+        try:
+            if frame and frame != names.MAP_FRAME:
+                raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
+            grid, self._map_refused = messages.grid_from_message(message), []
+        except CodedError as error:
+            self._map_refused = [Notice.from_error(error, Severity.ERROR)]
+            self._show_notices()
+            return
         with self._lock:
-            if not self._integrator.set_map(grid):
+            changed = self._integrator.set_map(grid)
+            self._show_notices()
+            if not changed:
                 return
             count = len(self._integrator.borders)
             rospy.loginfo(
@@ -155,13 +163,13 @@ class MapIntegratorNode:
             )
             self._publish()
 
+    def _show_notices(self) -> None:
+        with self._lock:
+            self._notices.set([*self._map_refused, *self._integrator.notices])
+
     def _publish(self) -> None:
-        # with simulated time two changes may fall into one tick: each state gets its own stamp
-        stamp = rospy.Time.now()
-        if stamp == self._last_stamp:
-            stamp = stamp + rospy.Duration(0, 1000)
-        self._last_stamp = stamp
-        self._notices.set(self._integrator.notices)
+        stamp = self._last_stamp = next_stamp(rospy.Time.now(), self._last_stamp)
+        self._show_notices()
         self._borders_out.publish(self._array(stamp))
         acting = self._integrator.in_force
         grids = [(self._map_out, acting.map_with_borders)]
@@ -223,6 +231,7 @@ class MapIntegratorNode:
 
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
+        issues = [*getattr(error, "warnings", ()), Notice.from_error(error, Severity.ERROR)]
         return _fill(
             response,
             success=False,
@@ -230,7 +239,7 @@ class MapIntegratorNode:
             message=error.message,
             values=messages.values_from_mapping(error.values),
             revision=self._integrator.revision,
-            issues=messages_from_issues(issues_of(error)),
+            issues=messages_from_issues(issues),
         )
 
     def _change(self, response_class: Any, change: Change, request: Any) -> Any:
@@ -311,6 +320,12 @@ class MapIntegratorNode:
             return self._refused(response, error)
         response.success, response.code = True, "ok"
         return response
+
+
+def next_stamp(now: rospy.Time, last: rospy.Time) -> rospy.Time:
+    """Returns a stamp that no state before had: with simulated time several changes may fall into one tick."""
+    is_later = not rospy.Duration(0) <= last - now < rospy.Duration(1)  # or the clock was set back
+    return now if is_later else last + rospy.Duration(0, 1000)
 
 
 def _fill(response: Any, **values: Any) -> Any:

@@ -25,10 +25,9 @@ from typing import Any, Deque, Dict, Optional
 from vb_core.errors import CodedError
 from vb_core.limiter import Limiter
 from vb_core.sentences import spelled_out
-from vb_core.vocabulary import COMMANDS, STOP
+from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 
-# and the answers to the question whether one was meant
-KNOWN = (*COMMANDS, *("yes_" + command for command in COMMANDS))
+KNOWN = (*COMMANDS, *ANSWERS)
 MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
 RATE, BURST = 2.0, 10.0  # [1/s] how many requests are let through, and how many at once

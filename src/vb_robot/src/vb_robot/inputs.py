@@ -14,7 +14,9 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Contact
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
+from vb_core.zones import zone_of
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_robot.driving.workspace import LETHAL_THRESHOLD
 from vb_robot.monitoring.goals import KnownBorder
 from vb_robot.spots import Sighting
 
@@ -36,7 +38,7 @@ def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscrib
 
 
 def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
-    """Returns the borders that are in force for a robot."""
+    """Returns the borders in force that forbid a robot to go somewhere; others are no reason why it does not."""
     return [
         KnownBorder(
             border.name or border.id,
@@ -45,7 +47,10 @@ def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
             border.kind == VirtualBorder.POLYGON,
         )
         for border in message.borders
-        if border.in_force and len(border.points) and (not border.robots or robot in border.robots)
+        if border.in_force
+        and len(border.points)
+        and (not border.robots or robot in border.robots)
+        and zone_of(border.zone).value(border.occupancy) >= LETHAL_THRESHOLD
     ]
 
 

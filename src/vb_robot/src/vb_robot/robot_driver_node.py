@@ -218,7 +218,8 @@ class RobotDriverNode:
         )
         # the stamp is the first beam's
         lasted = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
-        self._arbiter.gate.set_scan(scan, min(message.header.stamp.to_sec() + lasted, rospy.get_time()))
+        stamp = message.header.stamp.to_sec()
+        self._arbiter.gate.set_scan(scan, stamp + min(lasted, max(rospy.get_time() - stamp, 0.0)))
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
         sensor = contact.topic, int(getattr(message, contact.sensor)) if contact.sensor else 0

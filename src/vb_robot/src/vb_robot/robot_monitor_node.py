@@ -38,6 +38,7 @@ from vb_msgs.msg import (
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
+from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.driving.safety import limit_around
 from vb_robot.inputs import borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
@@ -234,8 +235,9 @@ class RobotMonitorNode:
     def _on_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
         seed = array_from_points([message.seed])[0] if message.has_seed else None
+        drawn = DrawingState(points[-1] if len(points) else None, chain, closed=message.closed, seed=seed)
         with self._deciding:
-            self._dispatcher.set_progress(message.interaction_id, chain, message.closed, points, seed, message.cameras)
+            self._dispatcher.set_progress(message.interaction_id, drawn, message.cameras)
 
     def _dispatch(self) -> None:
         with self._deciding:

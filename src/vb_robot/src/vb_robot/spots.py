@@ -76,16 +76,16 @@ class Sightings:
             self._follower = None
         self.state, self._interaction, self._entered = state, interaction, entered
 
-    def add(self, sighting: Sighting) -> None:
-        """Adds a sighting; uncertain ones, those from before this state, and those in which no robot acts do not count."""
+    def add(self, sighting: Sighting) -> bool:
+        """Adds a sighting; returns whether it counts: it is certain, and of this state, in which robots act."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
-            return
+            return False
         self._recent.append(sighting)
         if not sighting.mobile:
             self.stationary_seen = True
-            return
+            return True
         if self.first_mobile is None:
             self.first_mobile = sighting.stamp
         since, until = self._runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
@@ -93,6 +93,7 @@ class Sightings:
             since = until = sighting.stamp  # lost meanwhile, or time has jumped back
         self._runs[sighting.camera] = min(since, sighting.stamp), max(until, sighting.stamp)
         self._leader(sighting.stamp)
+        return True
 
     def should_dispatch(self) -> bool:
         """Returns whether to send a robot to where its camera sees the spot."""

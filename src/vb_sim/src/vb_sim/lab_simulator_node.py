@@ -263,7 +263,6 @@ def clock_publisher() -> rospy.Publisher:
 
 def build() -> LabSimulatorNode:
     """Reads the parameters and makes the node."""
-    parameters.require("~world")
     params = parameters.read(LabSimulatorParams)
     if not rospy.get_param("/use_sim_time", False):
         raise ParameterError("/use_sim_time", "must be true: the simulated lab has a time of its own")

@@ -10,7 +10,7 @@ import actionlib
 import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped, Twist
-from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, MoveBaseGoal, MoveBaseResult
+from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseGoal, MoveBaseResult
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from sensor_msgs.msg import LaserScan
@@ -212,9 +212,6 @@ class NavigationNode:
             command = Twist()
             command.linear.x, command.angular.z = drive.speed, drive.turn_rate
             self._cmd_vel.publish(command)
-            header = Header(0, rospy.Time.now(), names.MAP_FRAME)
-            here = PoseStamped(header, messages.message_from_pose2d(*pose))
-            self._server.publish_feedback(MoveBaseFeedback(base_position=here))
             rospy.sleep(_PERIOD)
 
 

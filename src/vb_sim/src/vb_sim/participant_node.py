@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import threading
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Dict, Optional, Set, Tuple
+from dataclasses import dataclass, replace
+from typing import Optional, Set, Tuple
 
 import numpy as np
 import rospy
@@ -46,8 +46,7 @@ class ParticipantNode:
         /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
     Published topics:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock
-        /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason,
-            scenario, method, seed, tries, started, ended [s]
+        /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason
     Services called:
         /virtual_borders/command (vb_msgs/Command)
     Parameters:
@@ -55,12 +54,11 @@ class ParticipantNode:
     """
 
     def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, params: ParticipantParams) -> None:
-        self._scenario, self._params = scenario, params
+        self._params = params
         self._lock = threading.Lock()
         self._percept = Perception()
         self._sees_state = False  # a person who came back must know whether something was left half done
         self._spot: Optional[Tuple[float, float]] = None
-        self._started = 0.0
         self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
         self._done = rospy.Publisher(names.PARTICIPANT_DONE, String, queue_size=1, latch=True)
         near = scenario.stand if params.method == "nrs" else np.array(world.robots[0].start[:2])
@@ -120,8 +118,6 @@ class ParticipantNode:
                 percept.robot = (pose.x, pose.y, pose.theta)
             seen = replace(percept)
         script = self._script
-        if not self._started:
-            self._started = seen.now
         over_before = bool(script.outcome)
         action = script.step(seen)
         with self._lock:
@@ -130,7 +126,7 @@ class ParticipantNode:
         if action.command:
             node.start_thread(self._command, action)
         if action.outcome and not over_before:
-            self._report(script, seen.now)
+            self._report(script)
 
     def _publish(self, action: Action, now: rospy.Time) -> None:
         message = ParticipantState(laser_color=self._params.color, person_present=True, doing=action.doing)
@@ -149,26 +145,13 @@ class ParticipantNode:
         with self._lock:
             self._percept.answer, self._percept.answered = answer, action.number
 
-    def _report(self, script: ParticipantScript, now: float) -> None:
-        report: Dict[str, Any] = {
-            "outcome": script.outcome,
-            "reason": script.reason,
-            "scenario": self._scenario.key,
-            "method": self._params.method,
-            "seed": self._params.seed,
-            "tries": script.person.tries,
-            "started": self._started,
-            "ended": now,
-            "answer": asdict(script.person.last_answer),
-        }
-        self._done.publish(String(json.dumps(report)))
+    def _report(self, script: ParticipantScript) -> None:
+        self._done.publish(String(json.dumps({"outcome": script.outcome, "reason": script.reason})))
         rospy.loginfo("%s: %s %s", rospy.get_name(), script.outcome, script.reason)
 
 
 def build() -> ParticipantNode:
     """Reads the parameters and makes the node."""
-    for name in ("~world", "~scenario"):
-        parameters.require(name)
     params = parameters.read(ParticipantParams)
     world = load_world(params.world)
     return ParticipantNode(world, world.scenario(params.scenario), load_models().participant, params)

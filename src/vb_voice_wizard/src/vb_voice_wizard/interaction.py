@@ -5,6 +5,10 @@ continues where the person left off and erases nothing. Only `cancel`, a complet
 interaction; no silence ends one that is paused. `stop` comes before everything else and holds until a `resume` that was
 given after it. Time is injected, in seconds, and may pause or jump back.
 
+What must be confirmed follows from what a command would do now. One that would move a robot, change the map or lose a
+drawing is asked about unless it is beyond doubt; all others are done at once. The answer is another phrase ("yes, save"),
+as a word that was misheard once is misheard again, and only the source that was asked can give it.
+
 Use it to add an input method or to test one: a command's name goes in, an answer with a code comes out. The node
 `interaction_manager` wraps one instance.
 
@@ -17,28 +21,113 @@ True
 
 from __future__ import annotations
 
-from typing import List, Optional
+import json
+import math
+import uuid
+from dataclasses import asdict, dataclass
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
+from vb_core.parameters import Parameters, param
 from vb_core.sentences import spelled_out
-from vb_core.stop_latch import new_id
-from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
-from vb_core.vocabulary import COMMANDS, DEFAULT, GUIDE, PAUSED, STATES, STOP, UNDO, State, normalize
+from vb_core.stop_latch import StopLatch, new_id
+from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
+from vb_core.vocabulary import ANSWERS, COMMANDS, QUESTIONS, STATES, State, normalize
+from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
+from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, RESUME, SAVE, STOP
+from vb_core.vocabulary import REDO, UNDO
+from vb_voice_wizard.dialogue.answers import Answer
 
-from vb_voice_wizard.confirmation import ANSWERS, Question, would_matter
-from vb_voice_wizard.session import CANCELLED, SAVED, UNANSWERED, Answer, Session
+# [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
+UNSEEN_AFTER = 10.0
+# [s] before an interaction ends by itself people are warned, at the latest half way
+_WARNED_BEFORE = 60.0
+# [s] since its last spot, a laser is on
+LASER_ON = 1.0
+
+# [s] the answer counts within this time: enough to look at the preview, too short to forget
+CONFIRM_WITHIN = 30.0
+
+SAVED = "saved"
+CANCELLED = "cancelled"
+ABANDONED = "abandoned"
+UNANSWERED = "unanswered"
 
 
-class Interaction(Session):
+@dataclass(frozen=True)
+class InteractionParams(Parameters):
+    """Parameters of an interaction; config/interaction_manager.yaml explains them."""
+
+    robot: bool = param(True)
+    idle_timeout: float = param(300.0, "s", low=1.0, high=86400.0)
+
+
+@dataclass(frozen=True)
+class Record:
+    """One interaction that has ended; times in seconds."""
+
+    interaction_id: str
+    outcome: str
+    border_id: str
+    started: float
+    ended: float
+    guide_s: float
+    border_s: float
+    seed_s: float
+    total_s: float
+    sources: Tuple[str, ...]
+
+    def line(self, method: str, cameras: Sequence[str]) -> str:
+        """Writes it as one line of JSON, without the line's end."""
+        fields = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
+        return json.dumps({**fields, "method": method, "cameras": list(cameras)})
+
+
+class Question(NamedTuple):
+    """The open question: which command, the source that was asked, and when [s]; "" if there is none."""
+
+    command: str = ""
+    source: str = ""
+    asked: float = 0.0
+
+
+class Interaction:
     """The state machine. Not thread safe.
 
     `save`, `undo` and `redo` take two steps, since other nodes carry them out: `command(...)` checks and, if it
     succeeds, leaves `pending` set; then `finish` must be called.
+
+    Args:
+        latch: whether robots are stopped, which outlives every interaction.
     """
 
-    @property
-    def saving(self) -> bool:
-        """Returns whether a border is on its way to the map."""
-        return self.pending == SAVE
+    def __init__(self, params: InteractionParams = InteractionParams(), latch: Optional[StopLatch] = None) -> None:
+        self._params = params
+        self.question = Question()
+        self.state = DEFAULT
+        self.interaction_id = ""
+        self.started = 0.0
+        self.entered = 0.0
+        self.pending = ""  # the command that another node is carrying out
+        self.last_command = ""
+        self.last_source = ""
+        self.last_answer = Answer(True, "")
+        self.last_answered = 0.0
+        self.last_outcome = ""
+        self.last_border_id = ""
+        self.unanswered_save = False  # whether a border was sent and never answered
+        self._active = 0.0
+        self._durations = {state: 0.0 for state in STATES.values() if state.robots_act}
+        self._counted_until = 0.0
+        self._sources: List[str] = []
+        self._visited: List[State] = []
+        self._spots = {BORDER: 0, SEED: 0, GUIDE: 0}
+        self._laser_seen = -math.inf
+        self._pending_source = ""
+        self._sent = False  # whether the pending border is on its way to the map
+        self._unanswered_before = False  # `unanswered_save`, as it was then
+        self.latch = latch or StopLatch()
+        self.history: List[str] = []  # "undo" and "redo", each if the borders have something to undo or redo
+        self._record: Optional[Record] = None
 
     # ------------------------------------------------------------------ commands
     def command(
@@ -79,7 +168,7 @@ class Interaction(Session):
                 self._note(source)
             # before any question: nobody should confirm what is refused anyway
             answer = self._check(name, seen_stop) or self._ask(said, name, source, uncertain, doubtful_border)
-            if answer is None or not answer.code.startswith("confirm_"):
+            if answer is None or answer.code not in QUESTIONS:
                 self.question = Question()
         return self._answered(name, source, answer or self._carry_out(name, source, seen_stop))
 
@@ -125,9 +214,14 @@ class Interaction(Session):
             return None
         if said in ANSWERS:
             return Answer(False, "nothing_asked", {"command": spelled_out(name)})
-        points_elsewhere = self.laser_is_on(self._counted_until) and self._target(name) != self.state
-        matters = would_matter(name, len(self.missing()) < 2, self.latch.stopped, points_elsewhere)
-        if not (uncertain and matters) and not (name == SAVE and doubtful_border):
+        matters = {
+            ALWAYS: True,
+            NEVER: False,
+            WHILE_DRAWN: len(self.missing()) < 2,
+            WHILE_STOPPED: self.latch.stopped,
+            WHILE_POINTING: self.laser_is_on(self._counted_until) and self._target(name) != self.state,
+        }
+        if not (uncertain and matters[COMMANDS[name].matters]) and not (name == SAVE and doubtful_border):
             return None
         self.question = Question(name, source, self._counted_until)
         answer = spelled_out(name if not uncertain else "yes_" + name)
@@ -198,6 +292,75 @@ class Interaction(Session):
             return Answer(False, "missing_spots")
         return Answer(False, "missing_" + "_and_".join(missing)) if missing else None
 
+    # ------------------------------------------------------------------ the clock and what is seen
+    def durations(self, now: float) -> Dict[State, float]:
+        """Returns the time [s] per active state up to now; in Default, of the interaction that ended last."""
+        result = dict(self._durations)
+        if self.state in self._durations and now > self._counted_until:
+            result[self.state] += now - self._counted_until
+        return result
+
+    def advance(self, now: float) -> None:
+        """Counts the time up to now. Time that jumped back is counted from there on, nothing is taken off."""
+        self._durations = self.durations(now)
+        self._counted_until = now
+        self.started, self.entered = min(self.started, now), min(self.entered, now)
+        self.last_answered, self._active = min(self.last_answered, now), min(self._active, now)
+        if not 0.0 <= now - self.question.asked <= CONFIRM_WITHIN:
+            self.question = Question()
+
+    def see_laser(self, now: float) -> None:
+        """Stores that a camera saw a spot at a time [s], whatever the state."""
+        self._laser_seen = now
+
+    def laser_is_on(self, now: float) -> bool:
+        """Returns whether somebody points with the laser."""
+        return abs(now - self._laser_seen) <= LASER_ON
+
+    def count_spots(self, border: int, seed: int, others: int, now: float) -> None:
+        """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
+        spots = {BORDER: border, SEED: seed, GUIDE: others}
+        if spots != self._spots:
+            # the person draws, points or guides
+            self._spots, self._active = spots, now
+
+    @property
+    def unseen(self) -> bool:
+        """Returns whether the person should have drawn or pointed by now, and no spot was seen."""
+        return (
+            bool(self.state.collects)
+            and not self.pending
+            and not self._spots[self.state]
+            and self._counted_until >= self.entered + UNSEEN_AFTER
+        )
+
+    @property
+    def ends_at(self) -> float:
+        """[s] when the interaction ends by itself if nothing happens; 0 if not soon, paused, or if there is none."""
+        if not self.state.robots_act or self.pending:
+            return 0.0
+        ends = self._active + self._params.idle_timeout
+        return ends if self._counted_until >= ends - min(_WARNED_BEFORE, self._params.idle_timeout / 2.0) else 0.0
+
+    def end_if_idle(self, now: float) -> bool:
+        """Ends an interaction abandoned for too long; returns whether it did."""
+        self.advance(now)
+        if not self.ends_at or now < self.ends_at:
+            return False
+        self._end(UNANSWERED if self.unanswered_save else ABANDONED, "")
+        minutes = f"{self._params.idle_timeout / 60.0:g}"
+        self._answered(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
+        return True
+
+    def take_record(self) -> Optional[Record]:
+        """Returns the record of an interaction that has just ended, once; None if there is none."""
+        record, self._record = self._record, None
+        return record
+
+    def missing(self) -> List[str]:
+        """Lists the parts of a border that the person has not begun yet: "border", "seed"."""
+        return [state.collects for state in (BORDER, SEED) if state not in self._visited]
+
     # ------------------------------------------------------------------ queries
     def suggested_commands(self) -> List[str]:
         """Lists the commands that make sense now, most likely first; among them `stop` or, once stopped, `resume`."""
@@ -218,3 +381,44 @@ class Interaction(Session):
             steps += guide
         steps += [PAUSE] * (self.state != PAUSED)
         return [*(last if self.latch.stopped else []), *steps, CANCEL, *([] if self.latch.stopped else last)]
+
+    # ------------------------------------------------------------------ inside
+    def _begin(self) -> None:
+        self.interaction_id = uuid.uuid4().hex[:8]
+        self.started = self.entered = self._active = self._counted_until
+        self._durations = {state: 0.0 for state in self._durations}
+        self._sources, self._visited = [], []
+        self._spots = {state: 0 for state in self._spots}
+        self.unanswered_save = False
+
+    def _end(self, outcome: str, border_id: str) -> None:
+        durations = self._durations
+        self._record = Record(
+            interaction_id=self.interaction_id,
+            outcome=outcome,
+            border_id=border_id,
+            started=self.started,
+            ended=self._counted_until,
+            guide_s=durations[GUIDE],
+            border_s=durations[BORDER],
+            seed_s=durations[SEED],
+            total_s=sum(durations.values()),
+            sources=tuple(self._sources),
+        )
+        self.state = DEFAULT
+        self.interaction_id = ""
+        self.pending = ""
+        self.question = Question()
+        self.unanswered_save = False
+        self.started, self.entered = 0.0, self._counted_until
+        self._visited = []
+        self.last_outcome, self.last_border_id = outcome, border_id
+
+    def _note(self, source: str) -> None:
+        if source and source not in self._sources:
+            self._sources.append(source)
+
+    def _answered(self, name: str, source: str, answer: Answer) -> Answer:
+        self.last_command, self.last_source, self.last_answer = name, source, answer
+        self.last_answered = self._counted_until
+        return answer

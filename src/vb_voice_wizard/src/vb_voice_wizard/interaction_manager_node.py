@@ -20,7 +20,7 @@ from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.sentences import spelled_out
-from vb_core.vocabulary import BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
+from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
 from vb_msgs.msg import (
     BorderProgress,
     DriverState,
@@ -32,11 +32,9 @@ from vb_msgs.msg import (
 )
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.confirmation import ANSWERS
-from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.session import Answer, InteractionParams
+from vb_voice_wizard.interaction import Interaction, InteractionParams
 from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
-from vb_voice_wizard.dialogue.answer_cache import AnswerCache
+from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
@@ -291,7 +289,7 @@ class InteractionManagerNode:
         message.last_outcome = interaction.last_outcome
         message.last_border_id = interaction.last_border_id
         self._publisher.publish(message)
-        self._preview.on_interaction(interaction.interaction_id, interaction.saving)
+        self._preview.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
         self._notices.set(self._list_notices())
 
     def _list_notices(self) -> List[Notice]:

@@ -25,11 +25,10 @@ from typing import Optional, Sequence, Tuple
 import numpy as np
 
 from vb_core.sentences import spelled_out
-from vb_core.vocabulary import COMMANDS, STOP
+from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import PADDING, Utterance
-from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
 # what people say for each command, and for the answer to the question whether it was meant

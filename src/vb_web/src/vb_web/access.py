@@ -15,9 +15,8 @@ import secrets
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Callable, Dict, Optional, Tuple
 from urllib.parse import urlsplit
 
 import yaml
@@ -46,41 +45,33 @@ def normalize(code: str) -> str:
     return "".join(letter for letter in code.lower() if letter.isalnum())
 
 
-@dataclass(frozen=True)
-class AccessCodes:
-    """The codes that people type."""
-
-    viewer: str
-    operator: str
-
-
 def _new_code() -> str:
     letters = "".join(secrets.choice(_ALPHABET) for _ in range(_CODE_LENGTH))
     return f"{letters[:4]}-{letters[4:]}"
 
 
-def load_codes(path: Path) -> AccessCodes:
-    """Reads the codes from a file that only its owner can read; makes the file if there is none.
+def load_codes(path: Path) -> Dict[str, str]:
+    """Reads the codes of "viewer" and "operator" from a file that only its owner can read; makes it if there is none.
 
     Raises:
         CodedError: "page_codes_bad" if it is unusable, "cannot_write".
     """
+    names = ("viewer", "operator")
     try:
         if not path.exists():
             text = "# The codes of the page; delete this file and restart the page to replace both and log everybody out.\n"
-            text += yaml.safe_dump(vars(AccessCodes(_new_code(), _new_code())))
+            text += yaml.safe_dump({name: _new_code() for name in names})
             write_atomically(path, text.encode("utf-8"), private=True)
         found = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise CodedError("page_codes_bad", file=path, reason=error) from None
-    names = ("viewer", "operator")
     if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
     if min(map(len, map(normalize, found.values()))) < _CODE_LENGTH:
         raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
     if len(set(map(normalize, found.values()))) < len(names):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
-    return AccessCodes(**found)
+    return found
 
 
 def _digest(text: str) -> str:
@@ -91,14 +82,21 @@ class Sessions:
     """Who is logged in: without its entry here a cookie is worth nothing. Thread safe.
 
     Args:
+        codes: as `load_codes` returns them.
         path: the file, beside the codes; None: memory only.
+        on_fault: called with the error if the file cannot be written; who comes in or goes is in memory all the same.
 
     The file names a session by its cookie's digest, and the code that opened it: a new code ends the old one's sessions.
     """
 
-    def __init__(self, codes: AccessCodes, path: Optional[Path] = None) -> None:
-        self._path = path
-        self._roles = {_digest(normalize(codes.viewer)): Role.VIEWER, _digest(normalize(codes.operator)): Role.OPERATOR}
+    def __init__(
+        self,
+        codes: Dict[str, str],
+        path: Optional[Path] = None,
+        on_fault: Callable[[CodedError], None] = lambda _error: None,
+    ) -> None:
+        self._path, self._on_fault = path, on_fault
+        self._roles = {_digest(normalize(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
         self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, since when [s]
         try:
@@ -136,7 +134,10 @@ class Sessions:
         with self._lock:
             self._open = {name: entry for name, entry in {**self._open, **new}.items() if name not in gone}
             if self._path is not None:
-                write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
+                try:
+                    write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
+                except CodedError as error:
+                    self._on_fault(error)
 
 
 def is_loopback(host: str) -> bool:

@@ -118,7 +118,7 @@ class PageNode:
         secrets = [codes, *(codes.with_name(name) for name in (_SESSIONS, "page.key"))]
         node.keep_private(*([] if local else secrets))
         self._codes = None if local else access.load_codes(codes)
-        sessions = None if self._codes is None else access.Sessions(self._codes, codes.with_name(_SESSIONS))
+        sessions = None if self._codes is None else access.Sessions(self._codes, codes.with_name(_SESSIONS), _warn)
         self._server = PageServer(
             params,
             sessions,
@@ -319,11 +319,15 @@ class PageNode:
         return None if corners is None else (corners.min(axis=0).tolist(), corners.max(axis=0).tolist())
 
     def _invitation(self) -> Dict[str, Any]:
-        return {"addresses": self._addresses, **({} if self._codes is None else vars(self._codes))}
+        return {"addresses": self._addresses, **(self._codes or {})}
 
 
 def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
     return {border.id: border for border in message.borders} if message is not None else {}
+
+
+def _warn(error: CodedError) -> None:
+    rospy.logwarn("%s: %s", rospy.get_name(), error)
 
 
 def _own_addresses() -> List[str]:

@@ -6,7 +6,6 @@ from typing import Type, TypeVar
 
 import rospy
 
-from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters
 
 P = TypeVar("P", bound=Parameters)
@@ -27,10 +26,3 @@ def read(cls: Type[P], namespace: str = "~") -> P:
     if params.describe():  # the defaults are in the files, and in the log of twenty nodes they would bury the warnings
         rospy.loginfo("%s: %s", where, params.describe())
     return params
-
-
-def require(name: str) -> None:
-    """Raises a ParameterError if a parameter that has no sensible default is not set."""
-    full = rospy.resolve_name(name)
-    if not rospy.has_param(full):
-        raise ParameterError(full, "this parameter must be set")

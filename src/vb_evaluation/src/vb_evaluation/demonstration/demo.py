@@ -15,7 +15,6 @@ import json
 import math
 import os
 import shutil
-import sys
 import threading
 import time
 from pathlib import Path
@@ -36,6 +35,7 @@ from vb_evaluation import metrics
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch
+from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.paper import METHOD_TITLES
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
@@ -57,10 +57,10 @@ VERDICTS = {
     "goal_not_reached": "the robot did not get to the goal: {drive_outcome}",
 }
 RESPECTED = ("went_round", "out_of_reach")
-_LAUNCH = Path(__file__).resolve().parents[5] / "launch"
+_LAUNCH = repository_top() / "launch"
 
 
-def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
+def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
     """Reads the command line: its options, with world and scenario read.
 
     Raises:
@@ -71,11 +71,11 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
     parser.add_argument("--method", default="nrs")
     parser.add_argument("--world", default="", help="a world file; empty: the paper's lab")
     parser.add_argument("--seed", default="1", help="of every random draw")
-    parser.add_argument("--out", default=str(top / "out" / "demo"))
+    parser.add_argument("--out", default=str(repository_top() / "out" / "demo"))
     parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
     given = parser.parse_args(arguments)
-    path = Path(given.world).expanduser().resolve() if given.world else top / "src/vb_sim/worlds/lab.yaml"
+    path = Path(given.world).expanduser().resolve() if given.world else repository_top() / "src/vb_sim/worlds/lab.yaml"
     world = load_world(str(path))
     for key, value, known in (
         ("METHOD", given.method, METHOD_TITLES),
@@ -93,11 +93,11 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
     return given
 
 
-def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
+def main(arguments: Optional[List[str]] = None) -> int:
     """Runs the demonstration; 0 if a border was saved and the robot respects it, 1 if not, 2 for a mistake."""
     console = Console(highlight=False, soft_wrap=True)
     try:
-        options = parse(arguments, top or Path.cwd())
+        options = parse(arguments)
         with contextlib.ExitStack() as stack:
             return Demo(options, console, stack).run()
     except CodedError as error:
@@ -266,7 +266,7 @@ class Demo:
             )
         driven = runner.drive(goal, DRIVE_TIMEOUT)
         self._print(
-            f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip()
+            f"driven: {driven.outcome} after {chain_length(driven.path):.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip()
         )
         return [first, driven]
 
@@ -345,7 +345,3 @@ def _verdict(summary: Dict[str, Any], entered: bool, stays: bool) -> str:
     if summary["path_after_m"] is None:
         return "out_of_reach"
     return "went_round" if summary["drive_outcome"] == "reached" else "goal_not_reached"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -63,7 +63,7 @@ def _answers(study: StudyResults, grids: Dict[str, Grid]) -> List[str]:
         f"**Faster?** {'Yes' if all(faster) else 'Not shown'}: in {sum(faster)} of {len(faster)} scenarios the speed-up's "
         "interval is above 1",
         f"**Not less exact?** {'Yes' if exact else 'Not shown'}: {_counts(accuracy)}",
-        f"**Completed as often?** {completed['reading'].capitalize()}: by {completed['gain']} points more often",
+        f"**Completed as often?** {completed['reading'].capitalize()}: a difference of {completed['gain']} points",
     ]
     if "beside_the_paper" in grids:
         found.append(

@@ -87,6 +87,8 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
     words = (
         "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
         "5 %; equivalent: within both margins (two one-sided tests). Accuracy: who completed both."
+        + " Completed: a person's runs count as independent."
+        * study.people
     )
     return [Grid("not_worse", columns(*keys, gain="Gain [90 %]"), rows, words=words)]
 
@@ -131,7 +133,11 @@ def time_section(study: StudyResults) -> List[Block]:
 
     def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
         states = {state: float(runs[f"time_{state}_s"].mean()) for state in STATES}
-        return {**states, "total": statistics.mean(known(runs, "time_total_s")), "runs": len(runs)}
+        return {
+            **states,
+            "total": statistics.mean(known(runs, "time_total_s")),
+            "runs": len(known(runs, "time_total_s")),
+        }
 
     states = {state: f"{state.capitalize()} [s]" for state in STATES}
     heads = columns("scenario", "method", *STATES, "total", "runs", **states, total="Total, mean [s]")
@@ -186,7 +192,11 @@ def completeness_section(study: StudyResults) -> List[Block]:
 
     heads = columns("scenario", "method", "completed", "share", "paper", share="Share [%]", paper="Paper [%]")
     return [
-        "Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals.",
+        (
+            "Runs that ended with a saved border and a seed on the side that was asked for"
+            + ", and that nobody who judged them said otherwise of" * study.people
+            + "; Wilson's 95 % intervals."
+        ),
         Grid("completeness", heads, study.rows(measure), {"share": 0, "paper": 1}),
         *_who_completed(study),
         *_what_became(study),

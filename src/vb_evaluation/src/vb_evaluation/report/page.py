@@ -57,6 +57,8 @@ def write_report(folder: Path) -> Path:
     try:
         (study.folder / PAGE).write_text(text, encoding="utf-8")
         (study.folder / TABLES).mkdir(exist_ok=True)
+        for old in (study.folder / TABLES).glob("*.csv"):
+            old.unlink()
         for grid in (block for _, _, blocks in sections for block in blocks if isinstance(block, Grid)):
             rows = [grid.plain(row) for row in grid.rows]
             if rows:

@@ -44,32 +44,32 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
     ]
 
 
-def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, Interval, int]]:
-    """Yields (quantity, the paper's figure, ours, digits) of a scenario, if it was run."""
+def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, Interval, int, float]]:
+    """Yields (quantity, the paper's figure, ours, digits, to what the paper rounds) of a scenario, if it was run."""
     here, published = select(study.runs, scenario=scenario), PAPER[scenario]
     if not len(here):
         return
-    yield "speed-up", published.speedup, effect_sizes.ratio(here, METHODS), 2
+    yield "speed-up", published.speedup, effect_sizes.ratio(here, METHODS), 2, 0.1
     if published.border_gain_s is not None:
         with_nrs, alone = pairs(here, "time_border_s", METHODS)
-        yield "Border state shorter by [s]", published.border_gain_s, statistics.mean(alone - with_nrs), 1
+        yield "Border state shorter by [s]", published.border_gain_s, statistics.mean(alone - with_nrs), 1, 1.0
     for method in METHODS:
         title, runs = paper.method_title(method).lower(), select(here, method=method)
         done = select(runs, completed=1)
-        yield f"Jaccard index, {title}", published.jaccard[method], statistics.median(known(done, "jaccard")), 3
+        yield f"Jaccard index, {title}", published.jaccard[method], statistics.median(known(done, "jaccard")), 3, 1e-3
         if scenario == "corner" and here.jaccard_enclosed.notna().any():
             inside = statistics.median(known(done, "jaccard_enclosed"))
-            yield f"Jaccard index of the area drawn round, {title}", published.jaccard[method], inside, 3
+            yield f"Jaccard index of the area drawn round, {title}", published.jaccard[method], inside, 3, 1e-3
         flags = known(runs, "completed")
         share = statistics.proportion(int(flags.sum()), len(flags)).scaled(100.0)
-        yield f"completed [%], {title}", 100 * published.completeness, share, 1
+        yield f"completed [%], {title}", 100 * published.completeness, share, 1, 0.1
 
 
 def _compare(
-    study: StudyResults, scenario: str, quantity: str, published: float, ours: Interval, digits: int
+    study: StudyResults, scenario: str, quantity: str, published: float, ours: Interval, digits: int, step: float
 ) -> Dict[str, Any]:
     low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
-    tolerance = 0.5 * 10.0 ** -(3 if digits == 3 else 1)  # the paper's figures are rounded
+    tolerance = 0.5 * step
     above = ours.estimate > published
     reading = "same" if low - tolerance <= published <= high + tolerance else ("better" if above else "worse")
     if math.isnan(ours.estimate):

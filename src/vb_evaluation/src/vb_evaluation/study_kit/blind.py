@@ -27,7 +27,8 @@ def write(study: Path, results: Path) -> Path:
     """
     rows = read_sheet(results / RUNS, ("recording", "scenario", "map"))
     rows = rows[rows["map"] != ""]
-    codes = [f"{code:03d}" for code in secrets.SystemRandom().sample(range(1000), len(rows))]
+    # a spreadsheet takes zeros off the front of a number
+    codes = [str(code) for code in secrets.SystemRandom().sample(range(100, 1000), len(rows))]
     physical, key = read_map(results / "maps" / "physical.yaml"), []
     try:
         (study / FOLDER).mkdir()

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
+import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
@@ -16,13 +17,13 @@ from vb_core.files import write_atomically
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.study_kit import blind, protocol
-from vb_evaluation.study_kit.ground_truth import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
-from vb_evaluation.report.data import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS, read_meta, write_table
+from vb_evaluation.report.data import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS, read_meta, read_sheet, write_table
 from vb_evaluation.report.maps import write_truths
 
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
+MIN_COLOR = 40  # [grey levels] between the largest and the smallest channel; less is grey
 COLUMNS = (
     *REQUIRED,
     *metrics.ERRORS,
@@ -64,6 +65,10 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     physical = physical or _physical(folders)
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
+    if (out / RUNS).exists():  # the map of a run that is gone, since its participant asked for that, must not stay
+        for name in filter(None, read_sheet(out / RUNS, ("map",))["map"]):
+            for suffix in (".yaml", ".pgm"):
+                (out / name).with_suffix(suffix).unlink(missing_ok=True)
     write_truths(out, physical, truths)
     judged = blind.read(protocol_file.parent)
     rows, notes = [], []
@@ -86,6 +91,34 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8"
     )
     return notes
+
+
+def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
+    """Reads which free cells of the physical map a ground truth marks: (H, W) bool.
+
+    Args:
+        path: a PNG as large as the map's image, in which an area has any strong colour.
+        physical: the map that it was drawn over.
+
+    Raises:
+        CodedError: "bad_ground_truth" naming the file and what is wrong with it.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise CodedError("bad_ground_truth", f"{path}: there is no such picture, or a damaged one")
+    if image.shape[:2] != physical.shape:
+        rows, columns = physical.shape
+        raise CodedError(
+            "bad_ground_truth",
+            f"{path}: the picture has {image.shape[1]} x {image.shape[0]} pixels, the map {columns} x {rows}: "
+            "draw over the map's own picture and do not scale it",
+        )
+    chroma = np.ptp(image.astype(int), axis=2)[::-1]
+    # half of the strongest colour: cuts the soft edge that an editor gives an area in its middle
+    marked = (chroma >= max(MIN_COLOR, chroma.max() / 2.0)) & metrics.free_cells(physical)
+    if not marked.any():
+        raise CodedError("bad_ground_truth", f"{path}: no free floor is marked: fill the area with a strong colour")
+    return marked
 
 
 def _physical(folders: List[Path]) -> GridMap:

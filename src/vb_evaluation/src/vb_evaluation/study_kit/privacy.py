@@ -10,6 +10,7 @@ from typing import List
 import pandas
 
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 from vb_evaluation.report.data import RUNS, SHEETS, read_sheet
 from vb_evaluation.study_kit import blind, protocol
 from vb_evaluation.study_kit.measure import attempts
@@ -68,25 +69,31 @@ def delete(path: Path, participant: str) -> List[str]:
         for folder in attempts(path.parent / Path(name).expanduser()):
             shutil.rmtree(folder)
             gone.append(str(folder))
-    _delete_pictures(path.parent, names)
     sheet.loc[mine, [column for column in ("recording", "completed", "note") if column in sheet]] = ""
-    sheet.to_csv(path, index=False, lineterminator="\n")
+    _write(sheet, path)
     for name in SHEETS:
         if (path.parent / name).is_file():
             answers = read_sheet(path.parent / name, ("participant",))
             kept = answers[answers.participant != participant]
-            kept.to_csv(path.parent / name, index=False, lineterminator="\n")
+            _write(kept, path.parent / name)
             gone += [f"{len(answers) - len(kept)} line(s) of {name}"]
+    _delete_pictures(path.parent, names)
     return gone
+
+
+def _write(table: pandas.DataFrame, path: Path) -> None:
+    """Writes a table in place of the only copy there is."""
+    write_atomically(path, table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
 
 
 def _delete_pictures(study: Path, recordings: List[str]) -> None:
     if not (study / blind.KEY).is_file():
         return
     key: pandas.DataFrame = read_sheet(study / blind.KEY, ("code", "recording"))
-    said = read_sheet(study / blind.FOLDER / blind.SHEET, ("code",))
     codes = set(key.code[key.recording.isin(recordings)])
     for code in codes:
-        (study / blind.FOLDER / f"{code}.png").unlink()
-    key[~key.code.isin(codes)].to_csv(study / blind.KEY, index=False, lineterminator="\n")
-    said[~said.code.isin(codes)].to_csv(study / blind.FOLDER / blind.SHEET, index=False, lineterminator="\n")
+        (study / blind.FOLDER / f"{code}.png").unlink(missing_ok=True)
+    if (study / blind.FOLDER / blind.SHEET).is_file():  # it may be with the judge
+        said = read_sheet(study / blind.FOLDER / blind.SHEET, ("code",))
+        _write(said[~said.code.isin(codes)], study / blind.FOLDER / blind.SHEET)
+    _write(key[~key.code.isin(codes)], study / blind.KEY)

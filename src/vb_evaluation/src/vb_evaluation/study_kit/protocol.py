@@ -33,8 +33,8 @@ class Entry:
     order: int = 0
 
     def folder(self, protocol: Path) -> Path:
-        """Returns the recording's folder, relative to that of the protocol's file."""
-        return protocol.parent / Path(self.recording).expanduser()
+        """Returns the recording's folder, beside the protocol's file; absolute, since nodes have another working folder."""
+        return protocol.absolute().parent / Path(self.recording).expanduser()
 
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:

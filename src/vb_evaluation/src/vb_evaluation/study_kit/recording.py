@@ -1,4 +1,4 @@
-"""What a recording's folder holds, and what each interaction in it left behind.
+"""Makes and reads recordings: what a recording's folder holds, and what each interaction in it left behind.
 
 <recording>/run.yaml                what was planned, and what the experimenter noted (study_kit run)
             events.jsonl            what the experimenter noted by key press, with the time
@@ -9,6 +9,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections import defaultdict
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +25,7 @@ from vb_core.grid_map import GridMap
 
 LOG, BAGS, RUN, EVENTS = "interactions.jsonl", "bags", "run.yaml", "events.jsonl"
 TOPICS = [names.MAP_WITH_BORDERS, names.BORDERS, names.DETECTORS]  # what is read of a bag
+WITHOUT = ".*(image|compressed|points|projector).*"  # what is not recorded: it is a thousand times as large
 Row = TypeVar("Row")
 
 
@@ -149,3 +152,15 @@ def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
         except (KeyError, TypeError, ValueError) as error:
             raise CodedError("bad_recording", f"{path}, line {number}: {error!r}") from None
     return found
+
+
+def record() -> None:
+    """Becomes rosbag's recorder, into the folder that is the first argument; a restarted one goes on in another file."""
+    from roslib.packages import find_node
+
+    bags = Path(sys.argv[1]).expanduser() / BAGS
+    bags.mkdir(parents=True, exist_ok=True)
+    recorder = find_node("rosbag", "record")[0]
+    # what roslaunch appended (__name:=, __log:=) is for the recorder
+    options = ["--all", "--exclude", WITHOUT, "--output-prefix", str(bags / "session"), "--lz4", "--buffsize", "512"]
+    os.execv(recorder, [recorder, *options, *sys.argv[2:]])

@@ -41,9 +41,6 @@ class Correspondences:
     Attributes:
         pixels: (N, 2) [px]
         points: (N, 2) [m], map frame.
-
-    Raises:
-        CodedError: "bad_points" if they are not as many.
     """
 
     pixels: np.ndarray
@@ -52,8 +49,6 @@ class Correspondences:
     def __post_init__(self) -> None:
         for name in ("pixels", "points"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), float).reshape(-1, 2))
-        if len(self.pixels) != len(self.points):
-            raise CodedError("bad_points")
 
     def select(self, chosen: np.ndarray) -> "Correspondences":
         """Returns some of them, by indices or (N,) bool."""
@@ -97,8 +92,8 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
     """Finds the pose from where the camera sees the points, known in the map to `point_sigma` [m].
 
     Raises:
-        CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered" for
-            points that cannot determine a pose; "no_consistent_pose" where no pose explains enough of them;
+        CodedError: "outside_image", "too_few_calibration_points", "collinear", "clustered" for points that cannot
+            determine a pose; "no_consistent_pose" where no pose explains enough of them;
             "below_floor" if the camera would be under it; "ambiguous" if two poses explain them; "uncertain"
             if the pose is known too poorly.
     """
@@ -138,10 +133,8 @@ def check_points(camera: CameraModel, observed: Correspondences) -> None:
     """Refuses points that cannot determine any pose.
 
     Raises:
-        CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered".
+        CodedError: "outside_image", "too_few_calibration_points", "collinear", "clustered".
     """
-    if not (np.isfinite(observed.pixels).all() and np.isfinite(observed.points).all()):
-        raise CodedError("bad_points")
     if not camera.contains(observed.pixels).all():
         raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
     near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
-from typing import Dict, List
+from typing import Dict, List, Optional
 
 from vb_core.errors import CodedError
 from vb_laser_detect.camera.source import CaptureParams
@@ -15,7 +15,7 @@ _CONTROL = re.compile(r"^\s*(\w+) 0x[0-9a-f]+ \((\w+)\)\s*:(.*)$", re.MULTILINE)
 _AUTO_EXPOSURE = ("auto_exposure", "exposure_auto")
 _EXPOSURE = ("exposure_time_absolute", "exposure_absolute")
 _AUTO_WHITE = ("white_balance_automatic", "white_balance_temperature_auto")
-_MANUAL, _APERTURE_PRIORITY = 1, 3  # of auto_exposure, as V4L2 defines them
+_MANUAL = 1  # of auto_exposure, as V4L2 defines it
 
 
 def run_v4l2(device: str, *arguments: str) -> str:
@@ -41,7 +41,8 @@ def plan(listing: str, params: CaptureParams) -> List[str]:
     """Returns NAME=VALUE for each control to set, in order: automatic ones are switched off before values are set.
 
     Args:
-        listing: what `v4l2-ctl --list-ctrls` prints. A control that a camera lacks is left out if it is automatic anyway.
+        listing: what `v4l2-ctl --list-ctrls` prints. What is not wanted gets the camera's own default, if it has that
+            control: which of its values are automatic differs between cameras.
 
     Raises:
         CodedError: "no_control" if a value is wanted that the camera does not let anybody set.
@@ -49,20 +50,21 @@ def plan(listing: str, params: CaptureParams) -> List[str]:
     known: Dict[str, str] = {name: limits for name, _, limits in _CONTROL.findall(listing)}
     steps: List[str] = []
 
-    def add(names: tuple, value: int, wanted: bool) -> None:
+    def add(names: tuple, wanted: Optional[int]) -> None:
         name = next((name for name in names if name in known), "")
-        if not name and wanted:
+        if not name and wanted is not None:
             raise CodedError("no_control", control=names[0], known=", ".join(known) or "-")
-        if name:
-            limits = {key: int(number) for key, number in re.findall(r"(min|max)=(-?\d+)", known[name])}
+        limits = {key: int(number) for key, number in re.findall(r"(min|max|default)=(-?\d+)", known.get(name, ""))}
+        value = limits.get("default") if wanted is None else wanted
+        if value is not None:
             steps.append(f"{name}={min(max(value, limits.get('min', value)), limits.get('max', value))}")
 
-    add(_AUTO_EXPOSURE, _MANUAL if params.exposure else _APERTURE_PRIORITY, bool(params.exposure))
+    add(_AUTO_EXPOSURE, _MANUAL if params.exposure else None)
     if params.exposure:
-        add(_EXPOSURE, params.exposure, True)
-    add(_AUTO_WHITE, int(not params.white_balance), bool(params.white_balance))
+        add(_EXPOSURE, params.exposure)
+    add(_AUTO_WHITE, 0 if params.white_balance else None)
     if params.white_balance:
-        add(("white_balance_temperature",), params.white_balance, True)
+        add(("white_balance_temperature",), params.white_balance)
     return steps
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Sequence, Tuple
+from typing import Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -16,21 +16,13 @@ _MIN_IMAGES = 50
 _EDGE = 1e-3  # [s] between the light's two states
 
 
-class Delay(NamedTuple):
-    """Seconds from the light to the image's stamp, how exactly, and how well the images follow the light (1: wholly)."""
-
-    seconds: float
-    uncertainty: float
-    correlation: float
-
-
 def brightness(gray: np.ndarray) -> np.ndarray:
     """Returns the mean brightness of each part of an image (H, W), as a vector."""
     return cv2.resize(gray, _GRID, interpolation=cv2.INTER_AREA).astype(np.float32).ravel()
 
 
-def measure_delay(switched: Sequence[float], seen: Sequence[Tuple[float, np.ndarray]]) -> Delay:
-    """Finds the delay at which the brightness of some part of the images follows the light best.
+def measure_delay(switched: Sequence[float], seen: Sequence[Tuple[float, np.ndarray]]) -> Tuple[float, float]:
+    """Finds the delay [s] at which the brightness of some part of the images follows the light best, and how exactly [s].
 
     Args:
         switched: [s] when the light was switched, on first; at uneven times, so that no other delay looks the same.
@@ -60,8 +52,4 @@ def measure_delay(switched: Sequence[float], seen: Sequence[Tuple[float, np.ndar
         raise CodedError("no_blinking")
     near = np.flatnonzero(scores > scores[best] - 0.01)
     weights = scores[near] - scores[best] + 0.011
-    return Delay(
-        float(np.sum(_LAGS[near] * weights) / np.sum(weights)),
-        float(np.ptp(_LAGS[near]) / 2.0 + 0.002),
-        float(scores[best]),
-    )
+    return float(np.sum(_LAGS[near] * weights) / np.sum(weights)), float(np.ptp(_LAGS[near]) / 2.0 + 0.002)

@@ -1,9 +1,10 @@
 """Reads images from a camera at this computer or in the network, or from a video file, until it is closed. No ROS.
 
 One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself and is decoded
-only when it is searched, and only as far: one that comes too late costs nothing. Packets of other codecs build on each other, and are
-decoded as they come; once they are late, none is until the next that stands by itself. A file has no hurry: it waits until
-its images are taken. Whatever ends the stream, it is said in one sentence, and the camera is opened again.
+only when it is searched, and only as far: one that comes too late costs nothing. Packets of other codecs build on each
+other, and are decoded as they come; once they are late, or one is damaged, none is until the next that stands by itself.
+A file has no hurry: it waits until its images are taken. Whatever ends the stream, it is said in one sentence, and the
+camera is opened again.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from collections import deque
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Deque, Dict, Iterator, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 import av
 import numpy as np
@@ -70,11 +71,14 @@ class Shot(NamedTuple):
         taken: [s] since 1970, when it was taken, as well as the source can tell.
         jpeg: as it came; None if the camera sends something else.
         frame: what other codecs hold, if it is no JPEG.
+        left_out: for each image before it that was not decoded, why: "late_image", or "bad_image" if it, or one that it
+            builds on, was damaged.
     """
 
     taken: float
     jpeg: Optional[bytes] = None
     frame: Optional[av.VideoFrame] = None
+    left_out: Tuple[str, ...] = ()
 
     def picture(self) -> AnyPicture:
         """Returns the image; a large one is decoded as far as it is needed.
@@ -129,8 +133,8 @@ def is_file(address: str) -> bool:
 
 
 def printable(address: str) -> str:
-    """Returns an address without its password."""
-    return re.sub(r"://[^/@]*@", "://", address)
+    """Returns an address without its password, which cameras take before the host or among the query's values."""
+    return re.sub(r"(password|pwd)=[^&]*", r"\1=***", re.sub(r"://[^/]*@", "://", address), flags=re.IGNORECASE)
 
 
 class _Clock:
@@ -158,9 +162,6 @@ class CameraSource:
         params: how.
         handle: called with each image; a file goes on when it returns.
         report: called with the reason whenever there are no images, and with None once they come again.
-
-    Attributes:
-        late: how many packets were too late to be decoded.
     """
 
     def __init__(
@@ -172,7 +173,7 @@ class CameraSource:
     ) -> None:
         self.address, self.params = address, params
         self._handle, self._report = handle, report
-        self.late = 0
+        self._left_out: List[str] = []
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -239,28 +240,45 @@ class CameraSource:
         stream = container.streams.video[0]
         # frames that several threads decode come out late
         stream.thread_type, stream.codec_context.thread_count = "SLICE", 1
-        jpeg = stream.codec_context.name == "mjpeg"
-        delay, whole, newest = 1e-3 * self.params.delay_ms, True, 0.0
-        for packet, offset in self._packets(container, stream):
+        packets = self._packets(container, stream)
+        if stream.codec_context.name != "mjpeg":
+            yield from self._decoded(packets)
+            return
+        for packet, offset in packets:
+            if packet.size:
+                yield Shot(self._taken(packet, offset), jpeg=bytes(packet))
 
-            def taken(item: Any, offset: Optional[float] = offset) -> float:
-                known = offset is not None and item.pts is not None
-                return (float(item.pts * item.time_base) + offset if known else time.time()) - delay
-
-            if jpeg:
-                if packet.size:
-                    yield Shot(taken(packet), jpeg=bytes(packet))
-                continue
-            at = taken(packet)
-            late = not is_file(self.address) and time.time() - delay - at > _QUEUED
+    def _decoded(self, packets: Iterator[Tuple[Any, Optional[float]]]) -> Iterator[Shot]:
+        """Decodes images that build on each other."""
+        missing, newest, decoded = "", 0.0, time.monotonic()
+        for packet, offset in packets:
+            at = self._taken(packet, offset)
+            late = not is_file(self.address) and time.time() - 1e-3 * self.params.delay_ms - at > _QUEUED
             # one that stands by itself twice a second, however late: a network may have become slower for good
-            whole = packet.is_keyframe and (not late or at - newest > _QUEUED) or whole and not late
-            if not whole:
-                self.late += 1
+            if packet.is_keyframe and (not late or at - newest > _QUEUED):
+                missing = ""
+            elif late:
+                missing = missing or "late_image"
+            try:
+                frames = [] if missing else packet.decode()
+            except av.error.InvalidDataError:
+                missing = "bad_image"
+            if missing:
+                self._left_out.append(missing)
+                if missing == "bad_image" and time.monotonic() - decoded > _STALL_TIMEOUT:
+                    # it begins with one that stands by itself, when it is opened again
+                    raise CodedError("camera_stalled", source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}")
                 continue
             newest = at
-            for frame in packet.decode():
-                yield Shot(taken(frame), frame=frame)
+            for frame in frames:
+                yield Shot(self._taken(frame, offset), frame=frame, left_out=tuple(self._left_out))
+                self._left_out.clear()
+            decoded = time.monotonic()
+
+    def _taken(self, item: Any, offset: Optional[float]) -> float:
+        """Returns when a packet or a frame was taken [s]; the delay may change while images come."""
+        known = offset is not None and item.pts is not None
+        return (float(item.pts * item.time_base) + offset if known else time.time()) - 1e-3 * self.params.delay_ms
 
     def _packets(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
         """Yields each packet, and what makes its time stamps times since 1970 [s]; None: they say nothing."""

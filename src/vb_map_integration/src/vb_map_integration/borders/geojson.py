@@ -2,7 +2,8 @@
 
 A Polygon is a polygon, a LineString a separating curve. The seed and the rest are the feature's properties, named as
 in `VirtualBorder`; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
-Properties of other programs are ignored; errors in ours, or in the geometry, are reported.
+Properties of other programs are ignored, as are null and an id that is no text; errors in ours, or in the geometry, are
+reported.
 """
 
 from __future__ import annotations
@@ -96,7 +97,10 @@ def border_from_feature(feature: Any) -> VirtualBorder:
     properties = feature.get("properties")
     properties = properties if isinstance(properties, dict) else {}
     wall = not closed and properties.get("kind") == _WALL
-    values = {key: properties[key] for key in (*_PROPERTIES, "seed") if key in properties}
+    # other programs write null where there is nothing, and numbers as ids
+    values = {key: properties[key] for key in (*_PROPERTIES, "seed") if properties.get(key) is not None}
+    if not isinstance(values.get("id"), str):
+        values.pop("id", None)
     if "seed" not in values:
         if not closed and not wall:
             raise CodedError("bad_border_file", reason="$file_no_seed")

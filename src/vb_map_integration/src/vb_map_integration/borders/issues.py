@@ -13,11 +13,6 @@ def warning(code: str, **values: Any) -> Notice:
     return Notice.from_error(CodedError(code, **values), Severity.WARNING)
 
 
-def issues_of(error: CodedError) -> Tuple[Notice, ...]:
-    """Returns what was found up to a refusal; the last one is the refusal itself."""
-    return (*getattr(error, "warnings", ()), Notice.from_error(error, Severity.ERROR))
-
-
 class IntegrationError(CodedError):
     """Raised when a border is refused. Nothing was changed.
 

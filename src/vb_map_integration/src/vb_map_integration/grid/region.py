@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Optional, Sequence, Tuple
+from typing import Optional, Sequence
 
 import cv2
 import numpy as np
@@ -30,12 +30,6 @@ class Region:
     over_unknown: bool
     area_m2: float
 
-    def spread(self, shape: Tuple[int, int]) -> np.ndarray:
-        """Returns (H, W) bool of the map, True in the region."""
-        region = raster.filled(shape, 0).view(bool)
-        region[self.window] = self.mask != 0
-        return region
-
     def outline(self, grid: GridMap) -> np.ndarray:
         """Returns the outline (N, 2) [m] of its largest part, to about a cell, on the map that it is of."""
         contours, _ = cv2.findContours(self.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
@@ -52,23 +46,12 @@ class Region:
             as_bytes = part.view(np.uint8)
             np.maximum(as_bytes, np.bitwise_and(self.mask, level), out=as_bytes)
 
-    def within(self, window: raster.Window) -> Tuple[raster.Window, np.ndarray]:
-        """Returns the part of the map that the region's window and another one share, and the mask there."""
-        (top, bottom), (left, right) = (
-            (max(own.start, other.start), max(own.start, other.start, min(own.stop, other.stop)))
-            for own, other in zip(self.window, window)
-        )
-        rows, columns = self.window
-        mask = self.mask[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start]
-        return (slice(top, bottom), slice(left, right)), mask
-
     def shared(self, other: Optional["Region"]) -> float:
         """Returns the share of the cells of two regions that is in both, 0 .. 1."""
         if other is None:
             return 0.0
-        window, mask = self.within(other.window)
-        both = int(((mask != 0) & (other.within(window)[1] != 0)).sum())
-        return both / max(1, cv2.countNonZero(self.mask) + cv2.countNonZero(other.mask) - both)
+        one, two, either = (cv2.countNonZero(region.mask) for region in (self, other, join_regions([self, other])))
+        return (one + two - either) / max(1, either)
 
 
 def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:

@@ -13,7 +13,6 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.region import Region
 from vb_map_integration.integration import integrate
-from vb_map_integration.places.local_fit import LocalFit
 from vb_map_integration.places.registration import Transform
 
 
@@ -39,16 +38,6 @@ class BorderPlace:
     accepted_on: Optional[GridMap] = None
     transform: Transform = Transform()
 
-    @property
-    def is_certain(self) -> bool:
-        """Returns whether nobody has to be asked where it is."""
-        return self.is_shown or not self.is_seen
-
-    @property
-    def accepted_here(self) -> bool:
-        """Returns whether a person drew or accepted it on this very map."""
-        return self.accepted is None
-
     def region_before(self, grid: GridMap) -> Optional[Region]:
         """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
         assert self.accepted is not None and self.accepted_on is not None
@@ -64,22 +53,6 @@ class BorderPlace:
         left, top, width, height = cv2.boundingRect(here)
         window = slice(top, top + height), slice(left, left + width)
         free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
-        count = int(np.count_nonzero(here[window] & free))
-        return Region(window, here[window] * 255, effect.value, False, count * grid.resolution**2) if count else None
-
-
-def choose_place(
-    accepted: VirtualBorder, accepted_on: GridMap, start: Transform, fit: Optional[LocalFit], is_seen: bool
-) -> BorderPlace:
-    """Decides where a border is: where the walls round it say, or, if they do not, where it is expected.
-
-    Args:
-        accepted: on the map on which it was accepted.
-        start: from that map to the current one.
-        fit: what the walls say; None if there are too few.
-        is_seen: as of `BorderPlace`.
-    """
-    if fit is not None and fit.is_certain:
-        return BorderPlace(accepted.moved(fit.transform), True, is_seen, (), accepted, accepted_on, fit.transform)
-    others = (accepted.moved(fit.transform),) if fit is not None and fit.is_possible else ()
-    return BorderPlace(accepted.moved(start), False, is_seen, others, accepted, accepted_on, start)
+        mask = here[window] * free * np.uint8(255)
+        count = cv2.countNonZero(mask)
+        return Region(window, mask, effect.value, False, count * grid.resolution**2) if count else None

@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.places.border_place import BorderPlace, choose_place
+from vb_map_integration.places.border_place import BorderPlace
 from vb_map_integration.places.local_fit import fit_locally
 from vb_map_integration.storage.database import Database, KnownMap
 from vb_map_integration.places.registration import IDENTITY, Registration, Transform, WallMap, measure, register
@@ -80,8 +80,9 @@ class PlaceRecognizer:
             before: the map before it, while this program has been running.
             recognition: what that was recognised as; decides only where to look first.
         """
-        stored = self._database.find_map(map_id)
-        if stored is not None:
+        stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
+        # one without borders may be the named place, at which there are some
+        if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
             name = self._database.get_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
         candidates = self._candidates()
@@ -108,17 +109,15 @@ class PlaceRecognizer:
         return 2 * sum(place.is_shown for place in seen) > len(seen)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
-        """Returns the maps of each place that it may be."""
+        """Returns the maps of each place with borders that it may be."""
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
-            places.setdefault(one.place, []).append(one)
-        names = {place: self._database.get_name(place) for place in places}
-        if self._name:
-            named = {place for place, name in names.items() if name == self._name}
-            chosen = named or {place for place, name in names.items() if not name}
-        else:
-            chosen = set(places)
-        return {place: maps for place, maps in places.items() if place in chosen and self._database.borders(place)}
+            if self._database.borders(one.place):
+                places.setdefault(one.place, []).append(one)
+        if not self._name:
+            return places
+        name = self._name if self._database.find_place(self._name) else ""
+        return {place: maps for place, maps in places.items() if self._database.get_name(place) == name}
 
     def _wall_map_of(self, one: KnownMap) -> WallMap:
         if one.fingerprint not in self._wall_maps:
@@ -186,7 +185,10 @@ class PlaceRecognizer:
         self._current_walls: Optional[WallMap] = None
 
     def locate(self, border: VirtualBorder) -> BorderPlace:
-        """Finds where a stored border of the current map's place is on that map."""
+        """Finds where a stored border of the current map's place is on that map.
+
+        It is where the walls round it say, or, if they do not, where it is expected.
+        """
         recognition = self._recognition
         stored = self._maps.get(border.map_id) or next(iter(self._maps.values()), None)
         if stored is None or stored.fingerprint == self._current_id:
@@ -198,10 +200,13 @@ class PlaceRecognizer:
         fit = fit_locally(self._wall_map_of(stored), self._current_walls, start, accepted.points)
         here = start.apply(np.concatenate([accepted.points, [accepted.seed]]))
         is_seen = float(self._current_walls.is_known(here).mean()) >= _SEEN
-        border_place = choose_place(accepted, stored.grid, start, fit, is_seen)
-        if recognition.other is None:
-            return border_place
-        return replace(border_place, others=(*border_place.others, border.moved(recognition.other)))
+        is_shown = fit is not None and fit.is_certain
+        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not is_shown else []
+        others += [border.moved(recognition.other)] if recognition.other is not None else []
+        transform = fit.transform if fit is not None and is_shown else start
+        return BorderPlace(
+            accepted.moved(transform), is_shown, is_seen, tuple(others), accepted, stored.grid, transform
+        )
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:

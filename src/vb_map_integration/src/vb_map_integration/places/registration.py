@@ -91,11 +91,6 @@ class Transform(NamedTuple):
         yaw = math.remainder(self.yaw + first.yaw, 2.0 * math.pi)
         return Transform(float(x), float(y), yaw)
 
-    def distance(self, other: "Transform", place: Sequence[float]) -> Tuple[float, float]:
-        """Measures how far apart two motions put a place, [m] and [rad]."""
-        a, b = self.apply(np.array(place)), other.apply(np.array(place))
-        return float(np.linalg.norm(a - b)), abs(math.remainder(self.yaw - other.yaw, 2.0 * math.pi))
-
 
 IDENTITY = Transform()
 
@@ -299,8 +294,8 @@ def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
 
 
 def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
-    apart, turned = one.distance(other, place)
-    return apart < _SAME_DISTANCE and turned < _SAME_ANGLE
+    apart, turned = float(np.linalg.norm(one.apply(place) - other.apply(place))), one.yaw - other.yaw
+    return apart < _SAME_DISTANCE and abs(math.remainder(turned, 2.0 * math.pi)) < _SAME_ANGLE
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:

@@ -6,12 +6,12 @@ By their keys: maps/FINGERPRINT, names/PLACE, borders/PLACE/ID, changes/NUMBER (
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import itertools
+import json
 import zlib
 from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -57,7 +57,7 @@ class KnownMap:
     transform: Transform
     _values: Mapping[str, Any]
 
-    @cached_property
+    @functools.cached_property
     def grid(self) -> GridMap:
         """Returns the map."""
         cells = zlib.decompress(base64.b64decode(self._values["cells"]))
@@ -78,12 +78,6 @@ def fingerprint(grid: GridMap) -> str:
 
 class Database(DurableValues):
     """Borders by place, with their history; every method that changes something changes all of it or nothing."""
-
-    def __init__(self, folder: Optional[Path]) -> None:
-        super().__init__(folder)
-        pairs = (name.split("/") for name in self.names("borders"))
-        self._places: Dict[str, int] = {border_id: int(place) for place, border_id in pairs}
-        self._read: Dict[str, VirtualBorder] = {}  # so that one that did not change is the same object
 
     # ------------------------------------------------------------- maps
     def maps(self) -> List[KnownMap]:
@@ -122,7 +116,7 @@ class Database(DurableValues):
         }
         changes[_PLACE] = place
         if name:
-            changes[f"names/{place}"] = name
+            changes.update(self._name_changes(place, name))
         self.change(changes)
         return place
 
@@ -131,14 +125,20 @@ class Database(DurableValues):
         return str(self.get(f"names/{place}", ""))
 
     def find_place(self, name: str) -> int:
-        """Returns the place of a name; 0 if there is none."""
-        return next((int(place) for place, other in self.of_kind("names").items() if name == other), 0)
+        """Returns the place with borders that has a name; 0 if there is none."""
+        places = (int(place) for place, other in self.of_kind("names").items() if name == other)
+        return next(filter(self.borders, places), 0)
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken" or "bad_name"."""
         if self.get_name(place) != name:
             self.check_name(name, place)
-            self.change({f"names/{place}": name or None})
+            self.change(self._name_changes(place, name))
+
+    def _name_changes(self, place: int, name: str) -> Dict[str, Any]:
+        """Returns what gives a place a name; one without borders that has it loses it."""
+        others = {f"names/{other}": None for other, taken in self.of_kind("names").items() if taken == name}
+        return {**others, f"names/{place}": name or None}
 
     def check_name(self, name: str, place: int = 0) -> None:
         """Refuses a name that a place cannot have; raises CodedError "bad_name", "name_taken"."""
@@ -160,8 +160,8 @@ class Database(DurableValues):
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        ids = (border_id for border_id, where in self._places.items() if where == place)
-        return tuple(self.find(border_id)[1] for border_id in sorted(ids, key=lambda one: int(one[1:])))
+        ids = sorted(self.names(f"borders/{place}"), key=lambda one: int(one[1:]))
+        return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
         """Finds (place, border) of an id, whichever map it belongs to.
@@ -169,12 +169,10 @@ class Database(DurableValues):
         Raises:
             CodedError: "unknown_border".
         """
-        if border_id not in self._places:
-            raise CodedError("unknown_border", id=border_id)
-        place = self._places[border_id]
-        if border_id not in self._read:
-            self._read[border_id] = border_from_feature(self.get(f"borders/{place}/{border_id}"))
-        return place, self._read[border_id]
+        for place, found in (name.split("/") for name in self.names("borders")):
+            if found == border_id:
+                return int(place), _read_border(self._values[f"borders/{place}/{border_id}"])
+        raise CodedError("unknown_border", id=border_id)
 
     def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
         """Gives a border of a place an id, which is spent once committed, a name that no other there has, and its times.
@@ -207,10 +205,6 @@ class Database(DurableValues):
             changes.update({f"requests/{old}": None for old in self.names("requests")[:-MAX_REQUESTS]})
         following = max(int(entry.id[1:]) + 1 for entry in change)
         self.change({**changes, _NEXT: max(following, self.get(_NEXT, 1))})
-        for entry in change:
-            self._places.pop(entry.id, None)
-            if entry.after is not None:
-                self._places[entry.id], self._read[entry.id] = place, entry.after
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
         changes = self.of_kind("changes")
@@ -254,6 +248,11 @@ class Database(DurableValues):
     def find_border_of_request(self, request_id: str) -> str:
         """Returns the id of the border that a request made; "" if it is new."""
         return str(self.get(f"requests/{request_id}", "")) if request_id else ""
+
+
+@functools.lru_cache(maxsize=10_000)  # one that did not change is the same object
+def _read_border(text: str) -> VirtualBorder:
+    return border_from_feature(json.loads(text))
 
 
 def _to_dict(border: Optional[VirtualBorder]) -> Any:

@@ -6,15 +6,13 @@ import math
 from dataclasses import replace
 from typing import Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
-import numpy as np
-
 from vb_core.grid_layers import Window, crop
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import Fleet, RobotStatus
-from vb_robot.dispatching.drawing import NO_POINTS, DrawingState
+from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.floor_view import FloorView
 from vb_robot.spots import LOST_TIMEOUT, Sightings
@@ -74,25 +72,9 @@ class Dispatcher:
         self._unserved_since = math.inf  # [s] since when no camera sees the spot and no robot comes
         self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what
 
-    def set_progress(
-        self,
-        interaction: str,
-        chain: np.ndarray,
-        closed: bool,
-        points: np.ndarray,
-        seed: Optional[np.ndarray],
-        cameras: Iterable[str],
-    ) -> None:
-        """Stores what has been drawn so far in an interaction.
-
-        Args:
-            chain: (M, 2) [m] the border's chain, empty before there is one; `closed` if it is a polygon.
-            points: (N, 2) [m] the spots themselves.
-            seed: (2,) [m], or None before there is one.
-            cameras: names of those that contributed.
-        """
-        chain = chain if len(chain) >= 2 else NO_POINTS
-        self._drawn = interaction, DrawingState(points[-1] if len(points) else None, chain, closed=closed, seed=seed)
+    def set_progress(self, interaction: str, drawn: DrawingState, cameras: Iterable[str]) -> None:
+        """Stores what has been drawn so far in an interaction, and which cameras contributed."""
+        self._drawn = interaction, drawn
         # also before any robot is wanted: that cameras contributed may be why one is
         self.sightings.add_contributors(interaction, cameras)
 

@@ -98,8 +98,9 @@ class Arbiter:
     def add(self, sighting: Sighting) -> None:
         """Adds a spot of any camera."""
         with self._lock:
-            self._spots.add(sighting)
-            if sighting.mobile and sighting.camera == self._camera and self._spots.newest() is sighting:
+            counts = self._spots.add(sighting)
+            # the camera's own order: others may be quicker
+            if counts and sighting.mobile and sighting.camera == self._camera:
                 self.follower.spot, self.gate.stamps["spot"] = sighting.position, sighting.stamp
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:

@@ -166,7 +166,7 @@ class Gate:
 
     def pose(self, now: float) -> Optional[Pose]:
         """Returns the robot's pose; None if it is unknown, or has just jumped."""
-        if self._jump_hold_until > now + POSE_JUMP_HOLD:
+        if self._jump_hold_until > now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP:
             self._jump_hold_until = -math.inf  # time has jumped back
         unknown = not self._located or self.pose_uncertain or now < self._jump_hold_until
         return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._fixes[-1].pose

@@ -62,6 +62,7 @@ class WatchedRobot:
         self._maps: dict = {}
         self._known: Sequence[KnownBorder] = ()
         self._review: Optional[GoalReview] = None
+        self._reviewed: tuple = (None,) * 4  # maps, radius and borders of that review
         self.refusal: Optional[Notice] = None
         self._goal_at = -math.inf
         self._transforms, self._on_goal = transforms, on_goal
@@ -79,12 +80,12 @@ class WatchedRobot:
 
     def set_map(self, which: str, grid: GridMap) -> None:
         """Adopts a map: "physical", "borders", "own" with only this robot's borders, or "keep_out" of its driver."""
-        self._maps[which], self._review = grid, None
+        self._maps[which] = grid
         self._review_goal()
 
     def set_borders(self, known: Sequence[KnownBorder]) -> None:
         """Adopts the borders that are in force for it; they lend names."""
-        self._known, self._review = known, None
+        self._known = known
         self._review_goal()
 
     def _review_goal(self) -> None:
@@ -103,8 +104,6 @@ class WatchedRobot:
         node = wiring.find_move_base(graph, self.name)
         parameters = rospy.get_param(node, {}) if node else {}
         seen = wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
-        if (seen.radius, seen.maps) != (self.wiring.radius, self.wiring.maps):
-            self._review = None
         if (seen.move_base, seen.planner) != (self.wiring.move_base, self.wiring.planner):
             if self.speed is not None:
                 self.speed.close()
@@ -189,9 +188,12 @@ class WatchedRobot:
         grid, physical = self._with_borders(), self._maps.get("physical")
         if grid is not None and any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
             grid = self._maps.get("keep_out", grid)  # its plans keep the margin that its driver keeps
-        if self._review is None and grid is not None and physical is not None and physical.same_geometry(grid):
-            radius = self.wiring.radius or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
-            self._review = GoalReview(grid, physical, radius, self._known)
+        if grid is None or physical is None or not physical.same_geometry(grid):
+            return None
+        inputs = (grid, physical, self.wiring.radius, self._known)
+        if any(one is not other for one, other in zip(inputs, self._reviewed)):
+            radius = inputs[2] or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
+            self._review, self._reviewed = GoalReview(grid, physical, radius, inputs[3]), inputs
         return self._review
 
     def judge(self, goal) -> Optional[Notice]:

@@ -127,8 +127,7 @@ class CameraNode:
 
 
 def read_parameters(kind: Any) -> Any:
-    """Prepares a camera node's process, and reads its parameters, of which ~world must be set."""
+    """Prepares a camera node's process, and reads its parameters."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()
-    parameters.require("~world")
     return parameters.read(kind)

@@ -300,8 +300,10 @@ def load_world(path: str) -> World:
 
     Raises:
         CodedError: "no_world" if there is no such file, "bad_world" if it is not YAML.
-        ParameterError: names the key that is wrong.
+        ParameterError: names the key that is wrong, or says that there is no path.
     """
+    if not path:
+        raise ParameterError("world", "must be set: the path of a world's file")
     file = Path(path)
     document = read_document(file, "world")
     if isinstance(document, Mapping) and "like" in document:

@@ -1,6 +1,6 @@
 // The list of borders, and what can be done with one.
 "use strict";
-import { closeButton, leave, show } from "./dialog.js";
+import { closeButton, leave, show, whenAnswered } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
 import { hello, operator, row, say, view, words } from "./state.js";
 import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
@@ -46,7 +46,6 @@ export function drawBorders() {
       ? [element("li", { class: "muted" }, say("page_no_borders"))]
       : list.map((border) => {
           const toggle = element("button", {
-            type: "button",
             class: "switch operator",
             role: "switch",
             "aria-checked": String(border.enabled),
@@ -57,7 +56,6 @@ export function drawBorders() {
           const open = element(
             "button",
             {
-              type: "button",
               class: "name",
               "data-key": `border ${border.id}`,
               onclick: () => borderDialog(border.id),
@@ -84,7 +82,8 @@ const toggleBorder = (border) =>
   );
 
 export function borderDialog(id, typed = null) {
-  const border = view.borders.list.find((one) => one.id === id);
+  const find = () => view.borders.list.find((one) => one.id === id);
+  const border = find();
   if (!border) return;
   const heading = [markOf(border), words.border(border.name) || say("page_no_name")];
   if (!operator()) return show(heading, element("p", { class: "muted" }, why(border)), closeButton());
@@ -97,14 +96,17 @@ export function borderDialog(id, typed = null) {
     element("label", {}, element("span", {}, say("page_name")), name),
     button("page_rename", () => form.requestSubmit()),
   );
-  form.addEventListener("submit", async (event) => {
+  const change = (asked) =>
+    whenAnswered(asked, ({ ok, code }) => {
+      if (ok) $("dialog").close();
+      // somebody else's change is told and shown before it is built upon
+      else if (code === "revision_conflict") borderDialog(id, name.value);
+    });
+  form.addEventListener("submit", (event) => {
     event.preventDefault();
     if (!name.value.trim()) toast(say("page_name_empty"), true);
-    else if (
-      name.value === words.border(border.name) ||
-      (await ask("rename", { ...target, name: name.value }, "page_renamed")).ok
-    )
-      $("dialog").close();
+    else if (name.value === words.border(border.name)) $("dialog").close();
+    else change(ask("rename", { ...target, name: name.value }, "page_renamed"));
   });
   show(
     heading,
@@ -117,7 +119,7 @@ export function borderDialog(id, typed = null) {
         () =>
           leave(() => {
             $("dialog").close();
-            edit(border);
+            edit(find() || border); // as it is now: the dialog may have been open for long
           }),
         "primary",
       ),
@@ -126,18 +128,8 @@ export function borderDialog(id, typed = null) {
     element(
       "div",
       { class: "row" },
-      button(border.enabled ? "page_switch_off" : "page_switch_on", () =>
-        leave(async () => {
-          if ((await toggleBorder(border)).ok) $("dialog").close();
-        }),
-      ),
-      button(
-        "page_remove",
-        async () => {
-          if ((await ask("remove", target, "page_removed", { border: border.name })).ok) $("dialog").close();
-        },
-        "danger",
-      ),
+      button(border.enabled ? "page_switch_off" : "page_switch_on", () => leave(() => change(toggleBorder(border)))),
+      button("page_remove", () => change(ask("remove", target, "page_removed", { border: border.name })), "danger"),
     ),
     closeButton(),
   );

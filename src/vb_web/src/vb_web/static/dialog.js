@@ -22,6 +22,13 @@ export function show(title, ...children) {
   $("dialog-title").focus();
 }
 
+// Goes on when what a dialog asked for is answered, unless it was closed or another one has come up meanwhile.
+export async function whenAnswered(asked, next) {
+  const title = $("dialog-title"),
+    answer = await asked;
+  if ($("dialog").open && $("dialog-title") === title) next(answer);
+}
+
 export const closeButton = (code = "page_close") => button(code, () => leave());
 
 // Goes on to what follows a dialog or a drawing, and asks first if something unsaved would be lost: `unsaved` of a dialog

@@ -10,10 +10,12 @@ import { hello, operator, page, prompt, row, say, standing, view, what, words } 
 import { $, ask, button, element, figures, fill, issues, lock, nameField, select, toast } from "./ui.js";
 
 export let draft = null;
-let taps = [],
+let turn = 0, // counts changes of mode
+  taps = [],
   chosenCorner = null,
   check = null,
-  checking = null; // the question that has no answer yet
+  checking = null, // the newest question, which has no answer yet
+  asking = false; // whether one is under way
 // What the rest of the page does about a border that was tapped, and about another mode.
 export const listeners = { pick: () => {}, mode: () => {} };
 
@@ -52,31 +54,31 @@ export const map = new MapView(words, {
     drawReview();
   },
   drag(corner, point, ended) {
-    const before = middleSeed();
-    draft.points[corner] = point;
-    if (before) draft.seed = middle(draft.points);
-    map.setDraft(draft, (chosenCorner = corner));
+    changeCorners(corner, 1, [point], corner);
     if (ended) examine();
   },
   between(corner, point) {
-    draft.points.splice(corner + 1, 0, point);
-    map.setDraft(draft, (chosenCorner = corner + 1));
+    changeCorners(corner + 1, 0, [point], corner + 1);
     examine();
     return corner + 1;
   },
-  removeCorner() {
-    removeCorner();
-  },
+  removeCorner,
   outside() {
     toast(say("page_off_map"), true);
   },
 });
 
-// Whether the seed follows the polygon: it does while nobody has put it outside.
-const middleSeed = () => draft.kind === "polygon" && inside(draft.seed, draft.points);
+// Puts corners in the place of others, as splice does; a polygon's seed follows while nobody has put it outside.
+function changeCorners(at, gone, corners, chosen) {
+  const follows = draft.kind === "polygon" && inside(draft.seed, draft.points);
+  draft.points.splice(at, gone, ...corners);
+  if (follows) draft.seed = middle(draft.points);
+  map.setDraft(draft, (chosenCorner = chosen));
+}
 
 export function setMode(next) {
   page.mode = document.body.dataset.mode = next;
+  turn += 1;
   lock($("panel"));
   keepBack();
   if (next !== "look") toast(""); // of what was done before
@@ -102,8 +104,9 @@ export function setMode(next) {
 let sent = ""; // the robot that goes
 
 async function sendRobot(goal) {
+  const asked = turn;
   const answer = await page.link.ask("send", { robot: sent, goal: goal.map((v) => Number(v.toFixed(3))) });
-  if (answer.ok) setMode("look");
+  if (answer.ok && asked === turn) setMode("look");
   toast(words.tell(answer), !answer.ok, answer.code);
 }
 
@@ -114,7 +117,6 @@ function reviewGo(cancel) {
     element(
       "button",
       {
-        type: "button",
         "data-key": `go ${name}`,
         "aria-pressed": String(name === sent),
         onclick: () => {
@@ -200,12 +202,12 @@ export function edit(border) {
 // Whether something has been drawn or changed that nobody has saved.
 const begun = () => (draft ? JSON.stringify(draftFields()) !== draft.stored : taps.length > 0);
 
-function removeCorner() {
-  const least = draft.kind === "polygon" ? 3 : 2;
-  if (chosenCorner === null || draft.points.length <= least) return;
-  draft.points.splice(chosenCorner, 1);
-  chosenCorner = null;
-  map.setDraft(draft, null);
+// Whether it is still a polygon, or a line, without one of its corners.
+const spareCorners = () => draft.points.length > (draft.kind === "polygon" ? 3 : 2);
+
+function removeCorner(corner) {
+  if (!spareCorners()) return;
+  changeCorners(corner, 1, [], null);
   examine();
 }
 
@@ -220,12 +222,20 @@ export const draftFields = (of = draft) => ({
   robots: of.robots,
 });
 
-// Asks what saving would do; the newest question counts, and the last answer stands until its answer: nothing jumps.
+// Asks what saving would do, one question at a time, and after each answer only the newest, which counts. The last answer
+// stands until then: nothing jumps.
 export async function examine() {
-  const question = (checking = {});
+  checking = {};
   drawReview();
-  const answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });
-  if (question !== checking || !draft) return;
+  if (asking) return;
+  asking = true;
+  let question, answer;
+  do {
+    question = checking;
+    answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });
+  } while (checking && checking !== question);
+  asking = false;
+  if (!checking) return; // there is no draft any more
   checking = null;
   check = answer;
   map.picture("region", answer.region || "");
@@ -233,7 +243,8 @@ export async function examine() {
 }
 
 async function save() {
-  const { border, revision } = draft;
+  const saved = draft,
+    { border, revision } = draft;
   if (!begun()) {
     toast(say("page_saved"));
     return setMode("look");
@@ -241,10 +252,15 @@ async function save() {
   const answer = border
     ? await ask("update", { draft: draftFields(), border, revision }, "page_saved")
     : await ask("add", { draft: draftFields() }, "page_saved");
-  if (answer.ok) setMode("look");
-  else if (draft) {
-    check = answer;
-    drawReview();
+  if (draft !== saved) return; // an answer that comes late is not about what is drawn now
+  if (answer.ok) return setMode("look");
+  check = answer;
+  drawReview();
+  // somebody else's change is told and shown before it is built upon
+  if (answer.code === "revision_conflict") {
+    lock($("panel")); // a double tap on Save is no second try
+    draft.revision = view.borders.revision;
+    examine();
   }
 }
 
@@ -265,7 +281,7 @@ function robotChoice() {
   const choice = (label, pressed, robots) =>
     element(
       "button",
-      { type: "button", "aria-pressed": String(pressed), "data-key": `robot ${label}`, onclick: choose(robots) },
+      { "aria-pressed": String(pressed), "data-key": `robot ${label}`, onclick: choose(robots) },
       label,
     );
   return element(
@@ -289,15 +305,11 @@ export function drawReview() {
   const cancel = button("page_discard", () => setMode("look"));
   if (page.mode === "go") return fill(box, reviewGo(cancel));
   if (page.mode !== "review") {
-    const end = (kind) =>
-      Object.assign(
-        button(`page_end_${kind}`, () => begin([...taps], kind), kind === "polygon" ? "primary" : ""),
-        { disabled: taps.length < (kind === "polygon" ? 3 : 2) },
-      );
-    const takeBack = Object.assign(
-      button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps")),
-      { disabled: !taps.length },
-    );
+    const end = (kind, style, least) =>
+      button(`page_end_${kind}`, () => begin([...taps], kind), style, { disabled: taps.length < least });
+    const takeBack = button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps"), "", {
+      disabled: !taps.length,
+    });
     const close =
       page.mode === "side" && draft.kind === "curve" && draft.points.length > 2
         ? button("page_end_polygon", () => {
@@ -313,7 +325,7 @@ export function drawReview() {
         "div",
         { class: "row" },
         cancel,
-        ...(page.mode === "draw" ? [takeBack, end("curve"), end("polygon")] : [close]).filter(Boolean),
+        ...(page.mode === "draw" ? [takeBack, end("curve", "", 2), end("polygon", "primary", 3)] : [close]),
       ),
     ]);
   }
@@ -335,7 +347,6 @@ export function drawReview() {
     examine();
   });
   const refused = check && !check.ok;
-  const corner = chosenCorner !== null && draft.points.length > (draft.kind === "polygon" ? 3 : 2);
   fill(box, [
     element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", what(draft.kind))),
     element("label", { class: "beside" }, element("span", {}, say("page_name")), name),
@@ -362,13 +373,15 @@ export function drawReview() {
       wall ? null : button("page_other_side", () => setMode("side")),
       wall && draft.points.length === 2
         ? null
-        : Object.assign(button("page_remove_corner", removeCorner), { disabled: !corner }),
+        : button("page_remove_corner", () => removeCorner(chosenCorner), "", {
+            disabled: chosenCorner === null || !spareCorners(),
+          }),
     ),
     element(
       "div",
       { class: "row decide" },
       cancel,
-      Object.assign(button("page_save", save, "primary"), { disabled: !check || checking || refused }),
+      button("page_save", save, "primary", { disabled: Boolean(!check || checking || refused) }),
     ),
   ]);
 }

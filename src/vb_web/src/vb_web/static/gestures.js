@@ -170,26 +170,19 @@ export class Gestures {
   key(event) {
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] },
       step = arrows[event.key];
-    const corner = event.target.dataset && event.target.dataset.corner;
+    const { corner, between } = event.target.dataset;
+    const press = event.key === "Enter" || event.key === " ";
     const reach = event.shiftKey ? 0.25 : 0.05;
+    const next = (at) => this.map.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]);
     if (corner !== undefined) {
-      const at = event.target.at;
-      if (step)
-        this.map.on.drag(Number(corner), this.map.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]), true);
+      if (step) this.map.on.drag(Number(corner), next(event.target.at), true);
       else if (event.key === "Delete" || event.key === "Backspace") this.map.on.removeCorner(Number(corner));
-      else if (event.key === "Enter" || event.key === " ") this.map.on.choose(Number(corner));
+      else if (press) this.map.on.choose(Number(corner));
       else return;
-    } else if (
-      event.target.dataset &&
-      event.target.dataset.between !== undefined &&
-      (event.key === "Enter" || event.key === " ")
-    ) {
-      this.map.on.between(Number(event.target.dataset.between), event.target.at);
-    } else if (step && (this.map.drawing || this.map.picking)) {
-      const at = this.map.cursor ? this.map.cursor.at : [this.map.view.x, this.map.view.y];
-      this.map.setCursor(this.map.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]));
-    } else if ((event.key === "Enter" || event.key === " ") && this.map.cursor)
-      this.map.on.tap(this.map.cursor.at, null);
+    } else if (between !== undefined && press) this.map.on.between(Number(between), event.target.at);
+    else if (step && (this.map.drawing || this.map.picking))
+      this.map.setCursor(next(this.map.cursor ? this.map.cursor.at : [this.map.view.x, this.map.view.y]));
+    else if (press && this.map.cursor) this.map.on.tap(this.map.cursor.at, null);
     else if (step) this.map.pan(-60 * step[0], 60 * step[1]);
     else if (event.key === "+" || event.key === "-") this.map.zoom(event.key === "+" ? 1.3 : 1 / 1.3);
     else return;

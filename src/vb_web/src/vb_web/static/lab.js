@@ -2,7 +2,7 @@
 "use strict";
 import { drawHint, map } from "./editor.js";
 import { commandName, operator, robotName, say, sourceName, standing, view, words } from "./state.js";
-import { $, ask, dropStanding, element, fill, toast } from "./ui.js";
+import { $, ask, button, dropStanding, element, fill, toast } from "./ui.js";
 
 export let floorOn = false;
 let floorSeers = "";
@@ -28,16 +28,7 @@ export function drawDrives() {
           }),
         ),
         operator()
-          ? element(
-              "button",
-              {
-                type: "button",
-                class: "danger",
-                "data-key": `halt ${name}`,
-                onclick: () => ask("halt", { robot: name }),
-              },
-              say("page_end_drive"),
-            )
+          ? button("page_end_drive", () => ask("halt", { robot: name }), "danger", { "data-key": `halt ${name}` })
           : null,
       ),
     ),
@@ -98,7 +89,6 @@ export function drawHealth() {
           ? element(
               "button",
               {
-                type: "button",
                 "data-key": `see ${one.name}`,
                 "aria-expanded": String(watched.has(one.name)),
                 "aria-label": `${see(one)}: ${say("page_camera", { camera: one.name })}`,

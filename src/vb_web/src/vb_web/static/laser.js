@@ -1,6 +1,6 @@
 // The laser pointer: its state, commands and banners.
 "use strict";
-import { closeButton, show } from "./dialog.js";
+import { closeButton, show, whenAnswered } from "./dialog.js";
 import { map } from "./editor.js";
 import {
   commandName,
@@ -37,10 +37,7 @@ function confirmSave() {
   const preview = view.preview;
   const go = button(
     preview.ok ? "page_save" : "page_try_save",
-    async () => {
-      await ask("command", { command: "save" });
-      $("dialog").close();
-    },
+    () => whenAnswered(ask("command", { command: "save" }), () => $("dialog").close()),
     "primary",
   );
   show(
@@ -85,7 +82,6 @@ export function drawState() {
       element(
         "button",
         {
-          type: "button",
           "data-key": one,
           "data-command": one,
           disabled: !given.has(one),

@@ -29,12 +29,15 @@ export class Link {
   async connect() {
     if (this.socket || this.connecting) return;
     this.connecting = true;
+    const limit = new AbortController(); // older browsers have no AbortSignal.timeout
+    const timer = setTimeout(() => limit.abort(), SILENT_MS);
     let session = null;
     try {
-      session = await (await fetch("session", { cache: "no-store" })).json();
+      session = await (await fetch("session", { cache: "no-store", signal: limit.signal })).json();
     } catch (_) {
-      // no server, or none of ours
+      // no server, none of ours, or none that answers
     } finally {
+      clearTimeout(timer);
       this.connecting = false;
     }
     if (session === null) return this.down();

@@ -21,7 +21,8 @@ const short = (text) => (text.length > 26 ? `${text.slice(0, 25)}…` : text);
 const dots = (points) => points.map((p) => `M${p[0]} ${p[1]}h.001`).join("");
 
 export class MapView {
-  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index), outside()
+  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index),
+  // removeCorner(index), outside()
   constructor(words, on) {
     Object.assign(this, {
       words,
@@ -175,11 +176,9 @@ export class MapView {
 
   // ------------------------------------------------------------- what is shown
   setMap(info) {
-    const other =
-      !this.info ||
-      this.info.rows !== info.rows ||
-      this.info.columns !== info.columns ||
-      this.info.resolution !== info.resolution;
+    const other = ["rows", "columns", "resolution", "origin"].some(
+      (one) => String(this.info?.[one]) !== String(info[one]),
+    );
     const {
       origin: [x, y, yaw],
       rows,

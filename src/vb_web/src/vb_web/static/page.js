@@ -21,12 +21,14 @@ function drawAll() {
   drawDrives();
 }
 
+let floorTried = false; // it is switched on by itself once: who has switched it off keeps it off
+
 const DRAW = {
   map(section) {
     map.setMap(section);
     $("floor-button").hidden = !section.floor;
-    if (section.floor && operator() && !floorOn && !view.floorTried) {
-      view.floorTried = true;
+    if (section.floor && operator() && !floorOn && !floorTried) {
+      floorTried = true;
       setFloor(true);
     }
   },
@@ -45,9 +47,7 @@ const DRAW = {
     drawState();
     drawBanners();
   },
-  progress(section) {
-    map.setProgress(section);
-  },
+  progress: (section) => map.setProgress(section),
   offer() {
     drawState();
     drawBanners();
@@ -56,12 +56,8 @@ const DRAW = {
   },
   drives: drawDrives,
   preview: drawState,
-  robots(section) {
-    map.setRobots(section);
-  },
-  spots(section) {
-    map.setSpots(section);
-  },
+  robots: (section) => map.setRobots(section),
+  spots: (section) => map.setSpots(section),
   notices() {
     drawNotices();
     drawHealth();
@@ -88,7 +84,6 @@ async function settings() {
       element(
         "button",
         {
-          type: "button",
           lang: one,
           "aria-pressed": String(one === words.language),
           onclick: async () => {
@@ -130,16 +125,18 @@ async function settings() {
   show(say("page_settings"), languages, invite, leave, closeButton());
 }
 
+const REFUSED = { 401: "page_wrong_code", 429: "page_too_many_codes" }; // by status
+
 async function logIn(code) {
-  const answer = await fetch("session", {
+  const { ok, status } = await fetch("session", {
     method: "POST",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify({ code }),
-  });
-  if (answer.ok) {
+  }).catch(() => ({}));
+  if (ok) {
     $("login").hidden = true;
     page.link.connect();
-  } else $("login-answer").textContent = say(answer.status === 429 ? "page_too_many_codes" : "page_wrong_code");
+  } else $("login-answer").textContent = say(REFUSED[status] || "page_no_answer");
 }
 
 listeners.pick = borderDialog;
@@ -193,12 +190,10 @@ $("login")
     logIn(event.target.elements.code.value);
   });
 
-for (const command of ["stop", "resume"]) $(command).addEventListener("click", () => ask("command", { command }));
+for (const command of ["stop", "resume", "undo", "redo"])
+  $(command).addEventListener("click", () => ask("command", { command }));
 $("settings-button").addEventListener("click", settings);
-$("draw").addEventListener("click", () => setMode("draw"));
-$("wall").addEventListener("click", () => setMode("wall"));
-$("go").addEventListener("click", () => setMode("go"));
-for (const command of ["undo", "redo"]) $(command).addEventListener("click", () => ask("command", { command }));
+for (const mode of ["draw", "wall", "go"]) $(mode).addEventListener("click", () => setMode(mode));
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());

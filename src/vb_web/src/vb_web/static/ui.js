@@ -8,6 +8,7 @@ const NAME_LENGTH = 60;
 
 export function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
+  if (tag === "button") made.type = "button";
   for (const [key, value] of Object.entries(attributes)) {
     if (key === "onclick") made.addEventListener("click", value);
     else if (value === true) made.setAttribute(key, "");
@@ -17,13 +18,13 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
-export const button = (code, onclick, kind = "", values = {}) =>
-  element("button", { type: "button", class: kind, onclick }, say(code, values));
+export const button = (code, onclick, kind = "", attributes = {}) =>
+  element("button", { class: kind, onclick, ...attributes }, say(code));
 
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 
 // Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
-// keeps it, by data-key.
+// keeps it, by data-key, and a text its caret.
 const filled = new WeakMap();
 
 export function fill(parent, children) {
@@ -33,12 +34,13 @@ export function fill(parent, children) {
     .join("");
   if (filled.get(parent) === text) return;
   filled.set(parent, text);
-  const key = parent.contains(document.activeElement) && document.activeElement.dataset.key;
+  const focused = parent.contains(document.activeElement) ? document.activeElement : parent;
+  const { dataset, selectionStart, selectionEnd } = focused; // null where there is no caret, as in a number
   parent.replaceChildren(...children.filter(Boolean));
-  if (key) {
-    const again = parent.querySelector(`[data-key="${CSS.escape(key)}"]`);
-    if (again) again.focus({ preventScroll: true });
-  }
+  const again = dataset.key && parent.querySelector(`[data-key="${CSS.escape(dataset.key)}"]`);
+  if (!again) return;
+  again.focus({ preventScroll: true });
+  if (typeof selectionStart === "number") again.setSelectionRange(selectionStart, selectionEnd);
 }
 
 // An answer that stands on the page, for instance as a notice, is not said twice.

@@ -38,8 +38,8 @@ export class Words {
   }
 
   // A value that begins with $ is itself a code, with the sentence's other values; where a sentence begins with it, so with a capital.
-  value(name, { [name]: text, ...others }, at) {
-    if (name === "border" || name === "borders") return this.border(text);
+  value(name, { [name]: given, ...others }, at) {
+    const text = name === "border" || name === "borders" ? this.border(given) : given;
     if (!/^\$./.test(text)) return text;
     const said = this.say(text.slice(1), others);
     return at ? said : said.charAt(0).toUpperCase() + said.slice(1);

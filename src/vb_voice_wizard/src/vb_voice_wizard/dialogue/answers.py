@@ -1,4 +1,4 @@
-"""Handles repeated commands: each id is carried out once, and gets the same answer each time. No ROS."""
+"""Answers to commands; one that is repeated is carried out once, and gets the same answer each time. No ROS."""
 
 from __future__ import annotations
 
@@ -6,11 +6,37 @@ import collections
 import threading
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
-from typing import Callable
+from dataclasses import dataclass, field
+from typing import Callable, Mapping
 
-from vb_voice_wizard.session import Answer
+from vb_core import sentences
+from vb_core.errors import CodedError
 
 _KEPT = 64  # answers; a sender repeats within seconds, and no person gives this many commands in that time
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to the person: whether it was done, and the code and values of the sentence.
+
+    Attributes:
+        said: another node's English sentence, whose code our catalogue may not have.
+    """
+
+    success: bool
+    code: str
+    values: Mapping[str, str] = field(default_factory=dict)
+    said: str = ""
+
+    @property
+    def message(self) -> str:
+        """The sentence in English."""
+        return sentences.translate(self.code, self.values, default=self.said)
+
+    @staticmethod
+    def refusal(error: CodedError) -> "Answer":
+        """Makes an answer from an error."""
+        return Answer(False, error.code, {name: str(value) for name, value in error.values.items()}, error.message)
 
 
 class AnswerCache:
