@@ -44,11 +44,11 @@ class Mosquitto:
 class Hub:
     """A hub: keeps the newest message of each topic, and sends commands with QoS 1 as Home Assistant does."""
 
-    def __init__(self, port, topics="#", setup=lambda client: None):
+    def __init__(self, port, setup=lambda client: None):
         self.messages, self.heard = {}, []  # the newest by topic, and all
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
         setup(self._client)
-        self._client.on_connect = lambda client, *_: client.subscribe(topics, 1)
+        self._client.on_connect = lambda client, *_: client.subscribe("#", 1)
         self._client.on_message = self._on_message
         self._client.reconnect_delay_set(1, 1)
         self._client.connect_async("127.0.0.1", port, 10)

@@ -33,8 +33,8 @@ def pressed(config, attributes, value="PRESS"):
     return Inbox(NOW - 60.0).take(rendered.encode(), False, NOW + 1.0)
 
 
-def config_of(key, lab=LAB):
-    return next(config for topic, config in describe(lab).items() if key_in(topic) == key)
+def config_of(key):
+    return next(config for topic, config in describe(LAB).items() if key_in(topic) == key)
 
 
 def test_all_entities_are_one_device_with_unique_ids():

@@ -50,8 +50,8 @@ class Body:
 class Stimulus(Body):
     """Publishes map, tf, state and spots. The robot's pose is (x, y, yaw) in the map frame, odom is the map."""
 
-    def __init__(self, pose=(3.0, 2.5, 0.0), name="", others=()):
-        super().__init__(pose, name)
+    def __init__(self, pose, others=()):
+        super().__init__(pose)
         self.others = others  # Bodies
         self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
         self.spot_frame = "map"
