@@ -12,7 +12,7 @@ LINTERS = {
     "ruff": ["ruff", "check", "--no-cache", "--quiet", "--output-format", "concise"],
     "format": ["ruff", "format", "--check", "--no-cache", "--quiet"],
     "codespell": ["codespell_lib"],
-    # rosdep's keys are checked in test_repository.py: its list would have to be fetched
+    # offline: keys of rosdep are not checked, whose list would have to be fetched
     "catkin_lint": ["catkin_lint", "--offline", "--strict", "src"],
 }
 

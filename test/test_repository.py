@@ -152,7 +152,7 @@ def test_pure_modules_load_without_ros(package):
     run_python("-c", IMPORT_WITHOUT, ",".join([*ROS, *messages]), *modules)
 
 
-# ------------------------------------------------------------ docs/explanation/architecture.md
+# ------------------------------------------------------------ launch files and reference
 def test_parameters_removed_from_a_launch_file_are_gone():
     # parameters outlive their nodes on the ROS master: a misspelt one would kill its node until the master is restarted
     kept = []

@@ -209,22 +209,31 @@ def test_measures_of_one_recording_per_run(study):
     )
     Lab(study / "c", grid).interaction("ic", *EXACT, seed=(3.2, 2.0))
     Lab(study / "d", grid, ())
+    # `cameras:=none` was forgotten for the robot alone
+    Lab(study / "e", grid).interaction("ie", *EXACT, method="robot_only")
+    (study / "a" / "run.yaml").write_text("revision: abc\n")
     runs = (
         "p1,1,nrs,carpet,a,,",
         "p1,2,robot_only,carpet,b,yes,slow",
         "p2,1,nrs,carpet,c,,",
         "p2,2,robot_only,carpet,d,,",
+        "p3,1,robot_only,carpet,e,,",
     )
     plan(study, *runs, columns="participant,order,method,scenario,recording,completed,note")
     rows, notes = rows_of(study)
-    assert [row["participant"] + row["method"] for row in rows] == ["p1nrs", "p1robot_only", "p2nrs", "p2robot_only"]
-    assert [row["completed"] for row in rows] == ["1", "1", "0", ""]
-    assert [row["outcome"] for row in rows] == ["completed", "completed", "wrong_seed", "not_started"]
+    assert [(row["participant"], row["method"]) for row in rows] == [(run[:2], run.split(",")[2]) for run in runs]
+    assert [row["order"] for row in rows] == ["1", "2", "1", "2", "1"] and rows[0]["revision"] == "abc"
+    assert [row["completed"] for row in rows] == ["1", "1", "0", "", "0"]
+    outcomes = ["completed", "completed", "wrong_seed", "not_started", "not_as_planned"]
+    assert [row["outcome"] for row in rows] == outcomes
     assert [float(rows[0][f"time_{name}_s"]) for name in ("border", "seed", "total")] == [8.0, 2.0, 10.0]
     assert float(rows[0]["jaccard"]) == 1.0 and float(rows[1]["jaccard"]) == 0.5 and float(rows[2]["jaccard"]) < 0.01
     assert float(rows[1]["time_total_s"]) == 20.0  # the cancelled attempt counts
     assert rows[1]["interaction"] == "ib" and rows[3]["time_total_s"] == "" and rows[1]["note"] == "slow"
-    assert len(notes) == 1 and "nothing was begun" in notes[0]
+    assert float(rows[0]["error_mean_cm"]) == 0.0
+    assert [row["as_planned"] for row in rows] == ["1", "1", "1", "1", "0"]
+    assert len(notes) == 2 and "nothing was begun" in notes[0] and "cameras green instead of none" in notes[1]
+    assert list(read_study(study / "out").runs.recording) == ["a", "b", "c", "d"]
     assert json.loads((study / "out" / "study.json").read_text())["people"] is True
 
 
@@ -235,19 +244,6 @@ def test_damaged_recordings_name_file_and_line(log, words, tmp_path):
         Recording(tmp_path)
     with pytest.raises(CodedError, match="nowhere"):
         Recording(tmp_path / "nowhere")
-
-
-def test_what_was_done_otherwise_than_planned_is_left_out(study):
-    """`cameras:=none` forgotten for the robot alone: today's analysis took the run as if nothing was."""
-    for name, method, cameras in (("a", "nrs", ["green"]), ("b", "robot_only", ["green"]), ("c", "robot_only", [])):
-        Lab(study / name, room(), cameras).interaction("i", *EXACT, method=method)
-    (study / "a" / "run.yaml").write_text("revision: abc\n")
-    plan(study, "p1,1,nrs,carpet,a", "p1,2,robot_only,carpet,b", "p2,1,robot_only,carpet,c")
-    rows, notes = rows_of(study)
-    assert [row["as_planned"] for row in rows] == ["1", "0", "1"] and [row["order"] for row in rows] == ["1", "2", "1"]
-    assert len(notes) == 1 and "cameras green instead of none" in notes[0] and rows[0]["revision"] == "abc"
-    assert list(read_study(study / "out").runs.recording) == ["a", "c"]
-    assert float(rows[0]["error_mean_cm"]) == 0.0
 
 
 def test_nothing_is_deleted_unasked(study):

@@ -9,20 +9,11 @@ from move_base_msgs.msg import MoveBaseAction
 from vb_core.ros.messages import pose2d_from_message
 
 
-class _Server(actionlib.ActionServer):
-    asked = None  # a list: when [s] a goal came
-
-    def internal_goal_callback(self, goal):
-        self.asked.append(rospy.Time.now().to_sec())
-        super().internal_goal_callback(goal)
-
-
 class FaultyMoveBase:
     """Accepts goals of a robot, which stays on its way for ever.
 
     Attributes:
-        asked: when [s] each goal came, before it was answered.
-        goals: the pose of every goal.
+        asked, goals: when [s] each goal came, and its pose.
         cancelled: how often a goal was cancelled or replaced.
     """
 
@@ -37,11 +28,11 @@ class FaultyMoveBase:
         """Starts the server, as a new process would, if it is dead."""
         if self._server is not None:
             return
-        self._server = _Server(
+        self._server = actionlib.ActionServer(
             f"{self.name}/move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False
         )
         # one lock: the server holds its own while it calls back, and wants it when a goal is answered
-        self._server.lock, self._server.asked = self._lock, self.asked
+        self._server.lock = self._lock
         self._server.start()
 
     def die(self):
@@ -65,6 +56,7 @@ class FaultyMoveBase:
 
     def _on_goal(self, handle):
         with self._lock:
+            self.asked.append(rospy.Time.now().to_sec())
             self.goals.append(pose2d_from_message(handle.get_goal().target_pose.pose))
             self._cancel()
             handle.set_accepted()

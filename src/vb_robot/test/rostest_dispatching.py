@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The robot monitor that sends robots to the spot, against the move_base action servers of two robots, which have faults."""
+"""The robot monitor that sends robots to the spot, against the move_base action servers of two robots, which can die."""
 
 import math
 import os

@@ -83,12 +83,6 @@ def test_a_robot_that_is_not_ready_is_not_sent(state):
     assert not Bench(ada=Robot(place(1), **state)).run(10)
 
 
-def test_a_robot_that_is_not_wanted_is_not_sent():
-    bench = Bench(ada=Robot(place(1)))
-    bench.robot_wanted = False
-    assert not bench.run(10)
-
-
 class Then(NamedTuple):
     """What changes of the robot and of the bench; then for how many steps, and where (x) the robot is sent meanwhile."""
 
@@ -401,9 +395,9 @@ def test_a_robot_leaving_the_seeds_side_is_not_replaced():
     assert bench.run(8) == [20], "until it is off"
 
 
-def test_all_goals_are_cancelled_when_no_robot_is_wanted():
+def test_robots_are_sent_only_while_one_is_wanted():
     ada = Robot(place(2))
     bench = Bench(ada=ada, bob=Robot(place(20)))
-    bench.step()
-    bench.robot_wanted = False
-    assert bench.step() is None and ada.goal is NONE and bench.fleet.serving is None
+    for wanted, sent, goal in ((False, [], NONE), (True, [2], ACTIVE), (False, [], NONE)):
+        bench.robot_wanted = wanted
+        assert bench.run(10) == sent and ada.goal is goal and (bench.fleet.serving is None) is not wanted

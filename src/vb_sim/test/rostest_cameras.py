@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Both camera nodes: images, camera_info, stamps, tf; a lab that falls silent; bad parameters."""
+"""Both camera nodes: images, camera_info, stamps, tf; a lab that falls silent."""
 
 import unittest
 

@@ -1,4 +1,4 @@
-"""The robot's body, its odometry and localisation, the scanner, time and the state file."""
+"""The robot's body, its odometry and localisation, the scanner, and time."""
 
 import math
 import threading

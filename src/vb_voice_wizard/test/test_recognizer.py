@@ -1,4 +1,4 @@
-"""The voice recogniser and its parts, spoken to by espeak-ng: one utterance, and a stream beside our own sounds; microphones."""
+"""The voice recogniser and its parts, spoken to by espeak-ng: an utterance, a stream beside our own sounds, microphones."""
 
 from __future__ import annotations
 
