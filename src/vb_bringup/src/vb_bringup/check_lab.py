@@ -18,19 +18,6 @@ from vb_core.notices import Notice, Severity
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
-# what a line is about that names no camera, robot or border, by how its code begins
-_SUBJECTS = {
-    "lab_no_cameras": "cameras",
-    "lab_map_": "map",
-    "lab_borders_": "borders",
-    "borders_": "borders",
-    "lab_node_": "nodes",
-    "lab_disk_": "disk",
-    "lab_robot_": "robot",
-    "robot_": "robot",
-    "no_rviz": "display",
-    "no_screen": "display",
-}
 _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
 
 
@@ -56,23 +43,14 @@ def print_camera(camera: str) -> None:
         print("\n".join(describe(str(parameters["source"]), capture)))
 
 
-def subject(line: Notice) -> str:
-    """Returns what a line is about."""
-    if line.camera:
-        return f"camera {line.camera}"
-    if line.robot:
-        return f"robot {line.robot}"
-    known = (name for start, name in _SUBJECTS.items() if line.code.startswith(start))
-    return next(known, "borders" if line.border_id else "lab")
-
-
 def to_json(lines: List[Notice], language: str) -> str:
-    """Formats the lines for programs: of each its subject, state, code, values, and the sentence for people."""
+    """Formats the lines for programs: of each its state, code, camera, robot, values, and the sentence for people."""
     rows = [
         {
-            "subject": subject(line),
             "state": _STATES[line.severity],
             "code": line.code,
+            "camera": line.camera,
+            "robot": line.robot,
             "values": line.values,
             "message": line.sentence(language),
         }
