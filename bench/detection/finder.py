@@ -141,7 +141,7 @@ def figures(counts: Sequence[Count], unit: str = "px") -> Dict[str, Any]:
         **sums,
         "recall": sums["found"] / max(1, sums["labels"]),
         "recall_95": f"{recall.low:.3f} to {recall.high:.3f}",
-        "false_per_1000": 1e3 * sums["false"] / max(1, sums["frames"]),
+        "false_per_1000": 1e3 * sums["false"] / sums["frames"] if sums["frames"] else math.nan,
         "false_95": f"{false.low:.2f} to {false.high:.2f}",
         f"median_error_{unit}": float(np.median(errors)),
         f"p95_error_{unit}": float(np.percentile(errors, 95)),

@@ -151,12 +151,16 @@ def judges_of_clips(folder: Path) -> Dict[str, SpotClassifier]:
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
     """Writes a classifier, as `features.packaged_classifier` reads it."""
-    curves = {
-        name: {"knots": np.round(x, 3).tolist(), "values": np.round(y, 2).tolist()}
+    curves = [
+        f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'
+        f'    "values": {json.dumps([round(float(v), 2) for v in y])}}}'
         for name, (x, y) in classifier.curves.items()
-    }
-    document = {"trained_on": trained_on, "intercept": round(float(classifier.intercept), 2), "curves": curves}
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    ]
+    path.write_text(
+        f'{{"trained_on": {json.dumps(trained_on)},\n'
+        f' "intercept": {round(classifier.intercept, 2)},\n "curves": {{\n' + ",\n".join(curves) + "}}\n",
+        encoding="utf-8",
+    )
 
 
 def _signs(name: str, knots: np.ndarray) -> np.ndarray:

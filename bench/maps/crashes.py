@@ -34,7 +34,15 @@ from vb_map_integration.integrator import MapIntegrator
 
 KINDS = ("kill", "flip")
 BAD = ("LOST OR MOVED", "did not start")
-DIFFERENCES = [(False, True), (True, False), (True, True)]  # of one border: whether it was there before, and is now
+# what each change does to the one border that it is of: whether that was there before, and is there afterwards
+ADDED, REMOVED, CHANGED = (False, True), (True, False), (True, True)
+EFFECTS = {
+    "": (),
+    "add": (ADDED,),
+    "remove": (REMOVED,),
+    **dict.fromkeys(("rename", "enable", "update"), (CHANGED,)),
+    **dict.fromkeys(("undo", "redo"), (ADDED, REMOVED, CHANGED)),
+}
 GRID = GridMap(np.pad(np.zeros((118, 158), np.int8), 1, constant_values=100), 0.05, (-1.0, -1.0, 0.2))
 
 
@@ -150,9 +158,7 @@ def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     old = {one["properties"]["id"]: one for one in json.loads(acknowledged)}
     new = {one["properties"]["id"]: one for one in json.loads(now)}
     different = [(key in old, key in new) for key in {*old, *new} if old.get(key) != new.get(key)]
-    # each change of this bench is of one border: which was, and which is there
-    kinds = {"add": [(False, True)], "remove": [(True, False)], "undo": DIFFERENCES, "redo": DIFFERENCES, "": []}
-    made = len(different) == 1 and different[0] in kinds.get(row["under_way"], [(True, True)])
+    made = len(different) == 1 and different[0] in EFFECTS[row["under_way"]]
     row["outcome"] = "change under way was made" if made else "LOST OR MOVED"
     return now
 

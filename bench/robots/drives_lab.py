@@ -19,8 +19,8 @@ from std_msgs.msg import Float64
 from bench.frame import TOP
 from bench.lab.page_lab import wait
 from vb_core import names
-from vb_core.geometry import chain_length
 from vb_core.errors import CodedError
+from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_to
 from vb_core.ros import messages
 from vb_core.ros.services import call

@@ -90,7 +90,7 @@ def _scan(robot: str) -> str:
     """Returns the topic of a robot's scanner; "" if it has none."""
     try:
         scanner = robot_profile.read(robot).scanner
-    except CodedError:  # whoever drives by this profile says what is wrong with it
+    except CodedError:  # the driver that uses this profile says what is wrong with it
         scanner = Scanner()
     return ns_join(f"/{robot}", scanner.topic) if scanner.present else ""
 

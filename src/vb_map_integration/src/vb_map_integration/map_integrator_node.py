@@ -153,9 +153,8 @@ class MapIntegratorNode:
             self._show_notices()
             return
         with self._lock:
-            changed = self._integrator.set_map(grid)
-            self._show_notices()
-            if not changed:
+            if not self._integrator.set_map(grid):
+                self._show_notices()  # the last map may have been refused
                 return
             count = len(self._integrator.borders)
             rospy.loginfo(
