@@ -8,7 +8,7 @@ from typing import Callable, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_core.poses import Pose
+from vb_core.geometry import Pose
 from vb_sim.models import Models
 
 
