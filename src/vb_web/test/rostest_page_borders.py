@@ -14,7 +14,7 @@ from vb_testing import wait_until
 from vb_core import names, sentences
 from vb_core.ros.messages import grid_from_message
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import RenameBorder
+from vb_msgs.srv import RemoveBorder, RenameBorder
 
 
 class BordersTest(PageTest):
@@ -200,6 +200,17 @@ class BordersTest(PageTest):
         self.assertEqual(self.borders()[0].name, "Mat")
         self.browser.click("#review button", "Save")
         self.browser.wait_text("#borders", "Mat 3")
+        # one that somebody has removed meanwhile is saved as another one
+        self.browser.click("#borders .name")
+        self.browser.click("#dialog button", "Edit")
+        self.browser.field("#review input").send_keys(" 4")
+        rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=self.borders()[0].id, source="test")
+        self.browser.wait("window.virtualBorders.view.borders.list.length === 2")
+        self.browser.click("#review button", "Save")
+        self.browser.wait_text("#toast", "removed")
+        self.browser.wait_text("#review", "m²")
+        self.browser.click("#review button", "Save")
+        self.browser.wait_text("#borders", "Mat 3 4")
 
     def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
         self.store_carpet()
@@ -282,7 +293,7 @@ class BordersTest(PageTest):
             });"""
         )
         self.assertEqual(seen, [True] * 3)
-        # a form that is drawn again keeps the caret
+        # a form that is drawn again keeps the caret, and half a number
         caret = self.browser.run(
             """const { map, draft } = window.virtualBorders, before = document.querySelector("#review input");
             before.focus();
@@ -290,9 +301,18 @@ class BordersTest(PageTest):
             before.setSelectionRange(1, 2);
             map.on.choose(1);
             const now = document.activeElement;
-            return [now !== before, now.value, now.selectionStart, now.selectionEnd]"""
+            return [now === before, now.value, now.selectionStart, now.selectionEnd]"""
         )
         self.assertEqual(caret, [True, "Rug", 1, 2])
+        self.browser.run("const { map, draft } = window.virtualBorders; draft().zone = 'slow'; map.on.choose(null)")
+        speed = self.browser.field("#review input[type=number]")
+        self.browser.run("arguments[0].select()", speed)
+        speed.send_keys("0.")
+        self.browser.run("window.virtualBorders.map.on.choose(1)")
+        speed.send_keys("35")
+        self.assertEqual(
+            self.browser.run("arguments[0].blur(); return window.virtualBorders.draft().max_speed", speed), 0.35
+        )
         self.browser.click("#review button", "Cancel")
 
     def test_a_wall_with_a_warning_hides_no_name(self):

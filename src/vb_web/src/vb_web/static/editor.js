@@ -257,9 +257,13 @@ async function save() {
   check = answer;
   drawReview();
   // somebody else's change is told and shown before it is built upon
-  if (answer.code === "revision_conflict") {
+  if (["revision_conflict", "page_no_border"].includes(answer.code)) {
     lock($("panel")); // a double tap on Save is no second try
     draft.revision = view.borders.revision;
+    if (!view.borders.list.some((one) => one.id === border)) {
+      draft.border = draft.stored = ""; // what is drawn may be saved as another one
+      toast(say("page_removed", { border: draft.name }), true);
+    }
     examine();
   }
 }
@@ -343,7 +347,7 @@ export function drawReview() {
     "data-key": "speed",
   });
   speed.addEventListener("change", () => {
-    draft.max_speed = Math.max(0.05, Math.min(1, Number(speed.value) || 0.2));
+    speed.value = draft.max_speed = Math.max(0.05, Math.min(1, Number(speed.value) || 0.2));
     examine();
   });
   const refused = check && !check.ok;

@@ -24,23 +24,26 @@ export const button = (code, onclick, kind = "", attributes = {}) =>
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 
 // Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
-// keeps it, by data-key, and a text its caret.
+// keeps it, by data-key; a field that is being typed into stays, with its caret and half a number.
 const filled = new WeakMap();
 
 export function fill(parent, children) {
-  const text = children
-    .filter(Boolean)
-    .map((child) => child.outerHTML)
-    .join("");
+  const made = children.filter(Boolean);
+  const text = made.map((child) => child.outerHTML).join("");
   if (filled.get(parent) === text) return;
   filled.set(parent, text);
   const focused = parent.contains(document.activeElement) ? document.activeElement : parent;
-  const { dataset, selectionStart, selectionEnd } = focused; // null where there is no caret, as in a number
-  parent.replaceChildren(...children.filter(Boolean));
-  const again = dataset.key && parent.querySelector(`[data-key="${CSS.escape(dataset.key)}"]`);
-  if (!again) return;
-  again.focus({ preventScroll: true });
-  if (typeof selectionStart === "number") again.setSelectionRange(selectionStart, selectionEnd);
+  const key = `[data-key="${CSS.escape(focused.dataset.key || "")}"]`;
+  const at = made.findIndex((child) => child.matches(key) || child.querySelector(key));
+  if (at >= 0 && focused.matches("input")) {
+    const kept = [...parent.children].find((child) => child.contains(focused));
+    for (const child of [...parent.children]) if (child !== kept) child.remove();
+    kept.before(...made.slice(0, at));
+    kept.after(...made.slice(at + 1));
+    return;
+  }
+  parent.replaceChildren(...made);
+  if (at >= 0) parent.querySelector(key).focus({ preventScroll: true });
 }
 
 // An answer that stands on the page, for instance as a notice, is not said twice.
