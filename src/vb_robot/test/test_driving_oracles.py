@@ -287,7 +287,7 @@ def test_an_echo_too_near_to_measure_touches_robot_or_scanner(at, point):
 
 
 # ------------------------------------------------------------ the gate
-def knowing_gate(profile=PROFILE, ranges=math.inf, inside=False, touched="", speed_limits=None):
+def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None):
     """A gate that knows everything at 10 s."""
     gate = Gate(profile)
     gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
@@ -295,7 +295,7 @@ def knowing_gate(profile=PROFILE, ranges=math.inf, inside=False, touched="", spe
     for number, blocks in enumerate(("forward", touched, "")):
         gate.set_contact(("bumper", number), blocks)
     gate.set_contact(("bumper", 0), "")
-    gate.set_scan(scan_of(np.full(360, ranges), -math.pi, math.radians(1.0)), 10.0)
+    gate.set_scan(scan_of(np.full(fov, ranges), -math.radians(fov // 2), math.radians(1.0)), 10.0)
     gate.record_input("state", 10.0)
     gate.set_pose((4.0, 2.5, 0.0), 10.0)
     return gate
@@ -384,6 +384,10 @@ BLIND = RobotProfile(scanner=Scanner(present=False))
         # without a scanner it drives slowly, by its map alone
         (NAVIGATION, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
         (TELEOP, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
+        # it backs off only where the scanner looks; a joystick may, slowly
+        (FOLLOW, knowing_gate(fov=270), (-0.2, 0.1), (0.0, 0.1, "floor_not_scanned")),
+        (FOLLOW, knowing_gate(), (-0.2, 0.1), (-0.2, 0.1, "driving")),
+        (TELEOP, knowing_gate(fov=270), (-0.2, 0.1), (-0.1, 0.05, "floor_not_scanned")),
         # below 2 cm/s it only turns
         (NAVIGATION, knowing_gate(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
         (NAVIGATION, knowing_gate(ranges=RADIUS + 0.0448), (0.2, 0.0), (0.03, 0.0, "obstacle")),
