@@ -9,7 +9,7 @@ import rospy
 import rostest
 import yaml
 
-from page_rig import CARPET, PageTest, round_the
+from page_rig import PageTest, draw_carpet
 from vb_testing import wait_until
 from vb_core import names
 from vb_core.notices import Notice, Severity
@@ -19,9 +19,7 @@ from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 class LostTest(PageTest):
     def test_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
-        self.browser.click("#draw")
-        self.browser.stroke(round_the(CARPET))
-        self.browser.wait_text("#review", "m²")
+        draw_carpet(self.browser)
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
         view = self.browser.run("return window.virtualBorders.map.view")
         self.browser.run("""const wait = window.setTimeout, ask = window.fetch;

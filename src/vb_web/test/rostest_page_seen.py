@@ -10,7 +10,7 @@ import rostest
 from sensor_msgs.msg import Image
 
 from accessibility import faults_of
-from page_rig import CARPET, PageTest, round_the
+from page_rig import PageTest, draw_carpet
 from phone import PHONE, WALL, Browser
 from vb_testing import wait_until
 from vb_core import names, sentences
@@ -93,9 +93,7 @@ class SeenTest(PageTest):
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
             # a keyboard that shrinks the page covers no field that one types in
-            small.click("#draw")
-            small.stroke(round_the(CARPET))
-            small.wait_text("#review", "m²")
+            draw_carpet(small)
             small.field("#review input[data-key=name]").click()
             small.resize((640, 180))
             small.wait(
