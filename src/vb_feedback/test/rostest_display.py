@@ -17,7 +17,7 @@ import yaml
 from geometry_msgs.msg import Point, PointStamped
 from sensor_msgs.msg import Image
 
-from vb_testing import assert_ends_with_one_line, wait_until
+from vb_testing import assert_ends_with_one_line, wait_until, write_program
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.ros.images import array_from_image
@@ -254,13 +254,9 @@ class DisplayTest(unittest.TestCase):
     def test_4_rviz_is_fitted_to_the_map(self):
         config = Path(__file__).resolve().parents[3] / "rviz" / "smart_display.rviz"
         with tempfile.TemporaryDirectory() as folder:
-            stand_in = Path(folder) / "rviz"
-            stand_in.write_text(f'#!/bin/sh\nshift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments\n')
-            stand_in.chmod(0o755)
+            write_program(Path(folder) / "rviz", f'shift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments')
             # a screen that is switched on after the start: the first look finds none
-            screen = Path(folder) / "xdpyinfo"
-            screen.write_text(f"#!/bin/sh\ntest -e {folder}/on || {{ touch {folder}/on; exit 1; }}\n")
-            screen.chmod(0o755)
+            write_program(Path(folder) / "xdpyinfo", f"test -e {folder}/on || {{ touch {folder}/on; exit 1; }}")
             run = subprocess.run(
                 [*"rosrun vb_feedback smart_display __name:=display _screen:=1280x720".split(), f"_config:={config}"],
                 env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":0"},

@@ -13,7 +13,7 @@ import rostest
 from rosgraph_msgs.msg import Log
 from std_msgs.msg import ColorRGBA
 
-from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
+from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until, write_program
 from vb_feedback.sound.tone_synthesis import synthesize
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
@@ -26,8 +26,9 @@ class SoundTest(unittest.TestCase):
         cls.log = rospy.Subscriber("/rosout", Log, lambda log: cls.said.append((log.name, log.level, log.msg)))
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
-        hears = cls.program("hears", f"cat >> {cls.folder.name}/pcm")
-        deaf = cls.program("deaf", f'echo tried >> {cls.folder.name}/tried; exec aplay "$@"')
+        folder = Path(cls.folder.name)
+        hears = write_program(folder / "hears", f"cat >> {folder}/pcm")
+        deaf = write_program(folder / "deaf", f'echo tried >> {folder}/tried; exec aplay "$@"')
         cls.nodes = [
             Process("vb_feedback", "sound_player", f"__name:={name}", *more)
             for name, more in (
@@ -36,13 +37,6 @@ class SoundTest(unittest.TestCase):
             )
         ]
         wait_until(lambda: cls.sounds.get_num_connections() == 2, "both players")
-
-    @classmethod
-    def program(cls, name, text):
-        path = Path(cls.folder.name) / name
-        path.write_text(f"#!/bin/sh\n{text}\n")
-        path.chmod(0o755)
-        return path
 
     def written(self, name):
         path = Path(self.folder.name) / name
