@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from refusals import refused
-from vb_core.errors import CodedError
 from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.rviz_config import screen_size, write_fitted
 
@@ -56,10 +55,5 @@ def test_other_files_are_refused(text, tmp_path):
     source.write_text(text)
     with refused("bad_config"):
         write_fitted(str(source), tmp_path / "fitted.rviz", LAB, 1920, 1080)
-
-
-def test_missing_file_and_empty_map_are_refused(tmp_path):
-    with pytest.raises(CodedError, match="none.rviz"):
+    with refused("bad_config"):
         write_fitted(str(tmp_path / "none.rviz"), tmp_path / "fitted.rviz", LAB, 1920, 1080)
-    with pytest.raises(CodedError, match="extent"):
-        fitted(tmp_path, Box(0, 0, 0, 4), (1920, 1080))
