@@ -33,7 +33,7 @@ class DriverTest(unittest.TestCase):
         for body in (cls.stimulus, cls.ada):
             cls.listen(body)
         rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.source, m.code)}))
-        rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices)
+        rospy.Subscriber(names.NOTICES, NoticeArray, lambda m: cls.notices.update({m.source: m.notices}))
         cls.navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         cls.stop = rospy.Publisher(names.STOP, Stop, queue_size=1)
         cls.wish = None
@@ -49,10 +49,6 @@ class DriverTest(unittest.TestCase):
     def on_command(cls, message, body):
         with body.lock:
             body.velocity = (message.linear.x, message.angular.z)
-
-    @classmethod
-    def on_notices(cls, message):
-        cls.notices[message.source] = {(notice.code, notice.robot) for notice in message.notices}
 
     @classmethod
     def on_timer(cls, _event):
@@ -93,11 +89,6 @@ class DriverTest(unittest.TestCase):
         self.stimulus.publish_map(borders, physical=grid)
         return int((borders.data == 100).sum())
 
-    def guided(self):
-        self.stimulus.set_state(GUIDE)
-        self.stimulus.spot = (self.stimulus.pose[0] + 2.2, self.stimulus.pose[1], "robot", True)
-        wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
-
     def wait_hold(self, code):
         wait_until(
             lambda: self.drivers[""][1] == code and self.stimulus.velocity == (0.0, 0.0),
@@ -115,10 +106,12 @@ class DriverTest(unittest.TestCase):
         wait_until(lambda: self.has_notice(code, robot) == there, lambda: f"{code}: {there}; {self.notices}")
 
     def has_notice(self, code, robot=""):
-        return any((code, robot) in codes for codes in self.notices.values())
+        return any((one.code, one.robot) == (code, robot) for said in self.notices.values() for one in said)
 
     def test_follows_the_spot_and_stops_when_the_manager_is_silent(self):
-        self.guided()
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (self.stimulus.pose[0] + 2.2, self.stimulus.pose[1], "robot", True)
+        wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
         # the base hears of it on another topic, so that either may come first
         wait_until(lambda: self.drivers[""][0] == "follow", lambda: f"the driver to say what drives; {self.drivers}")
         self.stimulus.silent = True
@@ -233,19 +226,16 @@ class DriverTest(unittest.TestCase):
                 poses.publish(known)
             return EmptyResponse()
 
-        service = rospy.Service("ada/request_nomotion_update", Empty, look)
-        try:
-            poses.publish(unknown)
-            said = Newest(names.DRIVERS, DriverState).all
-            wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
-            self.assertEqual(looks, [], "nobody has said where it is")
-            rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
-            wait_until(lambda: len(looks) == 3, "three looks")
-            poses.publish(unknown)
-            wait_until(lambda: len(looks) == 4, "a look of one that knew a moment ago")
-        finally:
-            poses.publish(known)
-            service.shutdown()
+        self.addCleanup(rospy.Service("ada/request_nomotion_update", Empty, look).shutdown)
+        self.addCleanup(poses.publish, known)
+        poses.publish(unknown)
+        said = Newest(names.DRIVERS, DriverState).all
+        wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
+        self.assertEqual(looks, [], "nobody has said where it is")
+        rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
+        wait_until(lambda: len(looks) == 3, "three looks")
+        poses.publish(unknown)
+        wait_until(lambda: len(looks) == 4, "a look of one that knew a moment ago")
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
         maps, localization = Newest(names.MAP_WITH_MARGIN, OccupancyGridArray), PoseWithCovarianceStamped()
