@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, Vector3
 from nav_msgs.msg import Path
 from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
@@ -53,9 +53,8 @@ class DriverTest(unittest.TestCase):
     @classmethod
     def on_timer(cls, _event):
         if cls.wish is not None:
-            message = Twist()
-            message.linear.x, message.angular.z = cls.wish
-            cls.navigation.publish(message)
+            v, w = cls.wish
+            cls.navigation.publish(Vector3(x=v), Vector3(z=w))
 
     def setUp(self):
         self.stimulus.spot, self.stimulus.silent = None, False
@@ -164,11 +163,9 @@ class DriverTest(unittest.TestCase):
         self.addCleanup(other.unregister)
         wait_until(lambda: self.drivers[""][1] == "other_cmd_vel_publisher", "the other one to be found")
         self.wait_notice("robot_other_cmd_vel_publisher")
-        forward = Twist()
-        forward.linear.x = 0.3
 
         def is_answered():
-            other.publish(forward)
+            other.publish(linear=Vector3(x=0.3))
             return 0.3 in heard and heard[-1] == 0.0 and 2 * heard.count(0.0) >= len(heard) > 40
 
         wait_until(is_answered, lambda: f"each of its commands to be answered by a zero; {heard[-10:]}")
@@ -187,13 +184,11 @@ class DriverTest(unittest.TestCase):
 
     def test_a_command_that_goes_sideways_stops_the_robot(self):
         self.drive()
-        sideways = Twist()
-        sideways.linear.x, sideways.linear.y = 0.05, 0.1
         navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         type(self).wish = None
 
         def stops():
-            navigation.publish(sideways)
+            navigation.publish(linear=Vector3(x=0.05, y=0.1))
             return self.drivers[""][1] == "bad_command" and self.stimulus.velocity == (0.0, 0.0)
 
         wait_until(stops, lambda: f"the robot to stop; {self.drivers}")
@@ -258,12 +253,10 @@ class DriverTest(unittest.TestCase):
     def test_every_value_of_a_contact_but_the_clear_one_counts(self):
         bumper = rospy.Publisher("ada/bumper", UInt8, queue_size=1)
         teleop = rospy.Publisher("ada/cmd_vel/teleop", Twist, queue_size=1)
-        turn = Twist()
-        turn.angular.z = 0.2
 
         def says(value, code):
             bumper.publish(value)
-            teleop.publish(turn)
+            teleop.publish(angular=Vector3(z=0.2))
             return self.drivers["ada"] == ("teleop", code)
 
         for value, code in ((0, "driving"), (2, "contact"), (0, "driving"), (4, "contact"), (0, "driving")):
