@@ -126,8 +126,6 @@ class DisplayTest(unittest.TestCase):
         )
         wait_until(lambda: self.screen.text_of("words/state") == "Stopped", "the stop")
         wait_until(lambda: self.screen.text_of("words/answer").startswith("Stopped: no robot"), "the code's sentence")
-        self.publish_state(name="border", interaction_id="i", last_message="Draw.")
-        wait_until(lambda: self.screen.text_of("words/answer") == "Draw.", "an answer with fewer words")
 
     def test_2_drawing_belongs_to_its_interaction(self):
         self.publish_state(name="border", interaction_id="i7")
