@@ -53,9 +53,6 @@ class VoiceCommandsTest(unittest.TestCase):
         del self.heard.all[:]
         del self.sounds.all[:]
 
-    def played(self):
-        return [message.name for message in self.sounds.all]
-
     def speak(self, text, seed=0):
         for piece in pieces(say(text, seed=seed)):
             self.audio.publish(piece)
@@ -75,7 +72,9 @@ class VoiceCommandsTest(unittest.TestCase):
             self.audio.publish(broken)  # dropped
         self.give("define border")
         heard = self.heard.wait(lambda message: message.accepted, "the command")
-        wait_until(lambda: "recognized" in self.played(), "the sound of a command that was understood")
+        wait_until(
+            lambda: "recognized" in [sound.name for sound in self.sounds.all], "the sound of what was understood"
+        )
         self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
         self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
         self.assertGreater(heard.confidence, 0.0)
