@@ -12,7 +12,6 @@ from geometry_msgs.msg import Point
 from phone import Browser
 from vb_testing import Process, is_listening, wait_until
 from vb_core import names
-from vb_core.ros.messages import OccupancyGridArray
 from vb_evaluation.processes import free_port
 from vb_msgs.msg import InteractionState, LaserSpot, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, RemoveBorder
@@ -40,13 +39,7 @@ class PageTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("page_test")
         cls.heard = {}
-        for topic, kind in (
-            (names.BORDERS, VirtualBorderArray),
-            (names.STATE, InteractionState),
-            (names.MAP_WITH_BORDERS, OccupancyGridArray),
-            (names.PHYSICAL_MAP, OccupancyGridArray),
-            (names.STOP, Stop),
-        ):
+        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.STOP, Stop)):
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
         cls.port = free_port()
