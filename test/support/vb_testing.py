@@ -1,4 +1,4 @@
-"""What tests share: waiting for what has to come, the messages of a topic, and nodes that are killed or do not start.
+"""What tests share: waiting for what has to come, the messages of a topic, nodes that are killed or do not start.
 
 scripts/env.sh puts this folder on the path.
 """
@@ -50,6 +50,13 @@ def process_of(node):
         return ServerProxy(rosgraph.Master("/test").lookupNode(node)).getPid("/test")[2]
     except (OSError, rosgraph.MasterException):
         return None
+
+
+def write_program(path, text):
+    """Writes a shell script that stands for a program, and returns its path as text."""
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return str(path)
 
 
 class Newest:

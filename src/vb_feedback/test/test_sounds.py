@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
+from vb_testing import write_program
 from vb_core.errors import CodedError
 from vb_core.sounds import PITCHES, SOUNDS
 from vb_core.vocabulary import STATES
@@ -62,23 +63,17 @@ def test_a_tick_is_soft_and_volume_counts():
 
 
 # ----------------------------------------------------------------- the device
-def program(folder, text):
-    path = folder / "player"
-    path.write_text("#!/bin/sh\n" + text)
-    path.chmod(0o755)
-    return str(path)
-
-
 def test_the_player_gets_all_samples(tmp_path):
     pcm = synthesize("success")
-    play(pcm, "front", program(tmp_path, f'echo "$@" > {tmp_path}/arguments; cat > {tmp_path}/pcm\n'))
+    player = write_program(tmp_path / "player", f'echo "$@" > {tmp_path}/arguments; cat > {tmp_path}/pcm')
+    play(pcm, "front", player)
     assert np.array_equal(np.fromfile(str(tmp_path / "pcm"), "<i2"), pcm)
     assert (tmp_path / "arguments").read_text().split() == "-q -D front -t raw -f S16_LE -r 48000 -c 1".split()
 
 
 def test_no_device_is_a_reason_and_no_crash(tmp_path):
-    says = "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1\n"
+    says = "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1"
     with pytest.raises(CodedError, match="No such device"):
-        play(synthesize("tick"), "front", program(tmp_path, says))
+        play(synthesize("tick"), "front", write_program(tmp_path / "player", says))
     with refused("no_audio"):
         play(synthesize("tick"), "front", str(tmp_path / "none"))

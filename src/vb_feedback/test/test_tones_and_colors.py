@@ -97,7 +97,6 @@ GROUND = colors.rgb(30, 34, 42)  # of the words, rviz/smart_display.rviz
 # what lies beside each other on the display and means different things
 GROUPS = {
     "states": {name: colors.state_color(name) for name in STATES},
-    "cameras": CAMERAS,
     # RViz's costmap colours 98 and 200, at the alpha of the config, on white floor
     "areas": {
         "saved": colors.blend(colors.WHITE, colors.rgb(249, 0, 5), 0.6),

@@ -22,13 +22,13 @@ DT, PROFILE = 0.05, RobotProfile()
 class Rig:
     """An arbiter on a unicycle in an empty room; what is `silent` does not come any more."""
 
-    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), stops=None):
+    def __init__(self, pose=(2.0, 2.5, 0.0), grid=None, camera="robot", cameras=("robot",), stops=None):
         self.now, self.pose, self.silent = 100.0, pose, set()
         self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
         self.set_grid(grid or empty())
         self.camera, self.state, self.latch = camera, (DEFAULT, "", 0.0), StopLatch()
         self.spot = self.navigation = self.teleop = None
-        self.ranges = np.full(fov, math.inf)
+        self.ranges = np.full(360, math.inf)
         self.commands, self.cancelled = [], 0
         self.goal = False  # whether navigation has one
         self.off = 0.0  # [m] by which the localisation believes to be farther back than it is

@@ -86,12 +86,8 @@ class DispatcherTest(unittest.TestCase):
         for base in self.bases.values():
             base.rest()
 
-    def goals(self, name):
-        return self.bases[name].goals
-
     def is_sent(self, name):
-        wait_until(lambda: self.goals(name), f"a goal of {name}")
-        return self.goals(name)[-1]
+        return wait_until(lambda: self.bases[name].goals, f"a goal of {name}")[-1]
 
     # ------------------------------------------------------------- who goes
     def test_waits_for_a_stationary_camera_then_sends_one_once_and_cancels(self):
@@ -100,13 +96,13 @@ class DispatcherTest(unittest.TestCase):
         self.hear_spots(20)
         self.stimulus.spot_frame, self.stimulus.spot = "odom", (*SPOT, "red", False)
         self.hear_spots(20)
-        sent = [self.goals(name) for name in self.bases]
+        sent = [base.goals for base in self.bases.values()]
         self.assertEqual(sent, [[], []], "neither for a robot's own camera alone, nor for a place in another frame")
         self.stimulus.spot_frame = "map"
         pose = self.is_sent("ada")
         self.assertTrue(VIEW.sees(to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")
         self.hear_spots(30)
-        self.assertEqual([len(self.goals(name)) for name in self.bases], [1, 0], "a spot that stays needs one goal")
+        self.assertEqual([len(base.goals) for base in self.bases.values()], [1, 0], "a spot that stays needs one goal")
         self.stimulus.set_state(GUIDE)
         wait_until(lambda: self.bases["ada"].cancelled, "the goal to be cancelled with the state")
         self.stop_drawing()
@@ -143,14 +139,14 @@ class DispatcherTest(unittest.TestCase):
         self.draw_once()
         place = self.is_sent("ada")
         self.assertGreaterEqual(math.dist(place[:2], best[:2]), 2 * 0.18 + 0.10)
-        self.assertEqual(len(self.goals("bob")), 1, "a free robot comes first")
+        self.assertEqual(len(self.bases["bob"].goals), 1, "a free robot comes first")
 
     def test_borders_for_one_robot_do_not_hold_the_other(self):
         self.publish_maps(with_border(room(6.0), 0.5, 0.0, 3.75, 5.0), "bob")  # bob is to keep out of where the spot is
         self.ada.pose, self.bob.pose = (5.0, 4.4, 0.0), (4.2, 2.5, math.pi)
         self.draw("ada", (2.0, 1.2))
         self.is_sent("ada")
-        self.assertEqual(self.goals("bob"), [])
+        self.assertEqual(self.bases["bob"].goals, [])
 
     # ------------------------------------------------------------- faults
     def test_navigation_that_never_comes_and_then_does(self):

@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, Vector3
 from nav_msgs.msg import Path
 from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
@@ -33,7 +33,7 @@ class DriverTest(unittest.TestCase):
         for body in (cls.stimulus, cls.ada):
             cls.listen(body)
         rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.source, m.code)}))
-        rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices)
+        rospy.Subscriber(names.NOTICES, NoticeArray, lambda m: cls.notices.update({m.source: m.notices}))
         cls.navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         cls.stop = rospy.Publisher(names.STOP, Stop, queue_size=1)
         cls.wish = None
@@ -51,15 +51,10 @@ class DriverTest(unittest.TestCase):
             body.velocity = (message.linear.x, message.angular.z)
 
     @classmethod
-    def on_notices(cls, message):
-        cls.notices[message.source] = {(notice.code, notice.robot) for notice in message.notices}
-
-    @classmethod
     def on_timer(cls, _event):
         if cls.wish is not None:
-            message = Twist()
-            message.linear.x, message.angular.z = cls.wish
-            cls.navigation.publish(message)
+            v, w = cls.wish
+            cls.navigation.publish(Vector3(x=v), Vector3(z=w))
 
     def setUp(self):
         self.stimulus.spot, self.stimulus.silent = None, False
@@ -93,11 +88,6 @@ class DriverTest(unittest.TestCase):
         self.stimulus.publish_map(borders, physical=grid)
         return int((borders.data == 100).sum())
 
-    def guided(self):
-        self.stimulus.set_state(GUIDE)
-        self.stimulus.spot = (self.stimulus.pose[0] + 2.2, self.stimulus.pose[1], "robot", True)
-        wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
-
     def wait_hold(self, code):
         wait_until(
             lambda: self.drivers[""][1] == code and self.stimulus.velocity == (0.0, 0.0),
@@ -115,10 +105,12 @@ class DriverTest(unittest.TestCase):
         wait_until(lambda: self.has_notice(code, robot) == there, lambda: f"{code}: {there}; {self.notices}")
 
     def has_notice(self, code, robot=""):
-        return any((code, robot) in codes for codes in self.notices.values())
+        return any((one.code, one.robot) == (code, robot) for said in self.notices.values() for one in said)
 
     def test_follows_the_spot_and_stops_when_the_manager_is_silent(self):
-        self.guided()
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (self.stimulus.pose[0] + 2.2, self.stimulus.pose[1], "robot", True)
+        wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
         # the base hears of it on another topic, so that either may come first
         wait_until(lambda: self.drivers[""][0] == "follow", lambda: f"the driver to say what drives; {self.drivers}")
         self.stimulus.silent = True
@@ -171,11 +163,9 @@ class DriverTest(unittest.TestCase):
         self.addCleanup(other.unregister)
         wait_until(lambda: self.drivers[""][1] == "other_cmd_vel_publisher", "the other one to be found")
         self.wait_notice("robot_other_cmd_vel_publisher")
-        forward = Twist()
-        forward.linear.x = 0.3
 
         def is_answered():
-            other.publish(forward)
+            other.publish(linear=Vector3(x=0.3))
             return 0.3 in heard and heard[-1] == 0.0 and 2 * heard.count(0.0) >= len(heard) > 40
 
         wait_until(is_answered, lambda: f"each of its commands to be answered by a zero; {heard[-10:]}")
@@ -194,13 +184,11 @@ class DriverTest(unittest.TestCase):
 
     def test_a_command_that_goes_sideways_stops_the_robot(self):
         self.drive()
-        sideways = Twist()
-        sideways.linear.x, sideways.linear.y = 0.05, 0.1
         navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         type(self).wish = None
 
         def stops():
-            navigation.publish(sideways)
+            navigation.publish(linear=Vector3(x=0.05, y=0.1))
             return self.drivers[""][1] == "bad_command" and self.stimulus.velocity == (0.0, 0.0)
 
         wait_until(stops, lambda: f"the robot to stop; {self.drivers}")
@@ -233,19 +221,16 @@ class DriverTest(unittest.TestCase):
                 poses.publish(known)
             return EmptyResponse()
 
-        service = rospy.Service("ada/request_nomotion_update", Empty, look)
-        try:
-            poses.publish(unknown)
-            said = Newest(names.DRIVERS, DriverState).all
-            wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
-            self.assertEqual(looks, [], "nobody has said where it is")
-            rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
-            wait_until(lambda: len(looks) == 3, "three looks")
-            poses.publish(unknown)
-            wait_until(lambda: len(looks) == 4, "a look of one that knew a moment ago")
-        finally:
-            poses.publish(known)
-            service.shutdown()
+        self.addCleanup(rospy.Service("ada/request_nomotion_update", Empty, look).shutdown)
+        self.addCleanup(poses.publish, known)
+        poses.publish(unknown)
+        said = Newest(names.DRIVERS, DriverState).all
+        wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
+        self.assertEqual(looks, [], "nobody has said where it is")
+        rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
+        wait_until(lambda: len(looks) == 3, "three looks")
+        poses.publish(unknown)
+        wait_until(lambda: len(looks) == 4, "a look of one that knew a moment ago")
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
         maps, localization = Newest(names.MAP_WITH_MARGIN, OccupancyGridArray), PoseWithCovarianceStamped()
@@ -268,12 +253,10 @@ class DriverTest(unittest.TestCase):
     def test_every_value_of_a_contact_but_the_clear_one_counts(self):
         bumper = rospy.Publisher("ada/bumper", UInt8, queue_size=1)
         teleop = rospy.Publisher("ada/cmd_vel/teleop", Twist, queue_size=1)
-        turn = Twist()
-        turn.angular.z = 0.2
 
         def says(value, code):
             bumper.publish(value)
-            teleop.publish(turn)
+            teleop.publish(angular=Vector3(z=0.2))
             return self.drivers["ada"] == ("teleop", code)
 
         for value, code in ((0, "driving"), (2, "contact"), (0, "driving"), (4, "contact"), (0, "driving")):

@@ -14,7 +14,7 @@ from plain_rooms import VIEW, room
 from vb_core import geometry, names
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
-from vb_core.stop_latch import StopLatch
+from vb_core.stop_latch import StopLatch, new_id
 from vb_core.vocabulary import DEFAULT
 from vb_msgs.msg import DriverState, InteractionState, LaserSpot
 from vb_sim.robot.robot_body import advance
@@ -63,7 +63,6 @@ class Stimulus(Body):
         self._scans = rospy.Publisher("scan", LaserScan, queue_size=1)
         self.silent = False  # the interaction manager is
         self._state_message, self._ticks = None, 0
-        self._count = 0
         self._interaction = ""
         self.publish_map(room(6.0))
         self.latch = StopLatch()  # the interaction manager's
@@ -79,17 +78,9 @@ class Stimulus(Body):
             self.latch.stop(identity, message.robot)
 
     def set_state(self, state):
-        message = InteractionState()
         now = rospy.Time.now()
-        message.header.stamp = now
-        if state == DEFAULT:
-            self._interaction = ""
-        elif not self._interaction:
-            self._count += 1
-            self._interaction = f"interaction {self._count}"
-        message.name = state.name
-        message.interaction_id, message.entered = self._interaction, now
-        self._state_message = message
+        self._interaction = "" if state == DEFAULT else self._interaction or new_id()
+        self._state_message = InteractionState(name=state.name, interaction_id=self._interaction, entered=now)
         self._publish_state(now)
 
     def _publish_state(self, now):

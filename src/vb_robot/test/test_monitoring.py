@@ -207,13 +207,6 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
 
 
 # ------------------------------------------------------------ slow zones
-def test_a_planner_under_a_limit_keeps_what_lies_below_it():
-    usual = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1, "max_vel_x_backwards": 0.0}
-    assert limited(usual, 0.2) == {**usual, "max_vel_trans": 0.2, "max_vel_x": 0.2}
-    assert limited(usual, 0.1)["min_vel_trans"] == pytest.approx(0.05)
-    assert limited(usual, math.inf) == usual
-
-
 @pytest.mark.parametrize("limit", [0.2, 0.1, 0.05, 0.02])
 def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
     """It subtracts penalty_epsilon from its highest speeds: what it does with nothing left is undefined."""
@@ -270,6 +263,7 @@ def test_the_usual_speed_returns_after_a_slow_zone(planner, restarted):
     assert planner.values == {"max_vel_trans": 0.2, "max_vel_x": 0.2, "min_vel_trans": 0.1} and planner.asked == 3
     speed = planner.speed() if restarted else speed
     speed.apply(0.1)
+    assert planner.values["min_vel_trans"] == 0.05, "the lowest speed lies below the highest"
     speed.apply(math.inf)
     assert planner.values == planner.usual and planner.kept == {}
 

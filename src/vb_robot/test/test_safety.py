@@ -12,25 +12,11 @@ from plain_rooms import empty, scan_of, with_border
 
 from vb_core.robot_profile import Limits, RobotProfile
 from vb_robot.driving.gate import CLEARANCES, TELEOP, Gate
-from vb_robot.driving.safety import (
-    MIN_ARC_RADIUS,
-    Clearance,
-    Fix,
-    arc,
-    limit_around,
-    pose_jump,
-    safe_speed,
-    stop_distance,
-)
+from vb_robot.driving.safety import Clearance, Fix, arc, limit_around, pose_jump, safe_speed, stop_distance
 from vb_robot.driving.spot_follower import VelocityRequest
 from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
-
-
-def post_at(x, y):
-    """A scan of one beam, which met something thin."""
-    return scan_of([math.hypot(x, y)], math.atan2(y, x))
 
 
 @given(st.floats(-0.5, 2.0), st.floats(0.1, 0.5))
@@ -49,27 +35,6 @@ def test_a_profile_says_which_range_means_no_echo(reading, no_return):
     assert scan_of(ranges, no_return=no_return).sees_path(0.2, 0.0, RADIUS, 0.05)
     by_default = scan_of(ranges)
     assert by_default.free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0 or not by_default.sees_path(0.2, 0.0, RADIUS, 0.05)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("v", [0.2, -0.2])
-def test_a_robot_passes_only_what_stands_beside_its_way(v, side):
-    width = RADIUS + KEEP.sides
-    for across, passed in ((0.9 * width, False), (1.1 * width, True)):
-        post = post_at(math.copysign(0.8, v), side * across)
-        assert (post.free_distance(v, 0.0, RADIUS, KEEP) == math.inf) == passed
-        # on an arc narrower than its limit it counts as driving straight on, on a wider one it turns away or towards it
-        narrow = v / (0.8 * MIN_ARC_RADIUS)
-        assert post.free_distance(v, narrow, RADIUS, KEEP) == post.free_distance(v, 0.0, RADIUS, KEEP)
-        wide = -side * abs(v) / (1.2 * MIN_ARC_RADIUS) * math.copysign(1.0, v)
-        assert post.free_distance(v, wide, RADIUS, KEEP) == math.inf
-
-
-@pytest.mark.parametrize("w", [0.0, 0.2, -0.2])
-@pytest.mark.parametrize("v", [0.2, -0.2])
-def test_a_post_on_its_arc_is_as_far_as_the_arc_is_long(v, w):
-    post = post_at(*arc((0.0, 0.0, 0.0), np.array([math.copysign(0.7, v)]), w / v)[0])
-    assert post.free_distance(v, w, RADIUS, KEEP) == pytest.approx(0.7 - RADIUS - KEEP.ahead, abs=1e-6)
 
 
 @pytest.mark.parametrize("room", [0.05, 0.1])

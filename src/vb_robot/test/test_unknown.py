@@ -15,10 +15,8 @@ from plain_rooms import empty, scan_of
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
-from vb_core.vocabulary import state_of
 from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.inputs import message_class
-from vb_robot.spots import Sighting, Sightings
 
 
 # ------------------------------------------------------------ one way to the wheels
@@ -92,14 +90,6 @@ def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
     uncertainty = PoseUncertainty()
     uncertainty.add(np.diag([*variances, (math.pi / 12) ** 2]))
     assert uncertainty.lost is not known
-
-
-def test_an_unknown_state_moves_no_robot():
-    record = Sightings(mobile_cameras=("robot",))
-    record.set_state(state_of("of_a_newer_version"), "a", 0.0)
-    for step in range(40):
-        record.add(Sighting(0.1 * step, (1.0, 1.0), "robot", True))
-    assert not record.should_follow("robot", 4.0) and not record.should_dispatch() and record.newest() is None
 
 
 # ------------------------------------------------------------ contacts

@@ -10,9 +10,8 @@ from shapely.geometry import LineString, Point, Polygon
 
 from plain_rooms import VIEW, room
 
-from vb_core import geometry
 from vb_core.grid_layers import clearance_grid
-from vb_core.geometry import to_base, to_map
+from vb_core.geometry import to_base
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing import MAX_LOOKAHEAD, MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState
 from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, ViewpointPlanner
@@ -42,14 +41,6 @@ def test_floor_is_visible_from_where_the_geometry_says():
     assert not VIEW.sees(np.array([[-1.0, 0.0]]))[0]
     # a point to the left (y > 0) lies left in the image
     assert VIEW.pixels(np.array([[1.0, 0.2]]))[0, 0] < VIEW.pixels(np.array([[1.0, -0.2]]))[0, 0]
-
-
-@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4), st.floats(-9, 9), st.floats(-9, 9))
-def test_base_and_map_are_inverse(x, y, yaw, px, py):
-    point = np.array([[px, py]])
-    assert np.allclose(to_map(to_base(point, (x, y, yaw)), (x, y, yaw)), point, atol=1e-9)
-    oracle = geometry.apply(geometry.invert(geometry.transform_from_pose2d(x, y, yaw)), np.array([px, py, 0.0]))[:2]
-    assert np.allclose(to_base(point, (x, y, yaw))[0], oracle, atol=1e-9)
 
 
 # ------------------------------------------------------------------ clearance map

@@ -1,8 +1,9 @@
-"""The main checks of accessibility, in the page itself: names, contrast, size of what is touched, order of headings."""
+"""The main checks of accessibility: names, contrast, size of what is touched."""
 
 from __future__ import annotations
 
-_CHECKS = r"""
+# run in the page itself it returns what is wrong, a sentence each
+CHECKS = r"""
 const faults = [], shown = (e) => e.getClientRects().length && getComputedStyle(e).visibility !== "hidden" && !e.closest(".skip");
 const label = (e) => e.labels && e.labels.length ? e.labels[0].textContent : "";
 const name = (e) => (e.getAttribute("aria-label") || label(e) || e.textContent || e.placeholder || "").trim();
@@ -36,8 +37,3 @@ while (walker.nextNode()) {
 }
 return faults;
 """
-
-
-def faults_of(browser):
-    """What is wrong, a sentence each."""
-    return browser.run(_CHECKS)

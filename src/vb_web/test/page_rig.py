@@ -12,7 +12,6 @@ from geometry_msgs.msg import Point
 from phone import Browser
 from vb_testing import Process, is_listening, wait_until
 from vb_core import names
-from vb_core.ros.messages import OccupancyGridArray
 from vb_evaluation.processes import free_port
 from vb_msgs.msg import InteractionState, LaserSpot, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, RemoveBorder
@@ -28,18 +27,19 @@ def round_the(corners, per_side=6):
     return path
 
 
+def draw_carpet(browser):
+    """Draws a border that can be saved."""
+    browser.click("#draw")
+    browser.stroke(round_the(CARPET))
+    browser.wait_text("#review", "m²")
+
+
 class PageTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("page_test")
         cls.heard = {}
-        for topic, kind in (
-            (names.BORDERS, VirtualBorderArray),
-            (names.STATE, InteractionState),
-            (names.MAP_WITH_BORDERS, OccupancyGridArray),
-            (names.PHYSICAL_MAP, OccupancyGridArray),
-            (names.STOP, Stop),
-        ):
+        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.STOP, Stop)):
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
         cls.port = free_port()
@@ -78,17 +78,6 @@ class PageTest(unittest.TestCase):
     def wait_borders(self, count):
         wait_until(lambda: names.BORDERS in self.heard and len(self.borders()) == count, f"{count} borders")
         return self.borders()
-
-    def draw_carpet(self, name=""):
-        before = len(self.borders())
-        self.browser.click("#draw")
-        self.browser.stroke(round_the(CARPET))
-        self.browser.wait_text("#review", "m²")
-        if name:
-            self.browser.field("#review input[data-key=name]").send_keys(name)
-        self.browser.click("#review button", "Save")
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
-        return self.wait_borders(before + 1)[-1]
 
     def store_carpet(self, name="Rug", shown="Rug"):
         """A border that a test only needs to be there."""

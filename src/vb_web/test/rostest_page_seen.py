@@ -1,22 +1,24 @@
 #!/usr/bin/env python3
-"""What people see on the page: languages, sizes, robots and cameras."""
+"""What people see on the page: languages, sizes, robots and cameras, and that a part of the lab or its server is away."""
 
 from __future__ import annotations
 
+import signal
 from contextlib import closing
 
 import rospy
 import rostest
+import yaml
 from sensor_msgs.msg import Image
 
-from accessibility import faults_of
-from page_rig import CARPET, PageTest, round_the
+from accessibility import CHECKS
+from page_rig import PageTest, draw_carpet
 from phone import PHONE, WALL, Browser
 from vb_testing import wait_until
 from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot
+from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, RobotStatusArray
 
 
 class SeenTest(PageTest):
@@ -45,12 +47,11 @@ class SeenTest(PageTest):
             self.browser.wait_text("#notices", "The robot is inside Rug")
             other.wait_text("#notices", "Der Roboter ist in Rug")
             other.wait_text("#notices", sentences.translate("border_without_name", {}, "de"))
-            other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()
             for browser, size in ((self.browser, PHONE), (other, WALL)):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
-                self.assertEqual(faults_of(browser), [])
+                self.assertEqual(browser.run(CHECKS), [])
             self.assertEqual(other.faults(), [])
 
     def test_what_a_tap_brings_up_fits_a_small_phone(self):
@@ -89,13 +90,11 @@ class SeenTest(PageTest):
             )
             small.click("#commands [data-command=define_border]")
             small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
-            self.assertEqual(faults_of(small), [])
+            self.assertEqual(small.run(CHECKS), [])
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
             # a keyboard that shrinks the page covers no field that one types in
-            small.click("#draw")
-            small.stroke(round_the(CARPET))
-            small.wait_text("#review", "m²")
+            draw_carpet(small)
             small.field("#review input[data-key=name]").click()
             small.resize((640, 180))
             small.wait(
@@ -184,6 +183,73 @@ class SeenTest(PageTest):
         self.assertFalse(
             self.browser.run("return document.querySelectorAll('#borders img, #events img').length || window.evil || 0")
         )
+
+    # ------------------------------------------------------------- what is away
+    def test_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
+        draw_carpet(self.browser)
+        self.browser.run("window.virtualBorders.map.zoom(1.5)")
+        view = self.browser.run("return window.virtualBorders.map.view")
+        self.browser.run("""const wait = window.setTimeout, ask = window.fetch;
+            window.asked = 0;
+            window.setTimeout = (work, time) => wait(work, time === 8000 ? 2000 : time);
+            window.fetch = (...given) => ask(...given, ++window.asked)""")
+        self.page.process.send_signal(signal.SIGSTOP)
+        try:
+            self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
+            self.browser.click("#review button", "Save")
+            self.browser.wait_text("#review", "connection is lost")
+            self.browser.wait("window.asked > 1", what="another try after one that nobody answers")
+        finally:
+            self.page.process.send_signal(signal.SIGCONT)
+        self.browser.wait("document.body.dataset.state == 'default'", what="the connection")
+        self.browser.wait_text("#review", "m²")
+        self.assertEqual(self.browser.run("return window.virtualBorders.map.view"), view)
+        self.assertEqual(self.browser.text("#toast"), "")
+        self.browser.click("#review button", "Save")
+        self.wait_borders(1)
+        self.browser.driver.refresh()
+
+    def test_robot_in_a_border_and_a_silent_monitor_are_problems(self):
+        self.restart_page()  # without the cameras and robots of other tests
+        self.browser.wait_ready()
+        robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
+        wait_until(robots.get_num_connections, "the page's ear")
+        notices = NoticePublisher()
+        notices.set([Notice("robot_caught_in_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
+        ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
+        said = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
+        self.browser.run("document.getElementById('health').open = true")
+        wait_until(
+            lambda: robots.publish(said) or self.browser.text("#health-sum") == "1 problem", "the robot in the border"
+        )
+        self.browser.wait_text("#banners", "robot_monitor has fallen silent")
+        self.assertEqual(self.browser.text("#health-sum"), "1 problem")
+        notices.close()
+        self.browser.wait("!document.getElementById('health-sum').textContent", what="the problem's end")
+        self.restart_page()  # which forgets that there was a monitor
+
+    def test_killed_page_comes_back_and_asks_for_the_code(self):
+        self.store_carpet()
+        self.restart_page("_address:=0.0.0.0")
+        # for the tests after it, which have no code; what a node was given stays on the parameter server
+        self.addCleanup(self.restart_page, "_address:=127.0.0.1")
+        self.browser.wait(
+            "document.querySelector('#login input').getClientRects().length", what="the form for the code"
+        )
+        # as it was before
+        self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
+        field = self.browser.field("#login input")
+        self.browser.run("window.ask = fetch; window.fetch = () => Promise.reject()")
+        field.send_keys("wrong-code\n")
+        self.browser.wait_text("#login-answer", "no answer")
+        self.browser.run("window.fetch = window.ask")
+        field.send_keys("\n")
+        self.browser.wait_text("#login-answer", "not a valid code")
+        field.clear()
+        codes = yaml.safe_load(self.codes.read_text())
+        field.send_keys(codes["operator"] + "\n")
+        self.browser.wait_ready()
+        self.browser.wait_text("#borders", "Rug")
 
 
 if __name__ == "__main__":

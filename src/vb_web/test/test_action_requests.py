@@ -25,18 +25,14 @@ def parse(**fields):
     return parse_text(json.dumps(fields))
 
 
-def test_every_action_has_an_example():
-    assert set(GOOD) == set(ACTIONS)
-
-
-@pytest.mark.parametrize("action", sorted(GOOD))
+@pytest.mark.parametrize("action", sorted(ACTIONS))
 def test_good_requests_get_through(action):
     request = parse(do=action, id="a1", **GOOD[action])
     assert request.action == action and request.id == "a1"
     assert set(request.values) == set(GOOD[action])
 
 
-@pytest.mark.parametrize("action", sorted(GOOD))
+@pytest.mark.parametrize("action", sorted(ACTIONS))
 def test_each_missing_or_additional_field_is_refused(action):
     whole = {"do": action, "id": "a1", **GOOD[action]}
     for key in whole:

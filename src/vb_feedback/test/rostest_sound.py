@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""sound_player with a program that takes the samples, one without a sound device, and kobuki_feedback without Kobuki."""
+"""feedback, sound_player with a program that takes the samples and without a sound device, kobuki_feedback without Kobuki."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from pathlib import Path
 import rospy
 import rostest
 from rosgraph_msgs.msg import Log
+from std_msgs.msg import ColorRGBA
 
-from vb_testing import Process, assert_ends_with_one_line, wait_until
+from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until, write_program
 from vb_feedback.sound.tone_synthesis import synthesize
-from vb_msgs.msg import Sound
+from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
 
-class SoundPlayerTest(unittest.TestCase):
+class SoundTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        rospy.init_node("rostest_sound_player")
+        rospy.init_node("rostest_sound")
         cls.said = []
         cls.log = rospy.Subscriber("/rosout", Log, lambda log: cls.said.append((log.name, log.level, log.msg)))
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
-        hears = cls.program("hears", f"cat >> {cls.folder.name}/pcm")
-        deaf = cls.program("deaf", f'echo tried >> {cls.folder.name}/tried; exec aplay "$@"')
+        folder = Path(cls.folder.name)
+        hears = write_program(folder / "hears", f"cat >> {folder}/pcm")
+        deaf = write_program(folder / "deaf", f'echo tried >> {folder}/tried; exec aplay "$@"')
         cls.nodes = [
             Process("vb_feedback", "sound_player", f"__name:={name}", *more)
             for name, more in (
@@ -35,13 +37,6 @@ class SoundPlayerTest(unittest.TestCase):
             )
         ]
         wait_until(lambda: cls.sounds.get_num_connections() == 2, "both players")
-
-    @classmethod
-    def program(cls, name, text):
-        path = Path(cls.folder.name) / name
-        path.write_text(f"#!/bin/sh\n{text}\n")
-        path.chmod(0o755)
-        return path
 
     def written(self, name):
         path = Path(self.folder.name) / name
@@ -73,11 +68,39 @@ class SoundPlayerTest(unittest.TestCase):
         self.assertEqual(len(said), 1, said)
         self.assertIsNone(self.nodes[1].process.poll())
 
-    def test_3_kobuki_without_its_messages_ends_with_one_sentence(self):
+    def test_3_a_state_has_its_light_and_sound_and_a_spot_ticks(self):
+        lights, sounds = Newest("/virtual_borders/led", ColorRGBA), Newest("/virtual_borders/sound", Sound)
+        states = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=10)
+        spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
+        wait_until(lambda: states.get_num_connections() and spots.get_num_connections(), "the node")
+        wait_until(lambda: lights.subscriber.get_num_connections(), "its light")
+        wait_until(lambda: sounds.subscriber.get_num_connections() == 2, "its sounds, beside those of this test")
+
+        def tell(second, name, **more):
+            states.publish(name=name, last_success=True, last_answered=rospy.Time(second), **more)
+            wait_until(lambda: lights.count == second, f"the light of {name}")
+
+        def played():
+            return [sound.name for sound in sounds.all]
+
+        tell(1, "default")
+        tell(2, "border")
+        for _ in range(5):
+            spots.publish(LaserSpot(camera="red"))
+        wait_until(lambda: "tick" in played(), "a tick")
+        tell(3, "default", last_outcome="saved")
+        # ticks come beside the others, as often as spots are heard apart
+        wait_until(lambda: [name for name in played() if name != "tick"] == ["border", "success"], played)
+        self.assertNotEqual(lights.all[0], lights.all[1])
+        self.assertEqual(lights.all[0], lights.all[2])
+        # latched: who comes later sees the light too
+        self.assertEqual(rospy.wait_for_message("/virtual_borders/led", ColorRGBA, 60), lights.all[2])
+
+    def test_4_kobuki_without_its_messages_ends_with_one_sentence(self):
         if importlib.util.find_spec("kobuki_msgs") is not None:
             self.skipTest("kobuki_msgs is installed here")
         assert_ends_with_one_line("vb_feedback", "kobuki_feedback", [([], "kobuki_msgs is not installed")])
 
 
 if __name__ == "__main__":
-    rostest.rosrun("vb_feedback", "sound_player", SoundPlayerTest)
+    rostest.rosrun("vb_feedback", "sound", SoundTest)
