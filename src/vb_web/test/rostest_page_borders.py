@@ -185,6 +185,8 @@ class BordersTest(PageTest):
             const press = (selector) => [...document.querySelectorAll(selector)].pop().click();
             Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, examine, setMode }]) => {
                 const asked = [], modes = [];
+                // an earlier preview may still be under way
+                while (page.link.waiting.size) await new Promise((next) => setTimeout(next, 20));
                 page.link.send = (_action, fields) => new Promise((resolve) => asked.push({ fields, resolve }));
                 const answer = (one) => {
                     one.resolve({ ok: true, code: "ok", values: {}, area: 1, issues: [] });
@@ -207,7 +209,7 @@ class BordersTest(PageTest):
                     setMode("look");
                 }
                 done([previews, modes, document.getElementById("dialog").open]);
-            });"""
+            }).catch((error) => done(String(error)));"""
         )
         self.assertEqual(seen, [["Rug", "b"], ["review", "go", "look"], True])
         self.browser.driver.refresh()

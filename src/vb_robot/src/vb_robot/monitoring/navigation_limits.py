@@ -22,10 +22,7 @@ TIMEOUT = 2.0  # [s] a planner that has not answered by then does not obey
 
 def limited(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
     """Returns a planner's values under a limit [m/s]: highest speeds up to it, lowest speeds up to half of it."""
-    return {
-        name: min(value, limit if name.startswith("max") else 0.5 * limit) if value > 0.0 else value
-        for name, value in usual.items()
-    }
+    return {name: min(value, limit if name.startswith("max") else 0.5 * limit) for name, value in usual.items()}
 
 
 class PlannerSpeed:
