@@ -62,7 +62,6 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
         # no ray for what the model cannot show, and no pixel for what lies beyond
         nowhere = np.array([(319.5 + 1.05 * (rise.max() - 319.5), 239.5), (0.0, 0.0)])
         assert np.isnan(camera.rays(nowhere)[:, 0]).all()
-        assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]] * 100))).all()
         assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]]))).all()
 
 
