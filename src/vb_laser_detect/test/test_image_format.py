@@ -6,7 +6,6 @@ import pytest
 import rospy
 
 from scenes import GREEN, Scene, tinted
-from refusals import refused
 from vb_core.image_format import Picture, PixelReader
 from vb_core.ros.images import array_from_image, message_from_image
 from vb_laser_detect.detection.debug_image import draw_candidates
@@ -21,10 +20,10 @@ def run(images, encoding, params=None):
     return [detector.detect(reader.read(image, encoding), PERIOD * i) for i, image in enumerate(images)]
 
 
-def strokes(encode, bayer=False, gray=False, color=GREEN):
+def strokes(encode, bayer=False, gray=False):
     """Eight images without and twelve with a spot, and the spot's places."""
     scene, places = tinted(Scene(320, 240, noise=1.5)), [(60.0 + 12.0 * i, 100.0) for i in range(12)]
-    images = [scene.render([place] if place else [], color=color, bayer=bayer) for place in [None] * 8 + places]
+    images = [scene.render([place] if place else [], color=GREEN, bayer=bayer) for place in [None] * 8 + places]
     return [encode(image[:, :, 1].copy() if gray else image) for image in images], [None] * 8 + places
 
 
@@ -90,14 +89,3 @@ def test_a_message_s_picture_is_the_same_on_every_display(case):
     assert (drawn == (0, 220, 0)).all(axis=2).any()
     away = np.abs(drawn.astype(int) - truth)
     assert away.shape == (240, 320, 3) and np.median(away) <= 2 and np.percentile(away, 95) < 12
-
-
-def test_what_is_no_picture_is_refused():
-    with refused("unknown_encoding"):
-        PixelReader().read(np.zeros((64, 64), np.float32), "32FC1")
-
-
-def test_the_message_says_whether_it_is_a_mosaic():
-    # a white light is no laser's in a mosaic, and may be one to a grey camera: the same pixels
-    images, _ = strokes(np.copy, bayer=True, color=(1.0, 1.0, 1.0))
-    assert not any(run(images, "bayer_rggb8")) and sum(map(len, run(images, "mono8"))) >= 10
