@@ -22,10 +22,10 @@ def feed(detector, images, start=0.0):
 
 
 def steps_seen(detector, images, start=0.4):
-    """The numbers of the images in which a spot is told, by then or later."""
+    """The numbers of the (numbered) images in which a spot is told, by then or later."""
     found = set()
-    for i, image in enumerate(images):
-        spots = detector.detect(image, start + PERIOD * i)
+    for number, image in images:
+        spots = detector.detect(image, start + PERIOD * number)
         found |= {round((spot.stamp - start) / PERIOD) for spot in spots + detector.earlier}
     return found
 
@@ -248,19 +248,6 @@ def test_a_doubtful_spot_that_stays_is_learnt():
 # ------------------------------------------------------------------ confirmation, sizes, places
 
 
-def test_a_confirmed_stroke_gives_back_its_first_spots():
-    scene, detector = Scene(), ImageDetector(DetectorParams(confirm_frames=3))
-    feed(detector, [scene.render() for _ in range(6)])
-    backfilled = []
-    for i in range(5):
-        detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
-        backfilled.append([(round(earlier.stamp, 2), round(earlier.u)) for earlier in detector.earlier])
-    assert backfilled == [[], [], [(0.3, 300), (0.34, 304)], [], []]
-    detector.set_params(DetectorParams(confirm_frames=1))
-    detector.detect(scene.render([(100, 100)]), 0.6)
-    assert detector.earlier == []
-
-
 def test_sizes_count_in_millimetres_where_the_pose_is_known():
     scene = Scene()
     for scale, expected in ((0.002, 1), (0.05, 0)):
@@ -359,10 +346,7 @@ def test_images_that_come_late_are_left_out_and_counted(every):
     order = list(range(120))
     for i in range(0, 119, every):
         order[i], order[i + 1] = order[i + 1], order[i]
-    found = set()
-    for step in order:
-        spots = detector.detect(scene.render([drawn(step)]), 0.4 + PERIOD * step)
-        found |= {round(spot.stamp, 3) for spot in spots + detector.earlier}
+    found = steps_seen(detector, ((step, scene.render([drawn(step)])) for step in order))
     late = len(range(0, 119, every))
     assert detector.late == late and len(found) >= 120 - late - 1
 
@@ -372,8 +356,9 @@ def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
     feed(detector, [shown(scene, "mono")] * 8)
     lit = {step for step in range(150) if (step * PERIOD * 2.0) % 1.0 < 0.5}
     white = {"color": (1.0, 1.0, 1.0)}
-    images = (shown(scene, "mono", [drawn(step / 3.0)] * (step in lit), **white) for step in range(150))
-    found = steps_seen(detector, images)
+    found = steps_seen(
+        detector, ((i, shown(scene, "mono", [drawn(i / 3.0)] * (i in lit), **white)) for i in range(150))
+    )
     assert found <= lit and len(found) >= 0.9 * len(lit)
 
 
@@ -383,7 +368,7 @@ def test_a_weak_pointer_beside_a_lamp_in_grey_images():
     scene.floor[60:80, 560:590] = 255.0
     feed(detector, [shown(scene, "mono")] * 8)
     white = {"power": 0.3 * 255.0, "color": (1.0, 1.0, 1.0)}
-    assert len(steps_seen(detector, (shown(scene, "mono", [drawn(step)], **white) for step in range(60)))) >= 57
+    assert len(steps_seen(detector, ((i, shown(scene, "mono", [drawn(i)], **white)) for i in range(60)))) >= 57
 
 
 @pytest.mark.parametrize("depth", [0.3, 0.5])
