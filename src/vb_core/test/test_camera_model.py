@@ -10,10 +10,11 @@ WIDE = CameraModel(
 )
 
 
-def test_points_behind_the_camera_have_no_pixel():
-    pixels = WIDE.project(np.array([[0.1, 0.1, 2.0], [0.1, 0.1, -2.0], [0.0, 0.0, 0.0]]))
+@pytest.mark.parametrize("camera", [WIDE, CameraModel.ideal(640, 480, 577.0)])
+def test_points_behind_the_camera_have_no_pixel(camera):
+    pixels = camera.project(np.array([[0.1, 0.1, 2.0], [0.1, 0.1, -2.0], [0.0, 0.0, 0.0]]))
     assert np.isfinite(pixels[0]).all() and np.isnan(pixels[1:]).all()
-    assert list(WIDE.contains(pixels)) == [True, False, False]
+    assert list(camera.contains(pixels)) == [True, False, False]
 
 
 @pytest.mark.parametrize(
