@@ -92,6 +92,12 @@ def tinted(scene: Scene) -> Scene:
     return scene
 
 
+def shown(scene: Scene, kind: str, spots=(), *light, **more) -> np.ndarray:
+    """An image as a camera of a kind takes it: bgr, bayer, or mono, which a green laser's light falls into."""
+    image = scene.render(spots, *light, bayer=kind == "bayer", **more)
+    return image[:, :, 1].copy() if kind == "mono" else image
+
+
 class ImageDetector(SpotDetector):
     """A detector whose `detect` returns the image's own spots; those of earlier images that it confirmed are in `earlier`.
 

@@ -16,14 +16,8 @@ GREEN = np.array([0.1, 1.0, 0.1])
 
 def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
     """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
-    return Spot(
-        500 * x,
-        500 * y,
-        8.0,
-        confidence,
-        tint=tint,
-        floor_point=FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0),
-    )
+    place = FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0)
+    return Spot(500 * x, 500 * y, 8.0, confidence, tint=tint, floor_point=place)
 
 
 class Film:
