@@ -5,7 +5,6 @@ Spots are where and when they were; whatever is wrong with its input, a detector
 goes on.
 """
 
-import threading
 import unittest
 from concurrent.futures import ThreadPoolExecutor
 
@@ -86,9 +85,8 @@ class SpotDetectorTest(unittest.TestCase):
         cls.place(cls.blue.T, cls.blue.frame)
         cls.map = rospy.Publisher("/map", messages.OccupancyGridArray, queue_size=1, latch=True)
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
-        cls.running = True
-        cls.player = threading.Thread(target=cls.play, daemon=True)
-        cls.player.start()
+        cls.step = 0
+        cls.player = rospy.Timer(rospy.Duration(1 / 12), cls.play)
 
     @classmethod
     def place(cls, T, frame):
@@ -96,20 +94,17 @@ class SpotDetectorTest(unittest.TestCase):
 
     @classmethod
     def tearDownClass(cls):
-        cls.running = False
+        cls.player.shutdown()
         cls.player.join()
 
     @classmethod
-    def play(cls):
-        rate, step = rospy.Rate(12), 0
-        while cls.running and not rospy.is_shutdown():
-            stamp, step = rospy.Time.now(), step + 1
-            for camera in (cls.red, cls.blue):
-                point = camera.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * step), np.sin(0.1 * step)])
-                cls.observer.truth[camera.name, stamp.to_nsec()] = point
-                camera.play(stamp, point)
-            cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
-            rate.sleep()
+    def play(cls, _event):
+        stamp, cls.step = rospy.Time.now(), cls.step + 1
+        for camera in (cls.red, cls.blue):
+            point = camera.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * cls.step), np.sin(0.1 * cls.step)])
+            cls.observer.truth[camera.name, stamp.to_nsec()] = point
+            camera.play(stamp, point)
+        cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (cls.step % 100))
 
     def wait(self, condition, what):
         wait_until(condition, lambda: f"{what}: {self.observer.status} {self.observer.notices}")
