@@ -22,18 +22,23 @@ def in_border(entered=0.0):
     return collector
 
 
-def test_collects_in_border_and_seed_only():
+def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
     collector = Collector()
     assert collector.add(spot(1.0)) == "state"
     assert collector.set_state(BORDER, "a", 2.0)
     assert collector.add(spot(2.1)) == ""
+    # drawing is interrupted and continued
     assert not collector.set_state(GUIDE, "a", 3.0)
     assert collector.add(spot(3.1)) == "state"
-    collector.set_state(SEED, "a", 4.0)
+    assert not collector.set_state(BORDER, "a", 4.0)
     assert collector.add(spot(4.1)) == ""
-    collector.set_state(DEFAULT, "", 5.0)
-    assert collector.add(spot(5.1)) == "state"
-    assert collector.counts == (1, 1, 2)
+    collector.set_state(SEED, "a", 5.0)
+    assert collector.add(spot(5.1)) == ""
+    collector.set_state(DEFAULT, "", 6.0)
+    assert collector.add(spot(6.1)) == "state"
+    assert collector.counts == (2, 1, 2) and collector.collection().border_total == 2
+    assert collector.set_state(BORDER, "b", 7.0)
+    assert collector.counts == (0, 0, 0)
 
 
 def test_early_and_non_finite_spots_are_ignored_and_counted():
@@ -46,21 +51,6 @@ def test_early_and_non_finite_spots_are_ignored_and_counted():
     assert collector.add(spot(10.2, camera="blue")) == ""
     assert collector.counts == (3, 0, 3) and collector.ignored["before_state"] == 1
     assert collector.collection().cameras == ["red", "green", "blue"]
-
-
-def test_an_interaction_is_kept_until_the_next_which_starts_empty():
-    collector = in_border()
-    collector.add(spot(1.0))
-    collector.set_state(DEFAULT, "", 2.0)
-    assert collector.collection().border_total == 1
-    assert collector.set_state(BORDER, "b", 3.0)
-    assert collector.counts == (0, 0, 0)
-    collector.add(spot(4.0))
-    # drawing is interrupted and continued
-    collector.set_state(GUIDE, "b", 5.0)
-    collector.set_state(BORDER, "b", 6.0)
-    collector.add(spot(7.0))
-    assert collector.collection().border_total == 2
 
 
 @pytest.mark.parametrize("spots", [0, 1])
