@@ -40,10 +40,9 @@ def test_a_spot_held_still_seldom_does_harm():
 
 # a place abreast of the middle, near an end, beside a short line
 SCENES = [("corner", 0.5), ("corner", 0.02), ("doorway", 0.9)]
-WHEN = ["at the same stamps", "interleaved", "before", "after", "throughout"]
 
 
-@pytest.mark.parametrize("when", WHEN)
+@pytest.mark.parametrize("when", ["at the same stamps", "interleaved", "before", "after", "throughout"])
 @pytest.mark.parametrize("away", [0.3, 0.6, 1.0])
 def test_false_spots_at_one_place_seldom_do_harm(away, when):
     harmed = []

@@ -16,6 +16,7 @@ from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.line import closure
 
 BASE = Setting()
+ROUGH = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
 
 
 def extract_stroke(stroke):
@@ -27,7 +28,7 @@ def extract_stroke(stroke):
     "setting, allowed, overlap",
     [
         (BASE, 0.15, 0.93),
-        (BASE.replace(bias=0.04, tremor=0.03, noise=0.02), 0.2, 0.88),
+        (ROUGH, 0.2, 0.88),
         (BASE.replace(outliers=0.2), 0.15, 0.93),
         (BASE.replace(speed=0.2), 0.15, 0.93),
         (BASE.replace(passes=2), 0.15, 0.93),
@@ -49,9 +50,6 @@ def test_closed_strokes(setting, allowed, overlap, shape):
     assert max(bad) < 0.25
     assert np.median(bad) < allowed
     assert np.median(index) > overlap
-
-
-ROUGH = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
 
 
 @pytest.mark.parametrize(

@@ -141,20 +141,12 @@ def test_white_is_what_the_camera_shows_at_most(white):
 @pytest.mark.parametrize("laser", [RED, GREEN])
 def test_bayer_images_tell_white_light_from_a_laser(laser):
     scene, detector = settled(tinted(Scene()), at_once(bayer=True))
-    glint = feed(detector, [scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
-    assert glint == [[]] * 10
+    white = {"spots": [(300, 150)], "color": (1.0, 1.0, 1.0), "bayer": True}
+    assert feed(detector, [scene.render(**white) for _ in range(10)], 0.4) == [[]] * 10
     assert "chroma_mosaic" in {candidate.rejection for candidate in detector.candidates}
-    both = tinted(Scene())
-    found = [
-        detector.detect(
-            np.maximum(
-                scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True),
-                both.render([(80 + 10.0 * i, 300)], color=laser, bayer=True),
-            ),
-            0.8 + PERIOD * i,
-        )
-        for i in range(20)
-    ]
+    other = tinted(Scene())
+    beside = [other.render([(80 + 10.0 * i, 300)], color=laser, bayer=True) for i in range(20)]
+    found = feed(detector, [np.maximum(scene.render(**white), image) for image in beside], 0.8)
     assert sum(len(spots) == 1 and abs(spots[0].v - 300) < 1.0 for spots in found) >= 19
 
 
