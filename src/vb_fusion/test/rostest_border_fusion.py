@@ -114,6 +114,7 @@ class BorderFusionTest(unittest.TestCase):
         answer = self.candidate("one")
         self.assertFalse(answer.success)
         self.assertEqual(answer.code, "no_spots")
+        # wrong frame: counted, not collected
         ignored = self.progress.message.ignored_spots
         self.show([(0, 0)], frame="odom")
         self.progress.wait(lambda seen: seen.ignored_spots > ignored, "counting the ignored spot")

@@ -25,7 +25,7 @@ def nv12(image):
     return np.vstack([whole[:high], colors.transpose(1, 2, 0).reshape(high // 2, wide)])
 
 
-# what a camera of a kind shows becomes by the encoding's own bytes
+# by encoding: which kind of camera it is of, and how its image becomes the encoding's numbers
 CASES = {
     "bgr8": ("bgr", np.copy),
     "rgb8": ("bgr", lambda image: image[:, :, ::-1].copy()),
