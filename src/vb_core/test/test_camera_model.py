@@ -10,10 +10,11 @@ WIDE = CameraModel(
 )
 
 
-def test_points_behind_the_camera_have_no_pixel():
-    pixels = WIDE.project(np.array([[0.1, 0.1, 2.0], [0.1, 0.1, -2.0], [0.0, 0.0, 0.0]]))
+@pytest.mark.parametrize("camera", [WIDE, CameraModel.ideal(640, 480, 577.0)])
+def test_points_behind_the_camera_have_no_pixel(camera):
+    pixels = camera.project(np.array([[0.1, 0.1, 2.0], [0.1, 0.1, -2.0], [0.0, 0.0, 0.0]]))
     assert np.isfinite(pixels[0]).all() and np.isnan(pixels[1:]).all()
-    assert list(WIDE.contains(pixels)) == [True, False, False]
+    assert list(camera.contains(pixels)) == [True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,6 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
         # no ray for what the model cannot show, and no pixel for what lies beyond
         nowhere = np.array([(319.5 + 1.05 * (rise.max() - 319.5), 239.5), (0.0, 0.0)])
         assert np.isnan(camera.rays(nowhere)[:, 0]).all()
-        assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]] * 100))).all()
         assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]]))).all()
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import threading
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 import rospy
@@ -185,45 +187,37 @@ def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
 
 
 # ------------------------------------------------------------------ services
-def fake(monkeypatch, wait, answer):
-    monkeypatch.setattr(rospy, "wait_for_service", wait)
-    monkeypatch.setattr(rospy, "ServiceProxy", lambda name, service: answer)
+@pytest.fixture
+def neighbour(monkeypatch):
+    """A service: what becomes of waiting for it, and of asking it."""
+    found = SimpleNamespace(wait=Mock(), ask=Mock())
+    monkeypatch.setattr(rospy, "wait_for_service", found.wait)
+    monkeypatch.setattr(rospy, "ServiceProxy", lambda name, service: found.ask)
+    return found
 
 
-def raising(error):
-    def work(*_, **__):
-        raise error
-
-    return work
-
-
-def present(name, timeout):
-    return None
-
-
-def test_the_answer_comes_back(monkeypatch):
-    fake(monkeypatch, present, lambda request: request + 1)
+def test_the_answer_comes_back(neighbour):
+    neighbour.ask.side_effect = lambda request: request + 1
     assert services.call("/s", object, 41, "somebody") == 42
 
 
-def test_nothing_was_sent_to_an_absent_neighbour(monkeypatch):
-    sent = []
-    fake(monkeypatch, raising(rospy.ROSException("timeout exceeded")), sent.append)
+def test_nothing_was_sent_to_an_absent_neighbour(neighbour):
+    neighbour.wait.side_effect = rospy.ROSException("timeout exceeded")
     with refused("no_service") as caught:
         services.call("/s", object, 1, "the integrator")
-    assert not sent and "the integrator is not running" in str(caught.value)
+    assert not neighbour.ask.called and "the integrator is not running" in str(caught.value)
 
 
-def test_a_hanging_neighbour_is_given_up(monkeypatch):
+def test_a_hanging_neighbour_is_given_up(neighbour):
     release = threading.Event()
-    fake(monkeypatch, present, lambda request: release.wait(30))
+    neighbour.ask.side_effect = lambda request: release.wait(30)
     with refused("no_response"):
         services.call("/s", object, 1, "the integrator", service_timeout=0.05, response_timeout=0.1)
     release.set()
 
 
-def test_a_lost_connection_counts_as_no_response(monkeypatch):
-    fake(monkeypatch, present, raising(rospy.ServiceException("transport error")))
+def test_a_lost_connection_counts_as_no_response(neighbour):
+    neighbour.ask.side_effect = rospy.ServiceException("transport error")
     with refused("no_response") as caught:
         services.call("/s", object, 1, "the integrator")
     assert isinstance(caught.value.__cause__, rospy.ServiceException)

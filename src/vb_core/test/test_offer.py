@@ -11,20 +11,13 @@ from vb_core.zones import ZONES
 from vb_core.offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, unkept
 
 # what obeys stop and slow zones: nobody, robot_monitor with or without a known local planner, the driver
-OBEDIENCE = {
-    "nothing": {},
-    "goals": dict(obeys_stop=True),
-    "goals and speed": dict(obeys_stop=True, obeys_speed=True),
-    "driver": dict(driver=True),
-}
+OBEDIENCE = [{}, dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True), dict(driver=True)]
 
 
 def robots(name):
     """Yields every robot that there can be."""
     for wired, obedience, localized in itertools.product((True, False), OBEDIENCE, (True, False)):
-        yield ConnectedRobot(
-            name, navigation=True, plans_round_borders=wired, localized=localized, **OBEDIENCE[obedience]
-        )
+        yield ConnectedRobot(name, navigation=True, plans_round_borders=wired, localized=localized, **obedience)
 
 
 def labs():

@@ -16,12 +16,18 @@ from vb_core.ros import reconfigure
 
 @dataclass(frozen=True)
 class Example(Parameters):
-    speed: float = param(0.2, "m/s", low=0.0, high=1.0)
+    speed: float = param(0.2, "m/s", low=0.0, high=1.0, doc="of the robot")
     size: float = param(1.0, "m", above=0.0)
     count: int = param(3, low=1)
     mode: str = param("fast", choices=("fast", "good"))
     on: bool = param(True)
     limits: Tuple[float, ...] = param((0.1, 0.2), low=0.0)
+    fixed: float = param(0.5)
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.speed > self.size:
+            raise ParameterError("speed", f"must be at most size = {self.size}, got {self.speed}")
 
 
 @dataclass(frozen=True)
@@ -83,28 +89,12 @@ def test_each_mistake_names_its_key(key, value, word):
 
 
 # ------------------------------------------------------------------ changed while a node runs
-@dataclass(frozen=True)
-class Params(Parameters):
-    low: float = param(1.0, "m", low=0.0, high=10.0, doc="the smaller one")
-    high: float = param(5.0, "m", above=0.0)
-    count: int = param(3, "", low=1)
-    switch: bool = param(False)
-    name: str = param("red")
-    fixed: float = param(0.5)
-    places: list = param([])
-
-    def __post_init__(self):
-        super().__post_init__()
-        if self.low > self.high:
-            raise ParameterError("low", f"must be at most high = {self.high}, got {self.low}")
-
-
 def test_the_description_follows_from_the_fields():
-    description = reconfigure.describe(Params(low=2.0), fixed=("fixed",))
+    description = reconfigure.describe(Example(speed=0.5), fixed=("fixed",))
     entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
-    assert list(entries) == ["low", "high", "count", "switch"]
-    assert entries["low"]["type"] == "double" and entries["low"]["description"] == "the smaller one [m]"
-    assert (entries["low"]["min"], entries["low"]["max"], entries["low"]["default"]) == (0.0, 10.0, 2.0)
+    assert list(entries) == ["speed", "size", "count", "on"]
+    assert entries["speed"]["type"] == "double" and entries["speed"]["description"] == "of the robot [m/s]"
+    assert (entries["speed"]["min"], entries["speed"]["max"], entries["speed"]["default"]) == (0.0, 1.0, 0.5)
     assert entries["count"]["min"] == 1 and entries["count"]["max"] == 2**31 - 1
     # as clients read it
     decoded = decode_description(encode_description(description))
@@ -126,27 +116,27 @@ def tuned(monkeypatch):
             raise CodedError("unlucky", "no")
         applied.append(params)
 
-    node = reconfigure.ReconfigureServer(Params(), "~limits", apply)
-    config = {name: getattr(Params(), name) for name in ("low", "high", "count", "switch")}
+    node = reconfigure.ReconfigureServer(Example(), "~limits", apply)
+    config = {name: getattr(Example(), name) for name in ("speed", "size", "count", "on")}
     return lambda **values: config.update(node._change({**config, **values}, 1)) or config, stored, applied, warned
 
 
 def test_a_change_is_applied_once(tuned):
     change, stored, applied, warned = tuned
-    assert change()["low"] == stored["~limits/low"] == 1.0 and not applied
-    assert change(low=3.0)["low"] == 3.0
-    assert [params.low for params in applied] == [3.0] and applied[0].name == "red"
-    change(low=3.0)
+    assert change()["speed"] == stored["~limits/speed"] == 0.2 and not applied
+    assert change(speed=0.3)["speed"] == 0.3
+    assert [params.speed for params in applied] == [0.3] and applied[0].mode == "fast"
+    change(speed=0.3)
     assert len(applied) == 1 and not warned
 
 
 @pytest.mark.parametrize(
-    "changes, reason", [({"low": 6.0}, "at most high"), ({"high": 0.0}, "above 0"), ({"count": 13}, "unlucky")]
+    "changes, reason", [({"size": 0.1}, "at most size"), ({"size": 0.0}, "above 0"), ({"count": 13}, "unlucky")]
 )
 def test_a_refused_change_changes_nothing(tuned, changes, reason):
     change, _, applied, warned = tuned
-    change(low=2.0)
-    config = change(switch=True, **changes)
-    assert (config["low"], config["high"], config["count"], config["switch"]) == (2.0, 5.0, 3, False)
+    change(speed=0.3)
+    config = change(on=False, **changes)
+    assert config == {"speed": 0.3, "size": 1.0, "count": 3, "on": True}
     assert len(applied) == 1 and len(warned) == 1 and reason in warned[0]
-    assert change(low=4.0)["low"] == 4.0
+    assert change(speed=0.4)["speed"] == 0.4

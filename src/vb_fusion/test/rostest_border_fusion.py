@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from vb_testing import TIMEOUT, process_of, wait_until
+from vb_testing import TIMEOUT, Newest, process_of, wait_until
 
 from vb_core import names
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
@@ -26,46 +26,37 @@ def square(count: int) -> np.ndarray:
     return points + np.random.default_rng(0).normal(0, 0.01, points.shape)
 
 
+def codes(notices: NoticeArray) -> set:
+    return {notice.code for notice in notices.notices}
+
+
 class BorderFusionTest(unittest.TestCase):
     def setUp(self) -> None:
-        self.progress = []
         self.state = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
-        self.subscriber = rospy.Subscriber(names.PROGRESS, BorderProgress, self.progress.append)
-        self.told = []  # the codes of each message's notices
-        self.notices = rospy.Subscriber(
-            names.NOTICES, NoticeArray, lambda message: self.told.append({notice.code for notice in message.notices})
-        )
+        self.progress, self.notices = Newest(names.PROGRESS, BorderProgress), Newest(names.NOTICES, NoticeArray)
+        self.ends = (self.state, self.spots, self.progress.subscriber, self.notices.subscriber)
         self.connected()
         self.enter(DEFAULT, "")  # as every manager begins
         self.candidate = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
 
     def tearDown(self) -> None:
-        for end in (self.state, self.spots, self.subscriber, self.notices):
+        for end in self.ends:
             end.unregister()
 
-    def wait(self, condition, what: str):
-        wait_until(condition, lambda: f"{what}; the last progress was {self.progress[-1:]}")
-
     def connected(self) -> None:
-        self.wait(
-            lambda: self.state.get_num_connections()
-            and self.spots.get_num_connections()
-            and self.subscriber.get_num_connections()
-            and self.notices.get_num_connections(),
-            "the connection",
-        )
+        wait_until(lambda: all(end.get_num_connections() for end in self.ends), "the connection")
         rospy.wait_for_service(names.GET_DRAWN_BORDER, TIMEOUT)
 
     def enter(self, state: State, interaction: str, outcome: str = "", age: float = 0.0) -> None:
         message = InteractionState(name=state.name, interaction_id=interaction, last_outcome=outcome)
         message.header.stamp = message.entered = rospy.Time.now() - rospy.Duration(age)
         self.entered = message.entered
-        known = len(self.progress)
+        known = self.progress.count
         self.state.publish(message)
         if state != DEFAULT:
-            self.wait(
-                lambda: any(p.interaction_id == interaction for p in self.progress[known:]),
+            wait_until(
+                lambda: any(seen.interaction_id == interaction for seen in self.progress.all[known:]),
                 f"the change to {state.name}",
             )
 
@@ -80,7 +71,7 @@ class BorderFusionTest(unittest.TestCase):
         known = self.counted()
         for number, (x, y) in enumerate(points):
             if number and number % AT_ONCE == 0:
-                self.wait(lambda: self.counted() >= known + number, f"counting {number} spots")
+                wait_until(lambda: self.counted() >= known + number, f"counting {number} spots")
             spot = LaserSpot(camera=camera, confidence=1.0)
             spot.header.frame_id = frame
             spot.header.stamp = begin + rospy.Duration(0.04 * number)
@@ -89,34 +80,33 @@ class BorderFusionTest(unittest.TestCase):
 
     def counted(self) -> int:
         """How many spots the node has taken or ignored in this interaction."""
-        if not self.progress:
-            return 0
-        seen = self.progress[-1]
-        return seen.border_spots + seen.seed_spots + seen.ignored_spots
+        return sum(seen.border_spots + seen.seed_spots + seen.ignored_spots for seen in self.progress.all[-1:])
 
-    def last(self, **fields) -> bool:
-        return bool(self.progress) and all(getattr(self.progress[-1], key) == v for key, v in fields.items())
+    def wait_told(self, code: str, what: str) -> None:
+        self.notices.wait(lambda message: code in codes(message), what)
+
+    def wait_untold(self, what: str) -> None:
+        self.notices.wait(lambda message: not message.notices, what)
 
     def test_a_drawing_unknown_to_a_restarted_manager_is_reported_lost(self) -> None:
         self.enter(BORDER, "killed")
         self.show(square(20), since=0.01)
-        self.wait(lambda: self.last(border_spots=20), "the drawing")
+        self.progress.wait(lambda seen: seen.border_spots == 20, "the drawing")
         self.enter(DEFAULT, "")  # without an outcome, as no interaction ends
-        self.wait(lambda: any("drawing_lost" in codes for codes in self.told), "the loss to be told")
+        self.wait_told("drawing_lost", "the loss to be told")
         self.enter(BORDER, "next")
-        self.assertEqual(self.progress[-1].border_spots, 0)
-        self.wait(lambda: self.told and "drawing_lost" not in self.told[-1], "the end of the notice")
+        self.assertEqual(self.progress.message.border_spots, 0)
+        self.wait_untold("the end of the notice")
         self.enter(DEFAULT, "", "cancelled")
 
     def test_interaction(self) -> None:
         self.show(square(20), age=5.0)  # Default: not wanted, even if they arrive after the next state
         self.enter(BORDER, "one")
-        self.assertEqual(self.progress[-1].border_spots, 0)
-        self.assertEqual(self.progress[-1].code, "no_spots")
+        self.assertEqual(self.progress.message.border_spots, 0)
+        self.assertEqual(self.progress.message.code, "no_spots")
         self.show(square(200), "red", since=0.01)
         self.show(square(200), "green", since=0.02)
-        self.wait(lambda: self.last(border_spots=400) and len(self.progress[-1].chain) > 3, "the live chain")
-        seen = self.progress[-1]
+        seen = self.progress.wait(lambda seen: seen.border_spots == 400 and len(seen.chain) > 3, "the live chain")
         self.assertEqual(seen.code, "ok")
         self.assertTrue(seen.closed)
         self.assertEqual(set(seen.cameras), {"red", "green"})
@@ -124,15 +114,14 @@ class BorderFusionTest(unittest.TestCase):
         answer = self.candidate("one")
         self.assertFalse(answer.success)
         self.assertEqual(answer.code, "no_spots")
-        # wrong frame, too old, not finite: counted, not collected
-        ignored = self.progress[-1].ignored_spots
+        # wrong frame: counted, not collected
+        ignored = self.progress.message.ignored_spots
         self.show([(0, 0)], frame="odom")
-        self.show([(0, 0)], age=30.0)
-        self.show([(np.nan, 0)])
-        self.wait(lambda: self.last(border_spots=400, ignored_spots=ignored + 3), "counting the ignored spots")
+        self.progress.wait(lambda seen: seen.ignored_spots > ignored, "counting the ignored spot")
+        self.assertEqual(self.progress.message.border_spots, 400)
         self.enter(SEED, "one")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
-        self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
+        self.progress.wait(lambda seen: seen.seed_spots == 30 and seen.has_seed, "the seed")
         answer = self.candidate("one")
         self.assertTrue(answer.success, answer.message)
         self.assertEqual(answer.border.kind, VirtualBorder.POLYGON)
@@ -143,16 +132,13 @@ class BorderFusionTest(unittest.TestCase):
         self.assertEqual(self.candidate("another").code, "unknown_interaction")
         self.enter(DEFAULT, "", "saved")
         self.enter(BORDER, "two")
-        self.assertEqual(self.progress[-1].border_spots, 0)
-        self.assertFalse(self.progress[-1].chain)
+        self.assertEqual(self.progress.message.border_spots, 0)
+        self.assertFalse(self.progress.message.chain)
         self.enter(DEFAULT, "", "cancelled")
 
     def next_told(self) -> set:
         """The codes of a message of notices that was made after this call."""
-        known = len(self.told)
-        # one may have been on its way
-        self.wait(lambda: len(self.told) >= known + 2, "another message of notices")
-        return self.told[-1]
+        return codes(self.notices.next(2))  # one may have been on its way
 
     def test_doubts_are_reported_from_stroke_end_to_drawing_end(self) -> None:
         def draw_two() -> None:
@@ -161,35 +147,35 @@ class BorderFusionTest(unittest.TestCase):
 
         self.enter(BORDER, "doubtful")
         draw_two()  # up to 8 s ahead: the pointer is still seen
-        self.wait(lambda: bool(self.progress[-1].left_out_spots), "the spots that are left out")
+        self.progress.wait(lambda seen: seen.left_out_spots, "the spots that are left out")
         self.assertNotIn("strokes_left_out", self.next_told())
         self.enter(SEED, "doubtful")
-        self.wait(lambda: "strokes_left_out" in self.told[-1], "the doubt in Seed")
+        self.wait_told("strokes_left_out", "the doubt in Seed")
         self.enter(DEFAULT, "", "saved")
-        self.wait(lambda: not self.told[-1], "the end of the doubt")
+        self.wait_untold("the end of the doubt")
         self.enter(BORDER, "ended", age=40.0)
         draw_two()  # half a minute ago
-        self.wait(lambda: "strokes_left_out" in self.told[-1], "the doubt in Border")
-        self.assertNotIn("drawing_lost", self.told[-1], "by the manager's clock it began before the node was there")
+        self.wait_told("strokes_left_out", "the doubt in Border")
+        by_then = codes(self.notices.message)
+        self.assertNotIn("drawing_lost", by_then, "by the manager's clock it began before the node was there")
         self.enter(DEFAULT, "", "cancelled")
-        self.wait(lambda: not self.told[-1], "the end of the doubt")
+        self.wait_untold("the end of the doubt")
 
     def test_a_drawing_begun_before_the_node_restarted_is_not_saved(self) -> None:
-        self.enter(
-            BORDER, "three", age=-30.0
-        )  # the manager's clock is ahead, as it is of a simulation's that has not come yet
+        # the manager's clock is ahead, as it is of a simulation's that has not come yet
+        self.enter(BORDER, "three", age=-30.0)
         self.show(square(150), since=0.01)
-        self.wait(lambda: self.last(interaction_id="three", border_spots=150), "half the drawing")
+        self.progress.wait(lambda seen: (seen.interaction_id, seen.border_spots) == ("three", 150), "half the drawing")
         os.kill(process_of("/border_fusion"), signal.SIGKILL)
-        self.wait(lambda: self.told and "drawing_lost" in self.told[-1], "the loss to be told")
+        self.wait_told("drawing_lost", "the loss to be told")
         self.connected()
         self.enter(SEED, "three")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
-        self.wait(lambda: self.last(seed_spots=30), "the seed")
+        self.progress.wait(lambda seen: seen.seed_spots == 30, "the seed")
         self.assertEqual(self.candidate("three").code, "drawing_lost")
         self.assertIn("drawing_lost", self.next_told())
         self.enter(DEFAULT, "", "cancelled")
-        self.wait(lambda: not self.told[-1], "the end of the notice")
+        self.wait_untold("the end of the notice")
 
 
 if __name__ == "__main__":

@@ -22,18 +22,23 @@ def in_border(entered=0.0):
     return collector
 
 
-def test_collects_in_border_and_seed_only():
+def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
     collector = Collector()
     assert collector.add(spot(1.0)) == "state"
     assert collector.set_state(BORDER, "a", 2.0)
     assert collector.add(spot(2.1)) == ""
+    # drawing is interrupted and continued
     assert not collector.set_state(GUIDE, "a", 3.0)
     assert collector.add(spot(3.1)) == "state"
-    collector.set_state(SEED, "a", 4.0)
+    assert not collector.set_state(BORDER, "a", 4.0)
     assert collector.add(spot(4.1)) == ""
-    collector.set_state(DEFAULT, "", 5.0)
-    assert collector.add(spot(5.1)) == "state"
-    assert collector.counts == (1, 1, 2)
+    collector.set_state(SEED, "a", 5.0)
+    assert collector.add(spot(5.1)) == ""
+    collector.set_state(DEFAULT, "", 6.0)
+    assert collector.add(spot(6.1)) == "state"
+    assert collector.counts == (2, 1, 2) and collector.collection().border_total == 2
+    assert collector.set_state(BORDER, "b", 7.0)
+    assert collector.counts == (0, 0, 0)
 
 
 def test_early_and_non_finite_spots_are_ignored_and_counted():
@@ -46,21 +51,6 @@ def test_early_and_non_finite_spots_are_ignored_and_counted():
     assert collector.add(spot(10.2, camera="blue")) == ""
     assert collector.counts == (3, 0, 3) and collector.ignored["before_state"] == 1
     assert collector.collection().cameras == ["red", "green", "blue"]
-
-
-def test_an_interaction_is_kept_until_the_next_which_starts_empty():
-    collector = in_border()
-    collector.add(spot(1.0))
-    collector.set_state(DEFAULT, "", 2.0)
-    assert collector.collection().border_total == 1
-    assert collector.set_state(BORDER, "b", 3.0)
-    assert collector.counts == (0, 0, 0)
-    collector.add(spot(4.0))
-    # drawing is interrupted and continued
-    collector.set_state(GUIDE, "b", 5.0)
-    collector.set_state(BORDER, "b", 6.0)
-    collector.add(spot(7.0))
-    assert collector.collection().border_total == 2
 
 
 @pytest.mark.parametrize("spots", [0, 1])
@@ -114,31 +104,25 @@ def test_a_full_store_keeps_the_whole_drawing_and_every_camera(count, monkeypatc
     assert len(counts) == 2 and counts.min() > 0.9 * counts.max()
 
 
-def test_a_clock_that_is_set_back_while_somebody_draws_is_undone():
-    collector = in_border(100.0)
-    for k in range(400):
-        back = 5.0 if k >= 200 else 0.0
-        collector.add(spot(110.0 + 0.02 * k - back, x=0.01 * k, camera=("red", "green")[k % 2]))
-    rows = collector.collection().border
-    assert len(rows) == 398 and collector.ignored["clock"] == 2  # each camera's first after it
-    order = np.argsort(rows[:, 0], kind="stable")
-    assert np.diff(rows[order, 1]).min() > -0.05
-    assert np.ptp(rows[:, 0]) == pytest.approx(8.0, abs=0.2)
-
-
-def test_a_camera_that_sees_the_spot_only_after_its_clock_was_set_back_is_undone_too():
-    """It was 5 s before the others, and its part of the line lay in the middle of theirs."""
+@pytest.mark.parametrize(
+    "count, camera_at",
+    [
+        (400, lambda k: ("red", "green")[k % 2]),
+        # the one that sees the spot only after it was 5 s before the others: its part lay in the middle of theirs
+        (600, lambda k: ("red", "green")[k % 2] if k < 400 else "blue"),
+    ],
+)
+def test_a_clock_that_is_set_back_while_somebody_draws_is_undone_for_every_camera(count, camera_at):
     collector = in_border(107.0)
-    for k in range(600):
+    for k in range(count):
         back = 5.0 if k >= 200 else 0.0
-        camera = "red" if k % 2 and k < 400 else "green" if k < 400 else "blue"
-        collector.add(spot(110.0 + 0.02 * k - back, x=0.01 * k, camera=camera))
-    collector.add(spot(122.0, x=6.0, camera="of another computer"))
+        collector.add(spot(110.0 + 0.02 * k - back, x=0.01 * k, camera=camera_at(k)))
+    collector.add(spot(110.0 + 0.02 * count, x=0.01 * count, camera="of another computer"))
     rows = collector.collection().border
-    assert len(rows) == 599 and collector.ignored["clock"] == 2
+    assert len(rows) == count - 1 and collector.ignored["clock"] == 2  # the first of red and of green after it
     order = np.argsort(rows[:, 0], kind="stable")
     assert np.diff(rows[order, 1]).min() > -0.05
-    assert np.ptp(rows[:, 0]) == pytest.approx(12.0, abs=0.2)
+    assert np.ptp(rows[:, 0]) == pytest.approx(0.02 * count, abs=0.2)
 
 
 def test_one_old_message_is_no_clock_that_was_set_back():

@@ -81,11 +81,8 @@ for rate in (5, 25, 100):  # one camera sees white paper all the time, another t
     paper = seen(FALSE, 0.0, 6.0, "blue", rate=rate) + seen(THERE, 1.5, 6.0, "red", rate=18)
     SEEDS[f"paper, {rate}"] = SEEDS[f"known paper, {rate}"] = (THERE, paper)
     BORDERS[f"known paper, {rate}"] = around(FALSE, 1000)
-for last in (
-    4,
-    7,
-    30,
-):  # it stays in a robot's image after the pointer was switched off; to a camera that moves it is new
+# it stays in a robot's image after the pointer was switched off; to a camera that moves it is new
+for last in (4, 7, 30):
     parts = seen(HERE, 0.0, 2.0, "red") + seen(THERE, 2.2, 2.2 + last, "robot", rate=5)
     SEEDS[f"a robot's, {last}"], SEEDS[f"only a robot's, {last}"] = (HERE, parts), (THERE, parts)
     OTHERS[f"a robot's, {last}"], BORDERS[f"only a robot's, {last}"] = THERE, around(HERE, 50)

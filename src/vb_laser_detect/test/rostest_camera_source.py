@@ -97,19 +97,12 @@ class TestCameraSource(unittest.TestCase):
         self.assertLess(np.median(late), 0.06)
 
     def test_2_others_get_images_while_they_listen(self):
-        found = {}
-        kinds = {
-            "/hall/image_raw": Image,
-            "/hall/image_raw/compressed": CompressedImage,
-            "/hall/camera_info": CameraInfo,
-        }
-        for topic, kind in kinds.items():
-            found[topic] = rospy.wait_for_message(topic, kind, TIMEOUT)
-        picture = array_from_image(found["/hall/image_raw"])
-        self.assertEqual(picture.shape, (HEIGHT, WIDTH, 3))
-        self.assertEqual(found["/hall/image_raw"].header.frame_id, "hall_optical_frame")
-        self.assertIn(found["/hall/image_raw/compressed"].data, self.spot)  # as the camera sent it
-        np.testing.assert_allclose(found["/hall/camera_info"].K, CAMERA.matrix.ravel())
+        kinds = {"image_raw": Image, "image_raw/compressed": CompressedImage, "camera_info": CameraInfo}
+        whole, as_sent, info = (rospy.wait_for_message(f"/hall/{name}", kinds[name], TIMEOUT) for name in kinds)
+        self.assertEqual(array_from_image(whole).shape, (HEIGHT, WIDTH, 3))
+        self.assertEqual(whole.header.frame_id, "hall_optical_frame")
+        self.assertIn(as_sent.data, self.spot)
+        np.testing.assert_allclose(info.K, CAMERA.matrix.ravel())
 
     def test_3_a_stalled_camera_is_named_and_comes_back(self):
         self.server.stalled.set()

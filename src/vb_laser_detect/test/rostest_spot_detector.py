@@ -5,7 +5,6 @@ Spots are where and when they were; whatever is wrong with its input, a detector
 goes on.
 """
 
-import threading
 import unittest
 from concurrent.futures import ThreadPoolExecutor
 
@@ -73,17 +72,6 @@ class Observer:
         return [log for log in self.logs if log.name == name and f"[{code}]" in log.msg and log.level >= Log.WARN]
 
 
-def uncalibrated(camera):
-    """The camera_info of a camera whose lens nobody calibrated."""
-
-    def info(stamp):
-        message = info_from_camera(camera.camera, stamp, camera.frame)
-        message.K = [0.0] * 9
-        return message
-
-    return info
-
-
 class SpotDetectorTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -93,14 +81,12 @@ class SpotDetectorTest(unittest.TestCase):
         cls.blue = FixedCamera("blue", 4.0, 1.5, GREEN, True)
         cls.robot = RobotCamera()
         cls.red.info = None
-        cls.spoil = {}  # by camera: what makes the message that comes instead of every second image
         cls.static = tf2_ros.StaticTransformBroadcaster()
         cls.place(cls.blue.T, cls.blue.frame)
         cls.map = rospy.Publisher("/map", messages.OccupancyGridArray, queue_size=1, latch=True)
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
-        cls.running = True
-        cls.player = threading.Thread(target=cls.play, daemon=True)
-        cls.player.start()
+        cls.step = 0
+        cls.player = rospy.Timer(rospy.Duration(1 / 12), cls.play)
 
     @classmethod
     def place(cls, T, frame):
@@ -108,32 +94,17 @@ class SpotDetectorTest(unittest.TestCase):
 
     @classmethod
     def tearDownClass(cls):
-        cls.running = False
+        cls.player.shutdown()
         cls.player.join()
 
     @classmethod
-    def play(cls):
-        rate, step = rospy.Rate(12), 0
-        while cls.running and not rospy.is_shutdown():
-            stamp, step = rospy.Time.now(), step + 1
-            for camera in (cls.red, cls.blue):
-                point = camera.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * step), np.sin(0.1 * step)])
-                if not cls.spoilt(camera, stamp, step):
-                    cls.observer.truth[camera.name, stamp.to_nsec()] = point
-                    camera.play(stamp, point)
-            if not cls.spoilt(cls.robot, stamp, step):
-                cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
-            rate.sleep()
-
-    @classmethod
-    def spoilt(cls, camera, stamp, step):
-        spoil = cls.spoil.get(camera)
-        if spoil is None or step % 2:
-            return False
-        message = spoil()
-        message.header.stamp, message.header.frame_id = stamp, camera.frame
-        camera.images.publish(message)
-        return True
+    def play(cls, _event):
+        stamp, cls.step = rospy.Time.now(), cls.step + 1
+        for camera in (cls.red, cls.blue):
+            point = camera.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * cls.step), np.sin(0.1 * cls.step)])
+            cls.observer.truth[camera.name, stamp.to_nsec()] = point
+            camera.play(stamp, point)
+        cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (cls.step % 100))
 
     def wait(self, condition, what):
         wait_until(condition, lambda: f"{what}: {self.observer.status} {self.observer.notices}")
@@ -193,7 +164,7 @@ class SpotDetectorTest(unittest.TestCase):
         self.camera_info_is_late_wrong_and_then_right()
         self.pose_comes()
         self.check_spots("red", [LaserSpot.GROUND_PLANE], 0.01)
-        self.bad_images("red", self.red)
+        self.bad_images()
         self.frame_is_shared()
         self.tuning()
         self.debug_image()
@@ -201,9 +172,14 @@ class SpotDetectorTest(unittest.TestCase):
 
     def camera_info_is_late_wrong_and_then_right(self):
         o, red = self.observer, self.red
-        self.wait(lambda: o.told("red", "no camera_info on /red/camera_info"), "the notice that camera_info is missing")
 
-        red.info = uncalibrated(red)
+        def uncalibrated(stamp):
+            message = info_from_camera(red.camera, stamp, red.frame)
+            message.K = [0.0] * 9
+            return message
+
+        self.wait(lambda: o.told("red", "no camera_info on /red/camera_info"), "the notice that camera_info is missing")
+        red.info = uncalibrated
         self.wait(lambda: o.warnings("red", "bad_camera_info"), "a warning of the zero matrix")
         self.wait(lambda: o.told("red", "no focal length"), "the notice of the zero matrix")
         self.wait(lambda: o.refused("red", "no_camera_info") >= 3, "spots that were dropped")
@@ -217,13 +193,19 @@ class SpotDetectorTest(unittest.TestCase):
         self.place(self.red.T, self.red.frame)
         self.assertGreater(self.wait_for_spots("red")[-1].track, 0)  # each spot says which one it is
 
-    def bad_images(self, name, camera):
-        height, width = camera.camera.height, camera.camera.width
-        self.spoil[camera] = lambda: message_from_image(np.ones((height, width), np.float32), "32FC1", rospy.Time(), "")
-        self.check_fault(name, "unknown_encoding", "32FC1", Notice.WARNING, count=3)
-        self.wait_for_spots(name, 1)
-        del self.spoil[camera]
-        self.wait(lambda: not self.observer.notices[f"/spot_detector_{name}"], "all well again")
+    def bad_images(self):
+        """They come between good ones."""
+        bad = message_from_image(np.ones((270, 480), np.float32), "32FC1", rospy.Time(), self.red.frame)
+
+        def play(_event):
+            bad.header.stamp = rospy.Time.now()
+            self.red.images.publish(bad)
+
+        timer = rospy.Timer(rospy.Duration(0.15), play)
+        self.check_fault("red", "unknown_encoding", "32FC1", Notice.WARNING, count=3)
+        self.wait_for_spots("red", 1)
+        timer.shutdown()
+        self.wait(lambda: not self.observer.notices["/spot_detector_red"], "all well again")
 
     def frame_is_shared(self):
         """No spot is placed while another ceiling camera has the same frame: one of the two poses is wrong."""

@@ -76,10 +76,8 @@ class Scene:
         light = light * gain
         if bayer:
             mosaic = np.empty((height, width), np.float32)
-            mosaic[0::2, 0::2] = light[0::2, 0::2, 2]
-            mosaic[0::2, 1::2] = light[0::2, 1::2, 1]
-            mosaic[1::2, 0::2] = light[1::2, 0::2, 1]
-            mosaic[1::2, 1::2] = light[1::2, 1::2, 0]
+            for row, column, channel in ((0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 0)):
+                mosaic[row::2, column::2] = light[row::2, column::2, channel]
             light = mosaic
         start = int(self._random.integers(0, self._noise.size - light.size))
         noise = self._noise[start : start + light.size].reshape(light.shape)
@@ -90,6 +88,12 @@ def tinted(scene: Scene) -> Scene:
     """The same scene with so coloured a floor that a Bayer image of it can be told from a grey one."""
     scene.floor = scene.floor * np.array([0.75, 1.0, 1.1], np.float32)
     return scene
+
+
+def shown(scene: Scene, kind: str, spots=(), *light, **more) -> np.ndarray:
+    """An image as a camera of a kind takes it: bgr, bayer, or mono, which a green laser's light falls into."""
+    image = scene.render(spots, *light, bayer=kind == "bayer", **more)
+    return image[:, :, 1].copy() if kind == "mono" else image
 
 
 class ImageDetector(SpotDetector):

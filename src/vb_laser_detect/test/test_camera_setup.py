@@ -2,6 +2,7 @@
 
 import math
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -53,10 +54,8 @@ def test_the_lens_is_found(seed):
     assert found.focal_px == pytest.approx(camera.focal_px, rel=0.012)
     # rays agree to a centimetre at three metres
     grid = np.stack(np.meshgrid(np.linspace(60, 1220, 9), np.linspace(60, 660, 7)), axis=-1).reshape(-1, 2)
-    here, there = found.rays(grid), camera.rays(grid)
-    away = np.linalg.norm(
-        here / np.linalg.norm(here, axis=1)[:, None] - there / np.linalg.norm(there, axis=1)[:, None], axis=1
-    )
+    here, there = (rays / np.linalg.norm(rays, axis=1)[:, None] for rays in (found.rays(grid), camera.rays(grid)))
+    away = np.linalg.norm(here - there, axis=1)
     assert np.percentile(away - np.median(away), 90) < 0.01
 
 
@@ -121,11 +120,8 @@ def test_images_that_do_not_follow_the_light_say_nothing():
 
 
 def test_a_terminal_gets_its_colours_back_from_an_interrupted_measurement(monkeypatch, capsys):
-    def interrupt(seconds):
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(rospy.Time, "now", staticmethod(rospy.Time))
-    monkeypatch.setattr(camera_setup.time, "sleep", interrupt)
+    monkeypatch.setattr(camera_setup.time, "sleep", Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         camera_setup._blink()
     written = capsys.readouterr().out
@@ -182,10 +178,7 @@ def test_a_search_that_ends_early_sets_the_camera_back(monkeypatch, ended):
 
 
 def test_a_setting_for_a_detector_that_does_not_run_is_refused(monkeypatch):
-    def wait(service, timeout):
-        raise rospy.ROSException(f"timeout exceeded while waiting for service {service}")
-
-    monkeypatch.setattr(rospy, "wait_for_service", wait)
+    monkeypatch.setattr(rospy, "wait_for_service", Mock(side_effect=rospy.ROSException("timeout exceeded")))
     images = object.__new__(camera_setup.CameraImages)
     images._camera = "hall"
     with refused("detector_missing"):

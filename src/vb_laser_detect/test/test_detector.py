@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import GREEN, RED, FlatFloor, ImageDetector, Scene, tinted
+from scenes import GREEN, RED, FlatFloor, ImageDetector, Scene, shown, tinted
 from refusals import refused
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detector import DetectorParams
@@ -21,19 +21,19 @@ def feed(detector, images, start=0.0):
     return [detector.detect(image, start + PERIOD * i) for i, image in enumerate(images)]
 
 
+def settled(scene, detector, kind="bgr"):
+    """Both, once the detector has seen the empty floor for a third of a second."""
+    feed(detector, [shown(scene, "bayer" if detector.bayer else kind) for _ in range(8)])
+    return scene, detector
+
+
 def steps_seen(detector, images, start=0.4):
-    """The numbers of the images in which a spot is told, by then or later."""
+    """The numbers of the (numbered) images in which a spot is told, by then or later."""
     found = set()
-    for i, image in enumerate(images):
-        spots = detector.detect(image, start + PERIOD * i)
+    for number, image in images:
+        spots = detector.detect(image, start + PERIOD * number)
         found |= {round((spot.stamp - start) / PERIOD) for spot in spots + detector.earlier}
     return found
-
-
-def shown(scene, kind, spots=(), *light, **more):
-    """An image as a camera of a kind takes it: bgr, bayer, or mono, which a green laser's light falls into."""
-    image = scene.render(spots, *light, bayer=kind == "bayer", **more)
-    return image[:, :, 1].copy() if kind == "mono" else image
 
 
 def follow(detector, scene, truths, start=0.4, change=lambda i: {}, kind="", **spot):
@@ -63,8 +63,7 @@ def follow(detector, scene, truths, start=0.4, change=lambda i: {}, kind="", **s
     ],
 )
 def test_spot_is_found_to_a_fraction_of_a_pixel(room, spot, kind):
-    scene, detector = Scene(**room), at_once(bayer=kind == "bayer")
-    feed(detector, [shown(scene, kind) for _ in range(8)])
+    scene, detector = settled(Scene(**room), at_once(bayer=kind == "bayer"), kind)
     truths = np.random.default_rng(2).uniform((40, 40), (600, 320), (25, 2))
     found = follow(detector, scene, truths, kind=kind, **spot)
     errors, within = sum(found, []), 0.3 if room else 0.2
@@ -73,8 +72,7 @@ def test_spot_is_found_to_a_fraction_of_a_pixel(room, spot, kind):
 
 
 def test_spot_held_still_for_ten_seconds_stays():
-    scene, detector = Scene(320, 192), at_once()
-    feed(detector, [scene.render() for _ in range(8)])
+    scene, detector = settled(Scene(320, 192), at_once())
     still = [scene.render([(150.3, 90.7)]) for _ in range(5)]
     found = feed(detector, [still[i % 5] for i in range(250)], 0.4)
     assert all(len(spots) == 1 for spots in found)
@@ -142,30 +140,19 @@ def test_white_is_what_the_camera_shows_at_most(white):
 
 @pytest.mark.parametrize("laser", [RED, GREEN])
 def test_bayer_images_tell_white_light_from_a_laser(laser):
-    scene, detector = tinted(Scene()), at_once(bayer=True)
-    feed(detector, [scene.render(bayer=True) for _ in range(8)])
-    glint = feed(detector, [scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
-    assert glint == [[]] * 10
+    scene, detector = settled(tinted(Scene()), at_once(bayer=True))
+    white = {"spots": [(300, 150)], "color": (1.0, 1.0, 1.0), "bayer": True}
+    assert feed(detector, [scene.render(**white) for _ in range(10)], 0.4) == [[]] * 10
     assert "chroma_mosaic" in {candidate.rejection for candidate in detector.candidates}
-    both = tinted(Scene())
-    found = [
-        detector.detect(
-            np.maximum(
-                scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True),
-                both.render([(80 + 10.0 * i, 300)], color=laser, bayer=True),
-            ),
-            0.8 + PERIOD * i,
-        )
-        for i in range(20)
-    ]
+    other = tinted(Scene())
+    beside = [other.render([(80 + 10.0 * i, 300)], color=laser, bayer=True) for i in range(20)]
+    found = feed(detector, [np.maximum(scene.render(**white), image) for image in beside], 0.8)
     assert sum(len(spots) == 1 and abs(spots[0].v - 300) < 1.0 for spots in found) >= 19
 
 
 def test_small_glints_that_move_are_no_spots_on_bayer_images():
     # a glint hardly larger than a pixel: the pattern makes colours of it, another one wherever it goes
-    scene = tinted(Scene())
-    detector = ImageDetector(bayer=True)
-    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    scene, detector = settled(tinted(Scene()), ImageDetector(bayer=True))
     looked_at, found, time = 0, 0, 0.4
     for sigma in (0.5, 0.6, 0.7):
         for u, v in ((7.3, 3.1), (9.4, 0.6), (5.7, 8.2), (8.3, 4.7)):
@@ -182,8 +169,7 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
 @pytest.mark.parametrize("bayer", [False, True])
 @pytest.mark.parametrize("brightness, gain", [(60.0, 1.6), (60.0, 2.5), (110.0, 1.6)])
 def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
-    scene, detector = tinted(Scene(brightness=brightness)), ImageDetector(bayer=bayer)
-    feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
+    scene, detector = settled(tinted(Scene(brightness=brightness)), ImageDetector(bayer=bayer))
 
     def beam(i):
         """First the spot is drawn beside it, then its edge creeps along under the spot: what rose is larger than any."""
@@ -195,8 +181,7 @@ def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
 
 
 def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
-    scene, detector = tinted(Scene()), ImageDetector(bayer=True)
-    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    scene, detector = settled(tinted(Scene()), ImageDetector(bayer=True))
 
     def leg(i):
         """A dark one goes along beside it for a third of a second."""
@@ -208,8 +193,7 @@ def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
 
 @pytest.mark.parametrize("gain, bayer", [(1.4, False), (0.4, False), (0.4, True)])
 def test_a_spot_is_followed_over_a_switched_light(gain, bayer):
-    scene, detector = Scene(), at_once(bayer=bayer)
-    feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
+    scene, detector = settled(Scene(), at_once(bayer=bayer))
     held = []
     for i, light in enumerate([1.0] * 5 + [gain] * 60):
         image = scene.render([(300, 150)], gain=light, power=420.0 / light, bayer=bayer)
@@ -221,7 +205,7 @@ def test_a_spot_is_followed_over_a_switched_light(gain, bayer):
 
 def test_people_beside_it_do_not_take_a_spots_turn():
     # on a bright floor each of them rises more than the spot can
-    scene, detector = Scene(640, 360, brightness=200.0), at_once()
+    scene, detector = Scene(brightness=200.0), at_once()
     floor = np.minimum(scene.floor, 215.0)
     floor[:, :280] = 40.0
     feed(detector, [scene.render(floor=floor) for _ in range(8)])
@@ -238,9 +222,7 @@ def test_a_doubtful_spot_that_stays_is_learnt():
         def classify(self, blob, features, expected=False):
             return 0.7, "peak"
 
-    scene = Scene()
-    detector = ImageDetector(DetectorParams(confirm_frames=1), Doubtful({}, 0.0))
-    feed(detector, [scene.render() for _ in range(8)])
+    scene, detector = settled(Scene(), at_once(classifier=Doubtful({}, 0.0)))
     found = feed(detector, [scene.render([(150, 90)]) for _ in range(75)], 0.4)
     assert all(found[:30]) and not any(found[45:])
 
@@ -248,31 +230,16 @@ def test_a_doubtful_spot_that_stays_is_learnt():
 # ------------------------------------------------------------------ confirmation, sizes, places
 
 
-def test_a_confirmed_stroke_gives_back_its_first_spots():
-    scene, detector = Scene(), ImageDetector(DetectorParams(confirm_frames=3))
-    feed(detector, [scene.render() for _ in range(6)])
-    backfilled = []
-    for i in range(5):
-        detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
-        backfilled.append([(round(earlier.stamp, 2), round(earlier.u)) for earlier in detector.earlier])
-    assert backfilled == [[], [], [(0.3, 300), (0.34, 304)], [], []]
-    detector.set_params(DetectorParams(confirm_frames=1))
-    detector.detect(scene.render([(100, 100)]), 0.6)
-    assert detector.earlier == []
-
-
 def test_sizes_count_in_millimetres_where_the_pose_is_known():
-    scene = Scene()
     for scale, expected in ((0.002, 1), (0.05, 0)):
-        detector = at_once(geometry=FlatFloor(scale))
-        feed(detector, [scene.render() for _ in range(6)])
+        scene, detector = settled(Scene(), at_once(geometry=FlatFloor(scale)))
         assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
     assert detector.candidates[0].rejection == "too_large"
 
 
 def test_a_place_can_be_rejected_and_the_reason_is_kept():
-    scene, detector = Scene(), at_once(geometry=FlatFloor(reject=lambda u, v: "spot_outside_map" if u < 320 else ""))
-    feed(detector, [scene.render() for _ in range(6)])
+    floor = FlatFloor(reject=lambda u, v: "spot_outside_map" if u < 320 else "")
+    scene, detector = settled(Scene(), at_once(geometry=floor))
     spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
     assert [round(spot.u) for spot in spots] == [500]
     assert "spot_outside_map" in [candidate.rejection for candidate in detector.candidates]
@@ -329,8 +296,8 @@ def drawn(step):
 @pytest.mark.parametrize("kind", ["bgr", "bayer", "mono"])
 @pytest.mark.parametrize("rhythm", [5.0, 3.0, 0.0], ids=["5 Hz", "3 Hz", "steady"])
 def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
-    scene = tinted(Scene(320, 192))
     detector = ImageDetector(DetectorParams(max_dwell_time=10.0), bayer=kind == "bayer")
+    scene, _ = settled(tinted(Scene(320, 192)), detector, kind)
 
     def image(step, *spots):
         on = not rhythm or (step * PERIOD * rhythm) % 1.0 < 0.5
@@ -338,7 +305,6 @@ def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
         color = GREEN if kind == "mono" else RED
         return shown(scene, kind, [*spots, *[(250.0, 150.0)] * on], 2.0, color=color)
 
-    feed(detector, [shown(scene, kind)] * 8)
     # a pointer that draws is not kept waiting by it
     alone = [bool(detector.detect(image(step), 0.4 + PERIOD * step)) for step in range(100)]
     beside = [detector.detect(image(step, drawn(step)), 0.4 + PERIOD * step) for step in range(100, 200)]
@@ -354,36 +320,32 @@ def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
 
 @pytest.mark.parametrize("every", [10, 12])
 def test_images_that_come_late_are_left_out_and_counted(every):
-    scene, detector = tinted(Scene(320, 192)), ImageDetector()
-    feed(detector, [scene.render()] * 8)
+    scene, detector = settled(tinted(Scene(320, 192)), ImageDetector())
     order = list(range(120))
     for i in range(0, 119, every):
         order[i], order[i + 1] = order[i + 1], order[i]
-    found = set()
-    for step in order:
-        spots = detector.detect(scene.render([drawn(step)]), 0.4 + PERIOD * step)
-        found |= {round(spot.stamp, 3) for spot in spots + detector.earlier}
+    found = steps_seen(detector, ((step, scene.render([drawn(step)])) for step in order))
     late = len(range(0, 119, every))
     assert detector.late == late and len(found) >= 120 - late - 1
 
 
 def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
-    scene, detector = Scene(320, 192), ImageDetector()
-    feed(detector, [shown(scene, "mono")] * 8)
+    scene, detector = settled(Scene(320, 192), ImageDetector(), "mono")
     lit = {step for step in range(150) if (step * PERIOD * 2.0) % 1.0 < 0.5}
     white = {"color": (1.0, 1.0, 1.0)}
-    images = (shown(scene, "mono", [drawn(step / 3.0)] * (step in lit), **white) for step in range(150))
-    found = steps_seen(detector, images)
+    found = steps_seen(
+        detector, ((i, shown(scene, "mono", [drawn(i / 3.0)] * (i in lit), **white)) for i in range(150))
+    )
     assert found <= lit and len(found) >= 0.9 * len(lit)
 
 
 def test_a_weak_pointer_beside_a_lamp_in_grey_images():
     # what counts is how bright the room is, not the lamp in it
-    scene, detector = Scene(brightness=60.0), ImageDetector()
+    scene = Scene(brightness=60.0)
     scene.floor[60:80, 560:590] = 255.0
-    feed(detector, [shown(scene, "mono")] * 8)
+    _, detector = settled(scene, ImageDetector(), "mono")
     white = {"power": 0.3 * 255.0, "color": (1.0, 1.0, 1.0)}
-    assert len(steps_seen(detector, (shown(scene, "mono", [drawn(step)], **white) for step in range(60)))) >= 57
+    assert len(steps_seen(detector, ((i, shown(scene, "mono", [drawn(i)], **white)) for i in range(60)))) >= 57
 
 
 @pytest.mark.parametrize("depth", [0.3, 0.5])
@@ -401,8 +363,8 @@ def test_lamps_that_flicker_over_a_rolling_shutter(depth, kind):
 
 
 def test_images_that_come_in_bursts():
-    scene, detector, found = tinted(Scene(480, 192)), ImageDetector(geometry=FlatFloor(0.004)), 0
-    feed(detector, [scene.render()] * 9)
+    scene, detector = settled(tinted(Scene(480, 192)), ImageDetector(geometry=FlatFloor(0.004)))
+    found = 0
     for step in range(90):
         # three at a time, stamped as they arrive; the spot is drawn at 2 m/s
         u = 60.0 + abs((20.0 * step) % 720 - 360)

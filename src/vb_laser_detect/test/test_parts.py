@@ -168,15 +168,6 @@ def test_what_images_lack_is_told_once_it_lasts(missing, told):
     assert fault(watch, 66.5) == told, "what was there before is missed sooner"
 
 
-def test_past_images_without_a_pose_raise_no_alarm():
-    """A detector whose first images came before the poses, on a computer that starts slowly."""
-    watch = InputWatch(0.0)
-    for now in np.arange(20.0, 22.0, 0.1):
-        watch.see_image(now, CodedError("no_transform"))
-    watch.see_image(22.0, None)
-    assert fault(watch, 22.1) == ""
-
-
 @pytest.mark.parametrize("started, images, silent", [(0.0, (), 1061), (50.0, (), 111), (50.0, (112.0,), 116)])
 def test_silent_camera_is_reported_once_the_lab_has_started(started, images, silent):
     watch = InputWatch(started)  # 0: before simulated time

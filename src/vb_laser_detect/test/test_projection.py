@@ -162,11 +162,6 @@ def test_floor_depth_is_right_at_edges_and_beside_holes(place, seed, holes, dtyp
     assert np.linalg.norm(point.position - plane.position) < 0.002 + 0.001 * plane.range
 
 
-def test_what_lies_behind_a_camera_is_not_seen():
-    assert np.isnan(floor_points(ROBOT, UP, np.array([[320.0, 240.0]]))).all()
-    assert np.isnan(pixels_of(ROBOT, UP, np.array([1.0, 1.0, 0.0]))).all()
-
-
 # ------------------------------------------------------------------ robots that hide the floor
 CYLINDER = RobotCylinder(2.0, 1.0, 0.2, 0.4)
 

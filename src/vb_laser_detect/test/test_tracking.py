@@ -11,19 +11,13 @@ from vb_laser_detect.detection.projection import GROUND_PLANE, FloorPoint
 from vb_laser_detect.detection.tracking import Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
-GREEN, WHITE = np.array([0.1, 1.0, 0.1]), np.array([1.0, 1.0, 1.0])
+GREEN = np.array([0.1, 1.0, 0.1])
 
 
 def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
     """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
-    return Spot(
-        500 * x,
-        500 * y,
-        8.0,
-        confidence,
-        tint=tint,
-        floor_point=FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0),
-    )
+    place = FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0)
+    return Spot(500 * x, 500 * y, 8.0, confidence, tint=tint, floor_point=place)
 
 
 class Film:
@@ -32,12 +26,11 @@ class Film:
     def __init__(self, rate=25.0, mosaic=False, **changes):
         self.tracker = SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes}))
         self.traits = ImageTraits(800.0, mosaic)
-        self.period, self.now, self.images = 1.0 / rate, 0.0, -1
+        self.period, self.now = 1.0 / rate, 0.0
 
     def see(self, *sightings):
         self.now += self.period
-        self.images += 1
-        self.expected = self.tracker.begin(self.now, self.traits, None)
+        self.tracker.begin(self.now, self.traits, None)
         told = []
         for track in self.tracker.update([replace(one, stamp=self.now) for one in sightings]):
             earlier = [round(one.stamp / self.period) - 1 for one in track.unpublished if track.published]

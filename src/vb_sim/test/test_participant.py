@@ -14,8 +14,7 @@ from vb_sim.person.walking import distance_to_chain
 from vb_sim.models import ParticipantModel
 from vb_sim.person.participant import Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
-from vb_sim.person.participant_robot_only import RobotOnlyScript
-from vb_sim.person.participant_robot_only import choose_order
+from vb_sim.person.participant_robot_only import RobotOnlyScript, choose_order
 from vb_sim.room.world import load_world
 
 from closed_loop import DT, System
@@ -31,10 +30,9 @@ def chain_of(border, closed):
     return np.vstack([border, border[:1]]) if closed else border
 
 
-def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, **more):
+def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=ParticipantModel(), **more):
     scenario = WORLD.scenario(key)
     near = scenario.stand if method == "nrs" else np.array(WORLD.robots[0].start[:2])
-    model = more.pop("model", ParticipantModel())
     person = Person(WORLD, scenario, model, seed, near, method)
     script = NetworkRobotSystemScript(person) if method == "nrs" else RobotOnlyScript(person)
     return System(script, WORLD.robots[0].start_pose(), covered, follows=more.pop("follows", method != "nrs"), **more)
