@@ -86,6 +86,8 @@ class PageTest(unittest.TestCase):
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)
+        # else the next test's setUp may not know what to remove
+        wait_until(lambda: answer.id in [border.id for border in self.borders()], "the border on its topic")
 
     def resume(self):
         self.browser.click("#resume", "Resume")
