@@ -52,7 +52,7 @@ def test_blocks_around_a_place_within_and_outside_the_image(u, v, marked):
 def test_relit_background_keeps_its_texture_without_the_spot(bayer):
     scene = tinted(Scene(200, 120, brightness=60.0, noise=0.0))
     before, place = scene.render(bayer=bayer), (120, 60)
-    scene.floor[:, 60:] *= 1.8
+    scene.floor[:, 60:] *= (1.8, 1.5, 1.2)  # warmer light
     lit = scene.render(bayer=bayer).astype(int)
     relit = relight(before, scene.render([place], bayer=bayer), 20.0)
     # the lowest ratio near by is taken, which rounding makes a little less than the true one
@@ -82,6 +82,15 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         assert np.abs(background.reference[hidden] - known).mean() < 6.0, i
         if background.update(Picture(image, "bgr"), rise, rise > 18, spots, 0.04):
             keyframe = i
+
+
+@pytest.mark.parametrize("moved, becomes_keyframe", [(2.0, False), (100.0, True)])
+def test_a_camera_that_has_moved_far_shows_another_floor(moved, becomes_keyframe):
+    image = np.random.default_rng(4).integers(0, 256, (96, 160), dtype=np.uint8)
+    background = Background(image)
+    rise, _ = background.subtract_background(image, np.array([[1.0, 0, -moved], [0, 1, 0], [0, 0, 1]]))
+    nothing = np.zeros(background.blocks, bool)
+    assert background.update(Picture(image, "bgr"), rise, nothing, nothing, 0.04) == becomes_keyframe
 
 
 def tint_of(lit, floor, bayer=False):
