@@ -14,6 +14,7 @@ from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
 from vb_evaluation.observer import Observer
+from vb_fusion.stroke.track import LEAST_SEEN
 from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 from vb_sim.lab_simulator_node import MIN_PACE
 from vb_sim.room import floor_plan
@@ -25,9 +26,9 @@ RATE = 25.0  # [1/s] of the lab's cameras
 NEAR = 0.1  # [m] between what was seen of a hand and the line that is made of it
 
 
-def farthest(points: np.ndarray, from_points: np.ndarray) -> float:
-    """Returns the largest distance [m] of a point (N, 2) to the nearest of other points (M, 2)."""
-    return float(np.linalg.norm(points[:, None] - from_points[None], axis=2).min(axis=1).max())
+def far_ones(points: np.ndarray, from_points: np.ndarray) -> int:
+    """Counts the points (N, 2) [m] that are not near any of other points (M, 2)."""
+    return int((np.linalg.norm(points[:, None] - from_points[None], axis=2).min(axis=1) > NEAR).sum())
 
 
 class Pace:
@@ -73,11 +74,12 @@ class WholeScenario(unittest.TestCase):
         border = observer.borders[0]
         self.assertEqual(border.id, observer.state.last_border_id)
         self.assertEqual(border.kind, border.SEPARATING_CURVE)
-        # of all that was seen of the hand, and no longer; a busy computer's cameras may miss some of it
+        # of all that was seen of the hand, and no longer; a busy computer's cameras may miss some of it, and what they see
+        # for a few moments after such a pause is taken for a glint: of each of two cameras
         subscriber.unregister()
         line = resample_chain(np.array([(p.x, p.y) for p in border.points]), 0.02)
-        self.assertLess(farthest(np.array(seen), line), NEAR)
-        self.assertLess(farthest(line[[0, -1]], np.array(seen)), NEAR)
+        self.assertLess(far_ones(np.array(seen), line), 2 * LEAST_SEEN)
+        self.assertEqual(far_ones(line[[0, -1]], np.array(seen)), 0)
         self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
 
         # it restricts what was meant, and nothing but free cells changed
