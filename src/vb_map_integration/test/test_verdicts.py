@@ -6,7 +6,6 @@ import pytest
 
 from refusals import refused
 from vb_core.errors import CodedError
-from vb_core.grid_layers import sample
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.in_force import put_in_force
 from vb_map_integration.places.border_place import BorderPlace
@@ -14,7 +13,7 @@ from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import MAX_MAPS
 
 from integrators import integrator
-from test_recognition import closed_off, flat, keep_out
+from test_recognition import closed_at, closed_off, flat, keep_out
 
 DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # of the room on the left
 
@@ -28,10 +27,6 @@ def with_walls(grid, *walls, transform=Transform()):
         cv2.line(line, tuple(ends[0].tolist()), tuple(ends[1].tolist()), 1, 2)
         cells[(line > 0) & (cells >= 0)] = 100
     return grid.with_data(cells)
-
-
-def closed_at(keeper, x, y):
-    return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
 
 
 def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
