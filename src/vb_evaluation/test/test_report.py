@@ -21,7 +21,7 @@ from vb_core.errors import CodedError
 from vb_evaluation import statistics
 from vb_evaluation.report import paper_comparison, questionnaire, sensitivity
 from vb_evaluation.report.answers import answers, write_page
-from vb_evaluation.report.data import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
+from vb_evaluation.report.data import ERRORS, TIMES, pairs, read_sheet, read_study, select, write_table, yes_or_no
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
@@ -101,15 +101,15 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
         for draw, world in enumerate(worlds, 1)
         for method, (done, seconds, error) in zip(("nrs", "robot_only"), world)
     ]
-    study_rows.write(tmp_path / "runs.csv", list(rows[0])[1:], rows, "ignore")
-    study_rows.write(tmp_path / "worlds.csv", list(rows[0]), rows)
-    study_rows.write(tmp_path / "draws.csv", ["draw", "a"], [{"draw": draw, "a": 1} for draw in range(1, 8)])
+    study_rows.write(tmp_path / "runs.csv", rows)
+    study_rows.write(tmp_path / "worlds.csv", rows)
+    study_rows.write(tmp_path / "draws.csv", [{"draw": draw, "a": 1} for draw in range(1, 8)])
     found = {"all": [], "no camera too bright": []}
     for row in sensitivity.plausible_worlds_section(read_study(tmp_path))[1].rows:
         found[row["worlds"]].append((round(row["holds"].estimate * row["n"] / 100), row["n"]))
     assert found["no camera too bright"] == [(3, 6), (2, 3), (1, 3), (2, 3), (3, 4), (4, 6), (4, 6)]
     assert found["all"] == [(4, 7), (3, 4), (2, 4), (3, 4), (4, 5), (5, 7), (5, 7)]
-    study_rows.write(tmp_path / "runs.csv", list(rows[0])[1:], rows[::2], "ignore")
+    study_rows.write(tmp_path / "runs.csv", rows[::2])
     assert sensitivity.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
 
 
@@ -123,12 +123,8 @@ def test_maps_are_those_nearest_to_the_median(full):
     study = read_study(full[0])
     for scenario in study.scenarios:
         row = nearest_to_median(study, scenario, "nrs")
-        done = [
-            float(one["jaccard"])
-            for one in rows_of(full[0] / "runs.csv")
-            if (one["scenario"], one["method"], one["completed"]) == (scenario, "nrs", "1")
-        ]
-        assert abs(row["jaccard"] - np.median(done)) == min(abs(value - np.median(done)) for value in done)
+        done = select(study.runs, scenario=scenario, method="nrs", completed=1).jaccard
+        assert abs(row["jaccard"] - done.median()) == (done - done.median()).abs().min()
 
 
 @pytest.mark.parametrize("participants", [1, 2])
@@ -141,8 +137,7 @@ def test_few_participants_and_nothing_but_runs(tmp_path, participants):
 
 def test_runs_that_are_missing_are_named(tmp_path):
     folder = study_rows.make_study(tmp_path / "study", 3, worlds=False, maps=False)
-    rows = rows_of(folder / "runs.csv")
-    study_rows.write(folder / "runs.csv", list(rows[0]), rows[:-1])
+    study_rows.write(folder / "runs.csv", rows_of(folder / "runs.csv")[:-1])
     assert "Missing runs (1): 3, Carpet exclusion, Robot only" in write_report(folder).read_text()
 
 
@@ -158,7 +153,7 @@ def test_bad_data_is_one_line(tmp_path, change, words, capsys):
     folder = study_rows.make_study(tmp_path / "study", 1, worlds=False, maps=False)
     rows = rows_of(folder / "runs.csv")
     rows[0].update(change)
-    study_rows.write(folder / "runs.csv", list(rows[0]), rows)
+    study_rows.write(folder / "runs.csv", rows)
     assert command.main(["report", str(folder)]) == 2
     assert words in capsys.readouterr().err
 
@@ -243,7 +238,7 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
             ("p3", "room", "nrs", "", "0"),
         )
     ]
-    study_rows.write(tmp_path / "runs.csv", columns, rows)
+    study_rows.write(tmp_path / "runs.csv", rows, columns)
     (tmp_path / "study.json").write_text('{"scenarios": {"desk": "The desk"}, "people": true}')
     study = read_study(tmp_path)
     assert study.methods == ["nrs", "other", "robot_only"] and study.comparison == ("nrs", "robot_only")
@@ -255,7 +250,7 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     assert cells["Door", "Other"] == 1 and sum(cells.values()) == 3
     assert sum(row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)}, completed=1)) == 2
     rows[3].update(as_planned="1", helped="often")
-    study_rows.write(tmp_path / "runs.csv", columns, rows)
+    study_rows.write(tmp_path / "runs.csv", rows, columns)
     assert np.isnan(read_study(tmp_path).runs.completed.iloc[3]), "what is not known is no failure"
     (tmp_path / "study.json").write_text("[]")
     with pytest.raises(CodedError, match="expected keys and values"):
@@ -295,22 +290,20 @@ def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
     folder = study_rows.make_study(tmp_path / "study", 6, worlds=False, maps=False)
     rows = [row for row in rows_of(folder / "runs.csv") if row["scenario"] == "room"]
     rows = [dict(row, scenario=scenario, pointed_right="") for row in rows]  # who points rightly only a simulator knows
-    study_rows.write(folder / "runs.csv", list(rows[0]), rows)
+    study_rows.write(folder / "runs.csv", rows)
     found = answers(read_study(folder))
     questions = [line.split("**")[1].rstrip("?") for line in found[1].splitlines()]
     assert questions == ["Faster", "Not less exact", "Completed as often", *beside]
     assert ("**Beside the paper**" in found) is bool(beside)
-    study_rows.write(folder / "runs.csv", list(rows[0]), [row for row in rows if row["method"] == "nrs"])
+    study_rows.write(folder / "runs.csv", [row for row in rows if row["method"] == "nrs"])
     with refused("no_comparison"):
         answers(read_study(folder))
 
 
 # ------------------------------------------------------------------ the questionnaire
 def write_answers(path, rows, columns=None):
-    columns = columns or questionnaire.COLUMNS
-    path.write_text(
-        "\n".join(",".join(str(cell) for cell in row) for row in [columns, *rows]) + "\n", encoding="utf-8-sig"
-    )
+    table = pandas.DataFrame(rows, columns=columns or questionnaire.COLUMNS)
+    table.to_csv(path, index=False, encoding="utf-8-sig")
     return path
 
 
