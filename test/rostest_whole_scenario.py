@@ -7,6 +7,7 @@ import unittest
 import numpy as np
 import rospy
 import rostest
+from scipy.spatial.distance import directed_hausdorff
 from std_msgs.msg import Float64
 from vb_testing import wait_until
 
@@ -23,11 +24,6 @@ from vb_sim.room.world import load_world
 ALARMS = ("camera_", "detector_", "lab_", "spot_not_seen_no_robot")
 RATE = 25.0  # [1/s] of the lab's cameras
 NEAR = 0.1  # [m] between what was seen of a hand and the line that is made of it
-
-
-def farthest(points: np.ndarray, from_points: np.ndarray) -> float:
-    """Returns the largest distance [m] of a point (N, 2) to the nearest of other points (M, 2)."""
-    return float(np.linalg.norm(points[:, None] - from_points[None], axis=2).min(axis=1).max())
 
 
 class Pace:
@@ -76,8 +72,8 @@ class WholeScenario(unittest.TestCase):
         # of all that was seen of the hand, and no longer; a busy computer's cameras may miss some of it
         subscriber.unregister()
         line = resample_chain(np.array([(p.x, p.y) for p in border.points]), 0.02)
-        self.assertLess(farthest(np.array(seen), line), NEAR)
-        self.assertLess(farthest(line[[0, -1]], np.array(seen)), NEAR)
+        self.assertLess(directed_hausdorff(seen, line)[0], NEAR)
+        self.assertLess(directed_hausdorff(line[[0, -1]], seen)[0], NEAR)
         self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
 
         # it restricts what was meant, and nothing but free cells changed
