@@ -2,7 +2,6 @@
 """`make try` without a camera: the video's line becomes a border in metres, where the rendering says it is."""
 
 import os
-import subprocess
 import sys
 import tempfile
 import unittest
@@ -13,17 +12,16 @@ import rostest
 import shapely
 import yaml
 from scipy.spatial.distance import directed_hausdorff
+from vb_testing import run_command
 from vb_map_integration.borders.geojson import borders_from_geojson
 
 
 class TestTryCamera(unittest.TestCase):
     def test_the_video_becomes_a_border_in_metres(self):
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "vb_bringup.try_camera", "--out", folder, "--once"]
-            done = subprocess.run(
-                command, capture_output=True, text=True, timeout=200, env={**os.environ, "DISPLAY": ""}
-            )
-            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+            command = (sys.executable, "-m", "vb_bringup.try_camera", "--out", folder, "--once")
+            done = run_command(*command, timeout=200, env={**os.environ, "DISPLAY": ""})
+            self.assertEqual(done.returncode, 0, done.stdout)
             (border,) = borders_from_geojson((Path(folder) / "borders.geojson").read_text())
         truth = yaml.safe_load((Path(rospkg.RosPack().get_path("vb_bringup")) / "try/room.yaml").read_text())
         self.assertTrue(border.closed)

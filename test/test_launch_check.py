@@ -2,7 +2,6 @@
 
 import os
 import re
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -11,6 +10,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 import pytest
 
 from refusals import refused
+from vb_testing import run_command
 from vb_bringup.launch_check import (
     KINDS,
     check_alone,
@@ -49,11 +49,8 @@ def lab():
         server.server_close()
 
 
-def run(*words, uri):
-    environment = {**os.environ, "ROS_MASTER_URI": uri}
-    return subprocess.run(
-        [*map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True
-    )
+def with_master(uri, *words):
+    return run_command(*words, env={**os.environ, "ROS_MASTER_URI": uri})
 
 
 def test_a_mistyped_argument_is_refused_with_a_suggestion():
@@ -173,7 +170,7 @@ def test_a_lab_runs_alone_on_its_master(lab):
     ],
 )
 def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
-    done = run("roslaunch", *words, uri=lab)
+    done = with_master(lab, "roslaunch", *words)
     # our sentence is the last that people read
     assert done.returncode != 0 and f"[{code}]" in done.stdout.strip().splitlines()[-1]
     assert "process[" not in done.stdout  # which roslaunch prints for each node
@@ -181,6 +178,6 @@ def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
 
 def test_calls_that_start_nothing_there_are_not_refused(lab):
     """A test has a master of its own, whatever the environment says; and one may ask what a launch file holds."""
-    assert run(sys.executable, "-m", "vb_bringup.launch_check", "lab", uri=lab).returncode == 0
-    asked = run("roslaunch", "--nodes", LAUNCH / "lab.launch", "cameras:=none", uri=lab)
+    assert with_master(lab, sys.executable, "-m", "vb_bringup.launch_check", "lab").returncode == 0
+    asked = with_master(lab, "roslaunch", "--nodes", LAUNCH / "lab.launch", "cameras:=none")
     assert asked.returncode == 0 and "/map_integrator" in asked.stdout

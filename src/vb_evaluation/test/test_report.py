@@ -3,8 +3,6 @@
 import html
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -164,20 +162,6 @@ def test_a_missing_file_or_column(tmp_path):
     (tmp_path / "runs.csv").write_text("participant,scenario\n1,room\n")
     with pytest.raises(CodedError, match="the column method is missing"):
         read_study(tmp_path)
-
-
-def test_the_analysis_knows_no_simulator():
-    """Nothing that measures or reports imports what simulates, so that both can go their own ways."""
-    code = (
-        "import importlib, pkgutil, sys; sys.modules.update(dict.fromkeys(['vb_sim', 'vb_evaluation.study']))\n"
-        "import vb_evaluation.statistics, vb_evaluation.metrics\n"
-        "from vb_evaluation import report, study_kit\n"
-        "for package in (study_kit, report):\n"
-        "    for module in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):\n"
-        "        importlib.import_module(module.name)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], stderr=subprocess.PIPE, universal_newlines=True)
-    assert done.returncode == 0, done.stderr
 
 
 @settings(STEADY, max_examples=40)

@@ -1,7 +1,6 @@
 """Real runs in one process: one of each method, the same whatever runs beside or before them."""
 
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from vb_testing import run_command
 from vb_core.errors import CodedError
 from vb_evaluation.report.data import META, read_meta
 from vb_evaluation.study import campaign, config, plan
@@ -79,14 +79,9 @@ sys.exit(command.main(["--quick", *sys.argv[1:]]))
 def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes, monkeypatch):
     """Also where the shell had switched interruptions off, as for what it starts in the background."""
     monkeypatch.setattr(campaign, "_work", make_row)
-    cut = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, "--out", str(tmp_path / "cut"), "--processes", processes],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        universal_newlines=True,
-        cwd=str(Path(__file__).parent),
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
-    )
+    given = ["--out", tmp_path / "cut", "--processes", processes]
+    deaf = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)}
+    cut = run_command(sys.executable, "-c", INTERRUPTED, *given, cwd=Path(__file__).parent, **deaf)
     assert cut.returncode == 130, cut.stdout
     done = (tmp_path / "cut" / "runs.csv").read_text().count("\n") - 1
     assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout and done < 6

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import unittest
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from geometry_msgs.msg import Point, TransformStamped
 from tf2_ros import StaticTransformBroadcaster
 
 from integrators import room
-from vb_testing import Newest, wait_until
+from vb_testing import Newest, run_command, wait_until
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder as Border
@@ -205,14 +204,7 @@ class MapIntegratorTest(unittest.TestCase):
         wait_until(lambda: self.notices.message.notices == [], "no notice")
 
     def import_borders(self, source):
-        done = subprocess.run(
-            ["rosrun", "vb_map_integration", "import_borders", str(source)],
-            universal_newlines=True,
-            timeout=240,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-        )
+        done = run_command("rosrun", "vb_map_integration", "import_borders", source, timeout=240)
         return done.returncode, done.stdout
 
     def test_saved_maps_and_borders_from_files(self):
