@@ -28,9 +28,8 @@ PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
 def python_files():
-    files = list(TOP.glob("src/*/src/**/*.py")) + list(TOP.glob("src/*/test/*.py")) + list(TOP.glob("bench/**/*.py"))
-    files += [path for path in TOP.glob("src/*/scripts/*")] + [TOP / "scripts" / "demo", TOP / "scripts" / "test"]
-    return sorted(set(files))
+    programs = ("src/*/scripts/*", "scripts/demo", "scripts/film", "scripts/reference", "scripts/test")
+    return [TOP / name for name in listed_by_git("*.py", *programs)]
 
 
 def run_python(*arguments):
@@ -228,7 +227,7 @@ def texts():
     kinds = ("*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "*.js")
     return [
         TOP / name
-        for name in listed_by_git(*kinds, "scripts", "src/*/scripts")
+        for name in listed_by_git(*kinds, "scripts", "src/*/scripts/*")
         if ("/languages/" not in name or "/en/" in name) and not name.startswith("docs/results")
     ]
 

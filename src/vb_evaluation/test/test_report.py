@@ -43,16 +43,15 @@ def words_of(page):
 
 def test_tables_hold_what_the_rows_say(full):
     folder, _ = full
-    runs = [row for row in rows_of(folder / "runs.csv") if row["completed"] == "1"]
+    runs = read_study(folder).runs
     keys = {"Room exclusion": "room", "Carpet exclusion": "carpet", "Spot cleaning": "corner"}
     keys.update({"Network robot system": "nrs", "Robot only": "robot_only"})
     table = rows_of(folder / "tables" / "error.csv")
     assert len(table) == 6
     for row in table:
-        cell = keys[row["scenario"]], keys[row["method"]]
-        done = [one for one in runs if (one["scenario"], one["method"]) == cell]
+        done = select(runs, scenario=keys[row["scenario"]], method=keys[row["method"]], completed=1)
         for column in ERRORS:
-            assert float(row[column]) == pytest.approx(np.median([float(one[column]) for one in done]))
+            assert float(row[column]) == pytest.approx(done[column].median())
             assert float(row[f"{column}_low"]) <= float(row[column]) <= float(row[f"{column}_high"])
         assert int(row["runs"]) == len(done)
 

@@ -127,20 +127,16 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     assert main([*given, "--participant", "3"]) == 2, "the study has no such run"
 
 
-def test_another_configuration_is_refused(tmp_path):
-    campaign.open_folder(tmp_path, "abc", {"seed": 1})
-    campaign.open_folder(tmp_path, "abc", {"seed": 1})
-    with pytest.raises(CodedError, match="OUT=folder"):
-        campaign.open_folder(tmp_path, "def", {})
+def test_rows_of_another_configuration_or_of_unknown_origin_are_refused(tmp_path):
+    for _ in range(2):
+        campaign.open_folder(tmp_path, "abc", {"seed": 1})
     assert read_meta(tmp_path / META) == {"configuration": "abc", "seed": 1}
-
-
-@pytest.mark.parametrize(
-    "meta, words", [(None, "of another configuration"), ("{", "study.json"), ("[1]", "study.json")]
-)
-def test_rows_of_unknown_origin_are_refused(tmp_path, meta, words):
+    for meta, words in (('{"configuration": "def"}', "OUT=folder"), ("{", "study.json"), ("[1]", "study.json")):
+        (tmp_path / META).write_text(meta)
+        with pytest.raises(CodedError, match=words):
+            campaign.open_folder(tmp_path, "abc", {})
+        assert (tmp_path / META).read_text() == meta
+    (tmp_path / META).unlink()
     (tmp_path / "runs.csv").write_text("participant\n1\n")
-    if meta is not None:
-        (tmp_path / "study.json").write_text(meta)
-    with pytest.raises(CodedError, match=words):
+    with pytest.raises(CodedError, match="of another configuration"):
         campaign.open_folder(tmp_path, "abc", {})

@@ -14,14 +14,14 @@ pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto i
 WILL = ("lab/availability", b"offline")
 
 
-def connect(port, connection=None, received=None, faults=None, host="127.0.0.1"):
+def connect(port, connection=None, received=None, faults=None):
     def take(topic, payload, retained):
         if payload == b"raise":
             raise ValueError("a fault")
         received.append((topic, payload, retained))
 
     faults = [] if faults is None else faults
-    broker = Broker(f"{host}:{port}", connection or Connection(), "lab", WILL, {"lab/command": take}, faults.append)
+    broker = Broker(f"127.0.0.1:{port}", connection or Connection(), "lab", WILL, {"lab/command": take}, faults.append)
     broker.put(WILL[0], b"online")
     broker.start()
     return broker
