@@ -288,7 +288,7 @@ def test_the_examples_of_the_readme_run():
 
 def test_the_demonstration_needs_only_what_a_container_has():
     blocked = ("pandas", "jinja2", "distributed", "pytest", "hypothesis", "selenium")
-    run_python("-c", IMPORT_WITHOUT, ",".join(blocked), "vb_evaluation.demonstration.demo")
+    run_python("-c", IMPORT_WITHOUT, ",".join(blocked), "vb_evaluation.demo")
 
 
 def test_the_analysis_knows_no_simulator():

@@ -8,7 +8,7 @@ import rospy
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
-from vb_core.poses import look_ahead
+from vb_core.geometry import look_ahead
 from vb_evaluation.observer import wait_until
 
 ENDS = [(7.0, 0.9, 180), (1.6, 1.6, 0)]  # (x, y [m], yaw [deg]) between which it drives

@@ -17,6 +17,7 @@ from vb_feedback.display.layout import (
     Box,
     fit_texts,
     fit_view,
+    is_drawn,
     place_labels,
     place_words,
     text_box,
@@ -25,7 +26,7 @@ from vb_feedback.display.layout import (
     wrap,
 )
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
-from vb_feedback.display.rviz_fonts import is_drawn, overlay_fonts
+from vb_feedback.display.rviz_config import overlay_fonts
 from vb_feedback.display.scene import PLATE, TEXT
 from vb_feedback.display.text_panel import PanelContent, PanelNotice, words
 

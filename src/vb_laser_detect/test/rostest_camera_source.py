@@ -16,18 +16,17 @@ import rostest
 import tf2_ros
 import yaml
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 from mjpeg_server import MjpegServer
 from scenes import GREEN, Scene
-from vb_testing import TIMEOUT, Process, wait_until
-
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
 from vb_core.ros import messages
 from vb_core.ros.images import array_from_image
 from vb_core.ros.notices import NoticeListener
-from vb_laser_detect.camera import lens_file
-from vb_msgs.msg import DetectorStatus, LaserSpot
+from vb_laser_detect.camera.camera_files import save_lens
+from vb_testing import TIMEOUT, Process, wait_until
 
 COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
 LATE_S = 0.4  # [s] by which the camera is late
@@ -65,7 +64,7 @@ class TestCameraSource(unittest.TestCase):
         (lab / "detectors").mkdir()
         cls.settings = lab / "detectors" / "hall.yaml"
         cls.settings.write_text("{}\n")
-        lens_file.save(lab / "lenses" / "hall.yaml", "hall", CAMERA)
+        save_lens(lab / "lenses" / "hall.yaml", "hall", CAMERA)
         config = Path(rospkg.RosPack().get_path("vb_laser_detect")) / "config" / "stationary.yaml"
         rospy.set_param("/spot_detector_hall", yaml.safe_load(config.read_text()))
         for name, value in (("camera", "hall"), ("source", cls.server.address()), ("settings", str(cls.settings))):

@@ -15,10 +15,10 @@ from vb_core.errors import CodedError
 from vb_laser_detect import camera_setup
 from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
-from vb_laser_detect.camera import controls, lens_file
+from vb_laser_detect.camera import controls
+from vb_laser_detect.camera.camera_files import load_lens, save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, Look, find_exposure, saturated_share
-from vb_laser_detect.camera.settings_file import set_capture
 from vb_laser_detect.camera.source import CaptureParams
 
 WIDE = CameraModel(
@@ -75,8 +75,8 @@ def test_the_same_view_does_not_count_twice():
 
 @pytest.mark.parametrize("camera", [WIDE, CameraModel(1280, 720, WIDE.matrix, np.array([0.02, -0.01, 0, 0]), True)])
 def test_a_lens_file_comes_back_as_it_was(tmp_path, camera):
-    lens_file.save(tmp_path / "hall.yaml", "hall", camera)
-    found = lens_file.load(tmp_path / "hall.yaml")
+    save_lens(tmp_path / "hall.yaml", "hall", camera)
+    found = load_lens(tmp_path / "hall.yaml")
     assert (found.width, found.height, found.fisheye) == (camera.width, camera.height, camera.fisheye)
     assert np.array_equal(found.matrix, camera.matrix) and np.array_equal(found.distortion, camera.distortion)
 
@@ -88,7 +88,7 @@ def test_a_lens_file_that_says_nothing_is_refused(tmp_path, text, code):
     if text is not None:
         (tmp_path / "hall.yaml").write_text(text)
     with refused(code):
-        lens_file.load(tmp_path / "hall.yaml")
+        load_lens(tmp_path / "hall.yaml")
 
 
 # ------------------------------------------------------------- delay

@@ -5,14 +5,13 @@ import json
 
 import pytest
 
+from integrators import square
 from refusals import refused
 from vb_core import sentences
 from vb_core.errors import CodedError
+from vb_core.navigation_parameters import is_trinary
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid.costmap_settings import is_trinary
 from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
-
-from integrators import square
 
 RING = [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]
 LINE = VirtualBorder([(0, 0), (0, 1), (0, 2)], (1, 1), closed=False)

@@ -8,15 +8,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from integrators import GRID, at, expected, integrator, square
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
+from vb_map_integration.grid import region
+from vb_map_integration.grid.region import Region, count_free_parts, join_regions, put_on_map
 from vb_map_integration.integrator import MapIntegrator
-from vb_map_integration.grid import free_parts
-from vb_map_integration.grid.region import Region, join_regions, put_on_map
-
-from integrators import GRID, at, expected, integrator, square
 
 COMMANDS = st.lists(
     st.tuples(
@@ -151,10 +150,10 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
     data = np.zeros((100, 160), np.int8)
     data[:, 78:82] = 100
     data[40 : 40 + int(round(door / 0.05)), 78:82] = 0
-    assert free_parts.count_free_parts(GridMap(data, 0.05), radius) == parts
+    assert count_free_parts(GridMap(data, 0.05), radius) == parts
     if door != 0.3:  # a large map is looked at in coarser cells
-        monkeypatch.setattr(free_parts, "MAX_CELLS", 2000)
-        assert free_parts.count_free_parts(GridMap(data, 0.05), radius) == parts
+        monkeypatch.setattr(region, "MAX_CELLS", 2000)
+        assert count_free_parts(GridMap(data, 0.05), radius) == parts
 
 
 def test_no_free_space_left_for_the_robot_is_reported():

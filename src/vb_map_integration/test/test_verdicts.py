@@ -4,16 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
+from integrators import integrator
 from refusals import refused
+from test_recognition import closed_at, closed_off, flat, keep_out
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.in_force import put_in_force
-from vb_map_integration.places.border_place import BorderPlace
+from vb_map_integration.places.recognition import BorderPlace
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import MAX_MAPS
-
-from integrators import integrator
-from test_recognition import closed_at, closed_off, flat, keep_out
 
 DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # of the room on the left
 

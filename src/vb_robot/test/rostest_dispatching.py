@@ -17,7 +17,7 @@ from stimulus import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
 
 from vb_core import names
-from vb_core.poses import to_base
+from vb_core.geometry import to_base
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray

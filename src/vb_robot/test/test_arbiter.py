@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
 
-from vb_core.poses import to_base
+from vb_core.geometry import to_base
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_robot.driving.escape import FREE, PINCHED_AFTER

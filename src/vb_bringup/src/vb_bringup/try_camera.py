@@ -27,6 +27,7 @@ import rosgraph
 import rospy
 import tornado.web
 import yaml
+from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 from vb_bringup.new_lab import parse_camera, write_lab
 from vb_core import names
@@ -40,13 +41,12 @@ from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
-from vb_laser_detect.camera import lens_file
+from vb_laser_detect.camera.camera_files import save_lens
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
 from vb_laser_detect.detection.projection import floor_points
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.borders.border_messages import border_from_message
-from vb_msgs.msg import LaserSpot, VirtualBorderArray
+from vb_map_integration.borders.geojson import borders_to_geojson
 
 CAMERA = "camera"
 PORT = 8420
@@ -96,7 +96,7 @@ def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> Non
     shutil.rmtree(str(folder), ignore_errors=True)
     write_map(folder.parent / "floor", seen_floor(view))
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
-    lens_file.save(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
+    save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
     pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
     calibration_file.save(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
 

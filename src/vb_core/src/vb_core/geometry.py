@@ -1,4 +1,4 @@
-"""Rigid transforms, planes and polygonal chains.
+"""Rigid transforms, poses of a robot, planes and polygonal chains.
 
 Transforms are 4x4 float64 matrices; `T_a_b` maps coordinates in frame b to frame a.
 Quaternions are in ROS's order (x, y, z, w).
@@ -10,6 +10,8 @@ import math
 from typing import Tuple
 
 import numpy as np
+
+Pose = Tuple[float, float, float]  # (x, y, yaw) [m, m, rad], map frame
 
 
 def wrap_angle(angle: float) -> float:
@@ -101,9 +103,28 @@ def transform_from_pose2d(x: float, y: float, yaw: float) -> np.ndarray:
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=float)
 
 
-def pose2d_from_transform(T: np.ndarray) -> Tuple[float, float, float]:
+def pose2d_from_transform(T: np.ndarray) -> Pose:
     """Returns the pose (x, y, yaw) [m, m, rad] of a planar transform; inverse of `transform_from_pose2d`."""
     return float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0])
+
+
+def to_base(points: np.ndarray, pose) -> np.ndarray:
+    """Transforms map points (N, 2) [m] to the base frame of a robot at a pose; inverse of `to_map`."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    return (np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)) @ np.array([[c, -s], [s, c]])
+
+
+def to_map(points: np.ndarray, pose) -> np.ndarray:
+    """Transforms base-frame points (N, 2) [m] of a robot at a pose to the map frame; inverse of `to_base`."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)
+
+
+def pose_distance(a, b) -> float:
+    """Measures the distance [m] between two poses; a turn counts as what a point 0.2 m off the axis moves."""
+    return math.dist(a[:2], b[:2]) + 0.2 * abs(wrap_angle(a[2] - b[2]))
 
 
 def optical_rotation() -> np.ndarray:
@@ -178,3 +199,17 @@ def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> 
     at = np.linspace(0.0, arc[-1], count + 1)
     sampled = np.column_stack([np.interp(at, arc, points[:, i]) for i in range(2)])
     return sampled[:-1] if closed else sampled
+
+
+def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, float, float]:
+    """Finds the point of a path (N, 2) [m] that lies a distance [m] ahead of the point nearest to a place (2,) [m].
+
+    Returns:
+        The point (2,) [m], the path's end if that is nearer; how far [m] the place is from the path; and how long [m] the
+        rest of the path is.
+    """
+    distances = np.linalg.norm(path - np.asarray(place), axis=1)
+    nearest = int(np.argmin(distances))
+    rest = path[nearest:]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
+    return rest[min(int(np.searchsorted(along, distance)), len(rest) - 1)], float(distances[nearest]), float(along[-1])

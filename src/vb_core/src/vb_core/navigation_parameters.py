@@ -1,8 +1,8 @@
-"""Derives move_base's parameters from a robot's profile; the others are in vb_bringup/config/navigation."""
+"""Derives move_base's parameters from a robot's profile, and reads a costmap; the others are in vb_bringup/config/navigation."""
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any, Dict, Mapping
 
 from vb_core.robot_profile import RobotProfile
 
@@ -54,3 +54,16 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
 def amcl_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
     """Derives the parameters of AMCL from a robot's profile; `prefix` as above."""
     return {"base_frame_id": prefix + profile.frames.base, "odom_frame_id": prefix + profile.frames.odom}
+
+
+def is_trinary(costmap: Any) -> bool:
+    """Returns whether a costmap takes a soft occupancy for free space, by its parameters as from `rosparam get`."""
+    if not isinstance(costmap, Mapping):
+        return False  # there is none
+    named = [
+        str(plugin.get("name", "static_layer"))
+        for plugin in costmap.get("plugins") or []
+        if isinstance(plugin, Mapping) and str(plugin.get("type", "")).endswith("StaticLayer")
+    ]
+    layers = [costmap.get(name) for name in named or ["static_layer"]]
+    return any(layer.get("trinary_costmap", True) if isinstance(layer, Mapping) else True for layer in layers)

@@ -22,9 +22,8 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 
-from vb_feedback.display import rviz_fonts
 from vb_feedback.display.layout import Box
-from vb_feedback.display.rviz_config import screen_size, write_fitted
+from vb_feedback.display.rviz_config import overlay_fonts, screen_size, write_fitted
 
 _ASPECT = "/display_markers/screen_aspect"
 _USUAL = (1920, 1080)
@@ -94,7 +93,7 @@ def _install_fonts(name: str) -> None:
     """Makes RViz draw more letters than its package asks for; if that fails, RViz starts with fewer."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
-        folder = rviz_fonts.overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
+        folder = overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
     except (OSError, ValueError, rospkg.ResourceNotFound) as error:
         print(f"smart_display: RViz draws Latin letters without accents only: {error}", file=sys.stderr)
         return

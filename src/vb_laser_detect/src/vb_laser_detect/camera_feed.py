@@ -17,7 +17,8 @@ from vb_core.image_format import AnyPicture, PixelReader
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import decode, message_from_image
 from vb_core.ros.node import Mailbox
-from vb_laser_detect.camera import controls, lens_file
+from vb_laser_detect.camera import controls
+from vb_laser_detect.camera.camera_files import load_lens
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, is_file, printable
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
@@ -65,7 +66,7 @@ class LensFile:
         if changed != self._changed:
             self._changed, self._error = changed, None
             try:
-                self._camera = lens_file.load(self._path)
+                self._camera = load_lens(self._path)
             except CodedError as error:
                 self._error = error.without_traceback()
         if self._error is not None:

@@ -26,7 +26,7 @@ from vb_core.image_format import AnyPicture
 from vb_core.ros.cameras import camera_from_info
 from vb_laser_detect.calibration.board import BoardParams, find_board
 from vb_laser_detect.calibration.lens import LensCalibration
-from vb_laser_detect.camera import lens_file, settings_file
+from vb_laser_detect.camera.camera_files import save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import WHITE, Look, find_exposure, look_at
 from vb_laser_detect.camera.source import printable
@@ -119,7 +119,7 @@ class CameraImages:
         if not self.settings:
             print("put this into the camera's settings:  capture: " + str(values).replace("'", ""))
             return
-        settings_file.set_capture(Path(self.settings).expanduser(), values)
+        set_capture(Path(self.settings).expanduser(), values)
         print(f"wrote {self.settings}")
 
 
@@ -174,7 +174,7 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
         except CodedError:
             continue
         path = lens_path(images.settings, arguments.camera)
-        lens_file.save(path, arguments.camera, camera)
+        save_lens(path, arguments.camera, camera)
         print(
             f"wrote {path}: focal length {camera.focal_px:.0f} px, error {rms:.2f} px; the running lab takes it within seconds"
         )

@@ -21,7 +21,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.region import Region, join_regions, put_on_map
 from vb_map_integration.integration import integrate
-from vb_map_integration.places.border_place import BorderPlace
+from vb_map_integration.places.recognition import BorderPlace
 
 # why a border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"

@@ -32,6 +32,7 @@ from vb_msgs.srv import (
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.navigation_parameters import is_trinary
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
@@ -39,8 +40,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_messages import border_from_message, messages_from_issues, message_from_border
-from vb_map_integration.grid.costmap_settings import is_trinary
+from vb_map_integration.borders.border_messages import border_from_message, message_from_border, messages_from_issues
 from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 

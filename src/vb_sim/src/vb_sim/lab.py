@@ -58,8 +58,3 @@ class Lab:
         ranges[ranges > model.range_max] = np.inf
         ranges[ranges < model.range_min] = -np.inf
         return angles, ranges
-
-    def reset(self) -> None:
-        """Puts every robot to its start."""
-        for body in self.robots:
-            body.reset()

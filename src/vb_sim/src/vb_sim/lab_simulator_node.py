@@ -17,7 +17,6 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Float64, Header
-from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
 from vb_core import geometry, names
@@ -83,8 +82,6 @@ class LabSimulatorNode:
         <robot>/scan (sensor_msgs/LaserScan): 10 Hz, only while it has subscribers
         <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): 2 Hz
         /tf_static (tf2_msgs/TFMessage): base_link -> base_laser_link
-    Services:
-        ~reset (std_srvs/Trigger): moves every robot back to its start
     Parameters:
         config/lab_simulator.yaml
     """
@@ -117,7 +114,6 @@ class LabSimulatorNode:
             rospy.Subscriber(topic, Twist, lambda _: lockstep.arrive("navigation"), queue_size=1, tcp_nodelay=True)
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
-        rospy.Service("~reset", Trigger, self._on_reset)
         self._pace = 1.0  # simulated seconds per real second, at most
         rospy.Subscriber(names.PACE, Float64, self._on_pace, queue_size=1)
         threading.Thread(target=self._run, daemon=True).start()
@@ -146,11 +142,6 @@ class LabSimulatorNode:
             rospy.logwarn("%s: a pace of %s ignored, %s", rospy.get_name(), message.data, expected)
         else:
             self._pace = message.data
-
-    def _on_reset(self, _request: Trigger) -> TriggerResponse:
-        with self._lock:
-            self._lab.reset()
-        return TriggerResponse(success=True, message=f"{len(self._robots)} robot(s) put to their start")
 
     # ------------------------------------------------------------ time
     def _run(self) -> None:

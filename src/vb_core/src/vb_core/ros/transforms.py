@@ -10,8 +10,7 @@ import tf2_ros
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.geometry import pose2d_from_transform
-from vb_core.poses import Pose
+from vb_core.geometry import Pose, pose2d_from_transform
 from vb_core.ros.messages import transform_from_message
 
 

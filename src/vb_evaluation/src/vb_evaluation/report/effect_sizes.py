@@ -27,9 +27,9 @@ def shift(
     return found if found.confidence >= 0.89 else Interval(found.estimate)
 
 
-def ratio(table: pandas.DataFrame, methods: Tuple[str, str], completed: bool = False) -> Interval:
+def ratio(table: pandas.DataFrame, methods: Tuple[str, str]) -> Interval:
     """Computes the speed-up of the first method."""
-    first, second = pairs(table, "time_total_s", methods, completed)
+    first, second = pairs(table, "time_total_s", methods)
     return statistics.ratio_of_means(second, first)
 
 

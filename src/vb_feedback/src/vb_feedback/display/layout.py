@@ -16,7 +16,6 @@ from anyascii import anyascii
 from PIL import ImageFont
 
 from vb_core.errors import CodedError
-from vb_feedback.display.rviz_fonts import is_drawn
 
 PANEL = 0.5  # shares of the view's height: width of the panel, ...
 STRIP = 0.23  # ... height of the strip, ...
@@ -24,6 +23,8 @@ MARGIN = 0.015  # ... and the free margin around the map
 MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens that are hardly wider than high
 LINE = 1.2  # distance of lines, in heights of a line's letters
 _GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: usual, and where room is scarce
+# Latin with all accents, Greek and Cyrillic, dashes, quotation marks and the ellipsis, the euro sign
+DRAWN_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,11 @@ _FINENESS = 1000  # [px] size in which letters are measured
 _SPACE = 0.31  # [sizes] RViz's own is wider than the font's, see `place_words`
 # the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
 _FONT = 0.84
+
+
+def is_drawn(character: str) -> bool:
+    """Returns whether RViz with the fonts of `rviz_config.overlay_fonts` can draw a character."""
+    return any(first <= ord(character) <= last for first, last in DRAWN_RANGES)
 
 
 def transliterate(text: str) -> str:

@@ -1,8 +1,10 @@
-"""Fits an RViz config to a map and a screen."""
+"""Fits RViz to a map, a screen and a language: its config, and the letters that it draws. No ROS."""
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 from pathlib import Path
 from typing import Optional, Tuple
 
@@ -10,7 +12,7 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_feedback.display.layout import Box, fit_view
+from vb_feedback.display.layout import DRAWN_RANGES, Box, fit_view
 
 
 def write_fitted(
@@ -54,3 +56,28 @@ def screen_size(description: str) -> Optional[Tuple[int, int]]:
     """Reads (width, height) [px] of the screen from xdpyinfo's output; None if it is not there."""
     found = re.search(r"dimensions:\s+(\d+)x(\d+) pixels", description)
     return (int(found.group(1)), int(found.group(2))) if found else None
+
+
+def overlay_fonts(rviz: Path, folder: Path) -> Path:
+    """Makes a folder that replaces RViz's package; returns what to put before it in ROS_PACKAGE_PATH.
+
+    RViz draws texts with Liberation Sans, but asks its font for the characters up to 166 alone (OGRE's default), and a text
+    with another one is not drawn at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a folder of
+    links to everything in its package, and one font definition that asks for all of them.
+
+    Args:
+        rviz: the package's own folder.
+        folder: is replaced.
+    """
+    shutil.rmtree(str(folder), ignore_errors=True)
+    definitions = shutil.ignore_patterns("*.fontdef")
+    shutil.copytree(str(rviz.resolve()), str(folder / "rviz"), copy_function=os.symlink, ignore=definitions)
+    fonts = Path("ogre_media") / "fonts"
+    wanted = " ".join(f"{first}-{last}" for first, last in DRAWN_RANGES)
+    for path in (rviz / fonts).glob("*.fontdef"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        kept = [line for line in lines if "code_points" not in line]
+        end = max(number for number, line in enumerate(kept) if line.strip() == "}")
+        kept.insert(end, f"  code_points {wanted}")
+        (folder / "rviz" / fonts / path.name).write_text("\n".join(kept) + "\n", encoding="utf-8")
+    return folder

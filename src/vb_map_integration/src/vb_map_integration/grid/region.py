@@ -1,4 +1,4 @@
-"""The cells of the map that one border restricts."""
+"""The cells of the map that one border restricts, and the parts into which borders split the free floor."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ from typing import Optional, Sequence
 import cv2
 import numpy as np
 
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.grid import raster
+
+# larger maps are checked in coarser cells: the answer is about doors and rooms, and needed at once
+MAX_CELLS = 2_000_000
+# [m^2] smaller parts, measured for the robot's centre, are not counted
+MIN_PART = 0.1
 
 
 @dataclass(frozen=True)
@@ -81,3 +86,29 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
     cell = max(one.area_m2 / max(1, cv2.countNonZero(one.mask)) for one in regions)
     area = cell * cv2.countNonZero(mask)
     return Region(window, mask, first.value, first.over_unknown, area)  # type: ignore[arg-type]
+
+
+def count_free_parts(grid: GridMap, radius: float) -> int:
+    """Counts the parts of the free space between which a robot of a radius [m] cannot go; tiny ones do not count."""
+    free = cv2.inRange(np.ascontiguousarray(grid.data), 0, OCCUPIED_THRESHOLD - 1)
+    factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
+    cell = grid.resolution * factor
+    reach = radius / cell
+    if factor > 1:
+        free = _coarser(free, factor)
+        # a coarse cell is free only if all its cells are: obstacles have grown by half a coarse cell already
+        reach = max(0.0, reach - 0.5)
+    if reach > 1.0:
+        framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+        free = (cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1] > reach).astype(np.uint8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
+    return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART).sum())
+
+
+def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
+    """Makes a mask (H, W) uint8 with cells `factor` times as large; one is set only where all are."""
+    rows, columns = (-(-size // factor) for size in free.shape)
+    padded = cv2.copyMakeBorder(
+        free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0
+    )
+    return cv2.inRange(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 255, 255)

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
-from vb_core.poses import Pose, pose_distance
+from vb_core.geometry import Pose, pose_distance
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.spots import LOST_TIMEOUT
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.grid_layers import clearance_grid, sample
-from vb_core.poses import Pose
+from vb_core.geometry import Pose
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.floor_view import FloorView

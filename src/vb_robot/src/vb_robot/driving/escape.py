@@ -13,7 +13,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN
-from vb_core.poses import Pose
+from vb_core.geometry import Pose
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 

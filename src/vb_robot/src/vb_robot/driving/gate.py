@@ -34,7 +34,7 @@ from collections import deque
 from typing import Deque, Dict, Optional, Tuple
 
 from vb_core.grid_map import GridMap
-from vb_core.poses import Pose
+from vb_core.geometry import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.safety import (
     MAX_POSE_JUMP,

@@ -15,7 +15,7 @@ from typing import Optional
 
 import numpy as np
 
-from vb_core.poses import Pose, look_ahead
+from vb_core.geometry import Pose, look_ahead
 from vb_robot.driving.spot_follower import VelocityRequest
 
 AHEAD = 0.3  # [m] along the path: where it leads from here

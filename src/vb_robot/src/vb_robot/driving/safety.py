@@ -15,7 +15,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.grid_layers import crop
 from vb_core.grid_map import GridMap
-from vb_core.poses import Pose, to_base, to_map
+from vb_core.geometry import Pose, to_base, to_map
 from vb_core.robot_profile import Limits
 
 HORIZON = 0.8  # [m] how far along its arc a robot is checked: 1 m/s stops within it at 1.5 m/s^2

@@ -14,7 +14,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from vb_core.poses import Pose, to_base
+from vb_core.geometry import Pose, to_base
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
 MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5

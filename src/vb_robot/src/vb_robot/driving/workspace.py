@@ -15,7 +15,7 @@ import numpy as np
 
 from vb_core.grid_layers import clearance_grid, nearest_cell, sample
 from vb_core.grid_map import GridMap
-from vb_core.poses import Pose
+from vb_core.geometry import Pose
 from vb_robot.driving.safety import HORIZON, arc
 
 LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered

@@ -17,7 +17,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_core.poses import Pose
+from vb_core.geometry import Pose
 from vb_core.ros import robot_profile
 from vb_core.ros.messages import array_from_points, message_from_pose2d, points_from_array, pose2d_from_message
 from vb_core.ros.transforms import TransformLookup

@@ -25,15 +25,7 @@ _FRONT = 0.05
 
 
 class RobotView(View):
-    """Renders the camera of one robot; colour and depth show the same geometry.
-
-    Args:
-        robot: whose camera.
-        radii: name of each robot to its radius [m].
-        floor, mesh: the world as it is drawn.
-        models: figures of optics and noise.
-        seed: of the noise.
-    """
+    """Renders the camera of one robot, with the arguments of a `CeilingView`; colour and depth show the same geometry."""
 
     def __init__(
         self, robot: Robot, radii: Dict[str, float], floor: FloorTexture, mesh: Mesh, models: Models, seed: int

@@ -16,8 +16,7 @@ from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
-from vb_core.geometry import bounding_diagonal
-from vb_core.poses import to_map
+from vb_core.geometry import bounding_diagonal, to_map
 from vb_sim.models import MODELS, ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]

@@ -9,7 +9,7 @@ from typing import Optional
 import numpy as np
 
 from vb_core import geometry
-from vb_core.poses import Pose, look_ahead
+from vb_core.geometry import Pose, look_ahead
 
 ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2] the latter towards the goal and obstacles
 MAX_TURN_RATE = 1.2  # [rad/s]

@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.poses import Pose, to_map
+from vb_core.geometry import Pose, to_map
 from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.costmap import Costmap
 from vb_sim.robot.follower import Follower, Motion

@@ -8,7 +8,7 @@ from typing import Callable, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_core.poses import Pose
+from vb_core.geometry import Pose
 from vb_sim.models import Models
 
 
@@ -45,7 +45,6 @@ class RobotBody:
         clearance: Callable[[float, float], float],
         rng: np.random.Generator,
     ) -> None:
-        self._start = start
         self._radius = radius
         self._model, figures = models.robot, models.localisation
         self._sigmas = np.array([figures.position_sigma, figures.position_sigma, figures.yaw_sigma])
@@ -61,20 +60,12 @@ class RobotBody:
         self._command_time = -math.inf
         # encoders and wheel diameters are slightly off, always by the same amount
         self._scale = 1.0 + self._model.odometry_scale_sigma * rng.standard_normal(2)
-        self._error = self._fresh_error()
+        self._error = self._sigmas * rng.standard_normal(3)
 
     # ------------------------------------------------------------ commands
     def command(self, speed: float, turn_rate: float, now: float) -> None:
         """Sets a velocity command [m/s, rad/s] that holds until `command_timeout` after `now` [s]."""
         self._command, self._command_time = (speed, turn_rate), now
-
-    def reset(self) -> None:
-        """Puts the robot back to its start and localises it again, as an operator would."""
-        self.pose = self._start
-        self.velocity = (0.0, 0.0)
-        self._command_time = -math.inf
-        self._touching = False
-        self._error = self._fresh_error()
 
     # ------------------------------------------------------------ motion
     def step(self, dt: float, now: float) -> None:
@@ -118,9 +109,6 @@ class RobotBody:
         self.odometry = advance(self.odometry, measured, turned)
 
     # ------------------------------------------------------------ localisation
-    def _fresh_error(self) -> np.ndarray:
-        return self._sigmas * self._rng.standard_normal(3)
-
     def _vary_error(self, dt: float) -> None:
         # Ornstein-Uhlenbeck process; it rests while the robot does, since AMCL updates only on motion
         share = dt / self._correlation_time

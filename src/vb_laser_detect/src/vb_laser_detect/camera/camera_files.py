@@ -1,9 +1,10 @@
-"""A camera's lens, in the file that camera_calibration writes and drivers read (camera_info_manager's YAML)."""
+"""A camera's two files: its lens, as camera_calibration writes and drivers read it (camera_info_manager), and its settings."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any, Dict, Mapping, Union
 
 import numpy as np
 import yaml
@@ -13,10 +14,11 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
 _FISHEYE = ("equidistant", "fisheye")
+_GROUP = "capture"
 
 
-def save(path: Path, name: str, camera: CameraModel) -> None:
-    """Writes a lens; inverse of `load`. Raises CodedError "cannot_write"."""
+def save_lens(path: Path, name: str, camera: CameraModel) -> None:
+    """Writes a lens; inverse of `load_lens`. Raises CodedError "cannot_write"."""
 
     def matrix(values: np.ndarray) -> Dict[str, Any]:
         values = np.atleast_2d(values)
@@ -36,8 +38,8 @@ def save(path: Path, name: str, camera: CameraModel) -> None:
     write_atomically(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode("utf-8"))
 
 
-def load(path: Path) -> CameraModel:
-    """Reads a lens; inverse of `save`.
+def load_lens(path: Path) -> CameraModel:
+    """Reads a lens; inverse of `save_lens`.
 
     Raises:
         CodedError: "no_camera_info" if there is none, "bad_lens_file" if it says nothing that a camera can have.
@@ -58,3 +60,32 @@ def load(path: Path) -> CameraModel:
         raise CodedError("bad_lens_file", file=path, why=error.message) from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_lens_file", file=path, why=str(error)) from None
+
+
+def set_capture(path: Path, values: Mapping[str, Union[int, float]]) -> None:
+    """Sets values of the group `capture` in detectors/NAME.yaml, and leaves the rest, comments too, as a person wrote it.
+
+    Raises:
+        CodedError: "bad_file" if the file is none that can be changed this way, "cannot_write".
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        before = yaml.safe_load(text) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise CodedError("bad_file", file=path, why=str(error)) from None
+    text = re.sub(r"^\{\}\s*$", "", text, flags=re.MULTILINE).rstrip() + "\n"
+    if not re.search(rf"^{_GROUP}:\s*$", text, re.MULTILINE):
+        text += f"{_GROUP}:\n"
+    for name, value in values.items():
+        line = f"  {name}: {value}"
+        text, count = re.subn(rf"^  {name}:[^#\n]*", line + " ", text, flags=re.MULTILINE)
+        if not count:
+            text = re.sub(rf"^{_GROUP}:[ \t]*$", f"{_GROUP}:\n{line}", text, count=1, flags=re.MULTILINE)
+    text = re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE)
+    try:
+        after = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise CodedError("bad_file", file=path, why=str(error)) from None
+    if after != {**before, _GROUP: {**(before.get(_GROUP) or {}), **values}}:
+        raise CodedError("bad_file", file=path, why="'capture' is not written in lines of its own")
+    write_atomically(path, text.encode("utf-8"))

@@ -291,10 +291,8 @@ class Demo:
         """
         options, state, prior = self.options, observer.state, observer.prior
         region = metrics.restricted_cells(prior, observer.posterior)
-        truth: Optional[np.ndarray] = floor_plan.ground_truth(options.world, options.scenario)
-        if truth.shape != region.shape:
-            truth = None
-        score = metrics.jaccard(truth, region) if drives and truth is not None else 0.0
+        truth = floor_plan.ground_truth(options.world, options.scenario)
+        score = metrics.jaccard(truth, region) if drives else 0.0
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
         driven = drives[-1] if drives else GoalOutcome("not_sent")
         ways = {**plans, "driven": driven.path}

@@ -1,1 +1,0 @@
-"""The demonstration in the simulated lab."""
