@@ -2,7 +2,6 @@
 """check_lab in a newcomer's lab: real nodes report its faults, and check_lab names every mistake."""
 
 import json
-import subprocess
 import unittest
 
 import psutil
@@ -11,7 +10,7 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import CameraInfo, Image
-from vb_testing import process_of, wait_until
+from vb_testing import process_of, run_command, wait_until
 
 from vb_core import names
 from vb_core.ros.notices import NoticeListener
@@ -52,12 +51,8 @@ class CheckLab(unittest.TestCase):
         wait_until(arrived, lambda: f"a notice that is not in {self.reported()}")
 
     def check(self, *arguments):
-        done = subprocess.run(
-            ["rosrun", "vb_bringup", "check_lab", "--seconds", "2", *arguments],
-            stdout=subprocess.PIPE,
-            universal_newlines=True,
-            timeout=300,
-        )
+        command = ("rosrun", "vb_bringup", "check_lab", "--seconds", "2", *arguments)
+        done = run_command(*command, stderr=None, timeout=300)
         return done.returncode, done.stdout
 
     def test_each_fault_is_reported_by_its_node_and_printed(self):

@@ -1,13 +1,14 @@
 """Runs each bench on a sample of a few seconds, to see that it ends well; its figures are not checked."""
 
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+
+from vb_testing import run_command
 
 TOP = Path(__file__).resolve().parents[1]
 HANG_S = 1800  # only a bench that hangs takes this long, even on a busy computer
@@ -57,12 +58,5 @@ def clips(tmp_path_factory):
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_bench_runs(name, tmp_path, clips):
     words = [word.format(top=TOP, folder=tmp_path, clips=clips) for word in shlex.split(SAMPLES[name])]
-    done = subprocess.run(
-        [sys.executable, str(TOP / "bench" / name), *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        universal_newlines=True,
-        timeout=HANG_S,
-        cwd=str(tmp_path),
-    )
+    done = run_command(sys.executable, TOP / "bench" / name, *words, timeout=HANG_S, cwd=tmp_path)
     assert done.returncode == 0 and done.stdout.strip(), done.stdout

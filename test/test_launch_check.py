@@ -2,7 +2,6 @@
 
 import os
 import re
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -11,6 +10,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 import pytest
 
 from refusals import refused
+from vb_testing import run_command
 from vb_bringup.launch_check import (
     KINDS,
     check_alone,
@@ -49,11 +49,8 @@ def lab():
         server.server_close()
 
 
-def run(*words, uri):
-    environment = {**os.environ, "ROS_MASTER_URI": uri}
-    return subprocess.run(
-        [*map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True
-    )
+def with_master(uri, *words):
+    return run_command(*words, env={**os.environ, "ROS_MASTER_URI": uri})
 
 
 def test_a_mistyped_argument_is_refused_with_a_suggestion():
@@ -76,19 +73,6 @@ def test_only_a_files_own_arguments_count(tmp_path):
     assert declared_arguments([path]) == ["inner", "rviz"]
 
 
-@pytest.mark.parametrize(
-    "navigation, robot, code",
-    [
-        ("move_base", "false", "launch_navigation_without_robot"),
-        ("none", "perhaps", "launch_bad_choice"),
-        ("move_base", "true", ""),
-        ("none", "false", ""),
-    ],
-)
-def test_navigation_needs_a_robot(navigation, robot, code):
-    assert code_of(check_values, {"navigation": navigation, "robot": robot}) == code
-
-
 @pytest.fixture
 def files(tmp_path):
     """Good and bad files, by the words that stand for their paths below."""
@@ -109,41 +93,46 @@ def files(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "argument, value, code",
+    "given, code",
     [
-        ("map", "", ""),
-        ("map", "@map.yaml", ""),
-        ("map", "@none.yaml", "bad_map_file"),
-        ("map", "@lost.yaml", "bad_map_file"),
-        ("map", "@broken.yaml", "bad_map_file"),
-        ("language", "de", ""),
-        ("language", "gr", "launch_bad_choice"),
-        ("cameras", "north south_2", ""),
-        ("cameras", "", ""),
-        ("cameras", "north, south", "launch_bad_names"),
-        ("cameras", "/north", "launch_bad_names"),
-        ("robots", "r1;r2", "launch_bad_names"),
-        ("config", "@good.yaml", ""),
-        ("config", "@mistyped.yaml", "bad_parameter"),
-        ("config", "@list.yaml", "launch_bad_file"),
-        ("config", "@broken.yaml", "launch_bad_file"),
-        ("config", "@none.yaml", "launch_no_file"),
-        ("configs", "north=@good.yaml south=@empty.yaml", ""),
-        ("configs", "north=@none.yaml", "launch_no_file"),
-        ("configs", "north=@good.yaml south=@mistyped.yaml", "bad_parameter"),
-        ("configs", "@good.yaml", "launch_bad_pairs"),
-        ("configs", "north= @good.yaml", "launch_bad_pairs"),
-        ("machines", "north=loft", ""),
-        ("machines", "north", "launch_bad_pairs"),
-        ("machines_file", "@none", "launch_no_file"),
-        ("robot_types", "turtlebot2 @robot.yaml", ""),
-        ("robot_types", "turtle", "unknown_robot_type"),
-        ("robot_types", "@wheels.yaml", "bad_parameter"),
-        ("robot_types", "@none.yaml", "launch_no_file"),
+        ({"map": ""}, ""),
+        ({"map": "@map.yaml"}, ""),
+        ({"map": "@none.yaml"}, "bad_map_file"),
+        ({"map": "@lost.yaml"}, "bad_map_file"),
+        ({"map": "@broken.yaml"}, "bad_map_file"),
+        ({"language": "de"}, ""),
+        ({"language": "gr"}, "launch_bad_choice"),
+        ({"cameras": "north south_2"}, ""),
+        ({"cameras": ""}, ""),
+        ({"cameras": "north, south"}, "launch_bad_names"),
+        ({"cameras": "/north"}, "launch_bad_names"),
+        ({"robots": "r1;r2"}, "launch_bad_names"),
+        ({"config": "@good.yaml"}, ""),
+        ({"config": "@mistyped.yaml"}, "bad_parameter"),
+        ({"config": "@list.yaml"}, "launch_bad_file"),
+        ({"config": "@broken.yaml"}, "launch_bad_file"),
+        ({"config": "@none.yaml"}, "launch_no_file"),
+        ({"configs": "north=@good.yaml south=@empty.yaml"}, ""),
+        ({"configs": "north=@none.yaml"}, "launch_no_file"),
+        ({"configs": "north=@good.yaml south=@mistyped.yaml"}, "bad_parameter"),
+        ({"configs": "@good.yaml"}, "launch_bad_pairs"),
+        ({"configs": "north= @good.yaml"}, "launch_bad_pairs"),
+        ({"machines": "north=loft"}, ""),
+        ({"machines": "north"}, "launch_bad_pairs"),
+        ({"machines_file": "@none"}, "launch_no_file"),
+        ({"robot_types": "turtlebot2 @robot.yaml"}, ""),
+        ({"robot_types": "turtle"}, "unknown_robot_type"),
+        ({"robot_types": "@wheels.yaml"}, "bad_parameter"),
+        ({"robot_types": "@none.yaml"}, "launch_no_file"),
+        ({"navigation": "move_base", "robot": "false"}, "launch_navigation_without_robot"),
+        ({"navigation": "none", "robot": "perhaps"}, "launch_bad_choice"),
+        ({"navigation": "move_base", "robot": "true"}, ""),
+        ({"navigation": "none", "robot": "false"}, ""),
     ],
 )
-def test_each_argument_is_judged_by_its_kind(files, argument, value, code):
-    assert code_of(check_values, {argument: value.replace("@", f"{files}/")}) == code
+def test_each_argument_is_judged_by_its_kind(files, given, code):
+    values = {argument: value.replace("@", f"{files}/") for argument, value in given.items()}
+    assert code_of(check_values, values) == code
 
 
 def test_a_misspelt_parameter_is_named_with_its_file(files):
@@ -181,7 +170,7 @@ def test_a_lab_runs_alone_on_its_master(lab):
     ],
 )
 def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
-    done = run("roslaunch", *words, uri=lab)
+    done = with_master(lab, "roslaunch", *words)
     # our sentence is the last that people read
     assert done.returncode != 0 and f"[{code}]" in done.stdout.strip().splitlines()[-1]
     assert "process[" not in done.stdout  # which roslaunch prints for each node
@@ -189,6 +178,6 @@ def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
 
 def test_calls_that_start_nothing_there_are_not_refused(lab):
     """A test has a master of its own, whatever the environment says; and one may ask what a launch file holds."""
-    assert run(sys.executable, "-m", "vb_bringup.launch_check", "lab", uri=lab).returncode == 0
-    asked = run("roslaunch", "--nodes", LAUNCH / "lab.launch", "cameras:=none", uri=lab)
+    assert with_master(lab, sys.executable, "-m", "vb_bringup.launch_check", "lab").returncode == 0
+    asked = with_master(lab, "roslaunch", "--nodes", LAUNCH / "lab.launch", "cameras:=none")
     assert asked.returncode == 0 and "/map_integrator" in asked.stdout

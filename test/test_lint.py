@@ -1,11 +1,12 @@
 """What linters find: unused code, unclear names, missing docstrings, misspelt words, packages that catkin would not install."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from vb_testing import run_command
 
 TOP = Path(__file__).resolve().parents[1]
 LINTERS = {
@@ -20,12 +21,5 @@ LINTERS = {
 @pytest.mark.parametrize("name", LINTERS)
 def test_lint(name):
     module, *options = LINTERS[name]
-    done = subprocess.run(
-        [sys.executable, "-m", module, *options],
-        cwd=str(TOP),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        universal_newlines=True,
-        env={**os.environ, "ROS_DISTRO": "noetic"},
-    )
+    done = run_command(sys.executable, "-m", module, *options, cwd=TOP, env={**os.environ, "ROS_DISTRO": "noetic"})
     assert done.returncode == 0, done.stdout

@@ -3,7 +3,6 @@
 import ast
 import re
 import runpy
-import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 import zipfile
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from vb_testing import run_command
 from vb_core import names, sentences
 
 TOP = Path(__file__).resolve().parents[1]
@@ -28,27 +28,20 @@ PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
 def python_files():
-    files = list(TOP.glob("src/*/src/**/*.py")) + list(TOP.glob("src/*/test/*.py")) + list(TOP.glob("bench/**/*.py"))
-    files += [path for path in TOP.glob("src/*/scripts/*")] + [TOP / "scripts" / "demo", TOP / "scripts" / "test"]
-    return sorted(set(files))
+    programs = ("src/*/scripts/*", "scripts/demo", "scripts/film", "scripts/reference", "scripts/test")
+    return [TOP / name for name in listed_by_git("*.py", *programs)]
 
 
 def run_python(*arguments):
     """Runs Python in a process of its own, which has to end well."""
-    done = subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        universal_newlines=True,
-    )
+    done = run_command(sys.executable, *arguments)
     assert done.returncode == 0, done.stdout
 
 
 def listed_by_git(*given):
     """Names of the repository's files, as `git ls-files` lists them; those that are on the disk."""
-    command = ["git", "ls-files", *given]
-    done = subprocess.run(command, cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True, check=True)
-    return [name for name in done.stdout.splitlines() if (TOP / name).is_file()]
+    listed = run_command("git", "ls-files", *given, cwd=TOP, check=True).stdout
+    return [name for name in listed.splitlines() if (TOP / name).is_file()]
 
 
 def imported(path):
@@ -234,7 +227,7 @@ def texts():
     kinds = ("*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "*.js")
     return [
         TOP / name
-        for name in listed_by_git(*kinds, "scripts", "src/*/scripts")
+        for name in listed_by_git(*kinds, "scripts", "src/*/scripts/*")
         if ("/languages/" not in name or "/en/" in name) and not name.startswith("docs/results")
     ]
 
@@ -296,6 +289,14 @@ def test_the_examples_of_the_readme_run():
 def test_the_demonstration_needs_only_what_a_container_has():
     blocked = ("pandas", "jinja2", "distributed", "pytest", "hypothesis", "selenium")
     run_python("-c", IMPORT_WITHOUT, ",".join(blocked), "vb_evaluation.demo")
+
+
+def test_the_analysis_knows_no_simulator():
+    """Nothing that measures or reports imports what simulates, so that both can go their own ways."""
+    parts = ("statistics.py", "metrics.py", "report/*.py", "study_kit/*.py")
+    modules = [module_name(path) for part in parts for path in TOP.glob(f"src/vb_evaluation/src/vb_evaluation/{part}")]
+    assert len(modules) > len(parts)
+    run_python("-c", IMPORT_WITHOUT, "vb_sim,vb_evaluation.study", *modules)
 
 
 # ------------------------------------------------------------ what `pip install .` installs

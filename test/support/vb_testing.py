@@ -1,4 +1,4 @@
-"""What tests share: waiting for what has to come, the messages of a topic, nodes that are killed or do not start.
+"""What tests share: waiting for what has to come, the messages of a topic, commands, and nodes that are killed or do not start.
 
 scripts/env.sh puts this folder on the path.
 """
@@ -15,6 +15,7 @@ import rospy
 
 from vb_evaluation.processes import spawn
 
+_HEARD = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
 TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; only a fault waits to the end
 
 
@@ -36,6 +37,15 @@ def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=tim
         if clock() > deadline:
             raise AssertionError(f"waited {timeout:g} s in vain for: {what() if callable(what) else what}")
         sleep(0.02)
+
+
+def run_command(*words, **options):
+    """Runs a command to its end; what it said is in `stdout` of what is returned, errors among it.
+
+    Args:
+        options: as of subprocess.run.
+    """
+    return subprocess.run([str(word) for word in words], **{**_HEARD, **options})
 
 
 def is_listening(port):
@@ -131,11 +141,8 @@ def assert_ends_with_one_line(package, executable, cases, **options):
         cases: for each start its arguments and a word that it has to say.
         options: as of Popen.
     """
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     started = [
-        spawn(
-            ["rosrun", package, executable, f"__name:=bad_{executable}_{k}", *arguments], text=True, **pipes, **options
-        )
+        spawn(["rosrun", package, executable, f"__name:=bad_{executable}_{k}", *arguments], **_HEARD, **options)
         for k, (arguments, _word) in enumerate(cases)
     ]
     for process, (arguments, word) in zip(started, cases):

@@ -26,6 +26,7 @@ from vb_testing import TIMEOUT, wait_until
 
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
@@ -37,24 +38,15 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
-from vb_sim.person.hand import load_styles
 
 RATE = 50.0
 ROOM = GridMap(np.zeros((100, 120), np.int8), 0.05)
 
 
-def recorded_spots():
-    """(N, 2) [m] a rectangle as one person of the recorded strokes drew it, with noise of fixed draws."""
-    corners = np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.5], [1.0, 2.5], [1.0, 1.0]])
-    rng, sides = np.random.default_rng(3), load_styles()[0].sides
-    points = []
-    for index, (begin, end) in enumerate(zip(corners, corners[1:])):
-        along = np.linspace(0.0, 1.0, 40)
-        lateral = np.interp(along, np.linspace(0.0, 1.0, len(sides[0].lateral)), sides[index % len(sides)].lateral)
-        across = np.array([-(end - begin)[1], (end - begin)[0]])
-        points.append(begin + along[:, None] * (end - begin) + lateral[:, None] * across)
-    points = np.vstack(points)
-    return points + rng.normal(0.0, 0.01, points.shape)
+def drawn():
+    """(N, 2) [m] one spot per image, round a rectangle by a hand that trembles."""
+    path = resample_chain(np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.5], [1.0, 2.5], [1.0, 1.0]]), 0.05)
+    return path + np.random.default_rng(3).normal(0.0, 0.01, path.shape)
 
 
 def wait(holds, what):
@@ -100,7 +92,7 @@ class Session:
         )
         self.map.publish(message_from_grid(ROOM, rospy.Time.now()))
         wait(lambda: self.grid is not None, "the map")
-        border, seed = recorded_spots(), np.tile([2.0, 1.7], (25, 1))
+        border, seed = drawn(), np.tile([2.0, 1.7], (25, 1))
         self.give_command("define_border")
         wait(lambda: self.state.name == "border", "the state Border")
         # the fusion may hear of it later than this test, and collects nothing until then
@@ -171,7 +163,7 @@ class RecordingTest(unittest.TestCase):
             with rosbag.Bag(str(path)) as bag:
                 for topic, held in bag.get_type_and_topic_info().topics.items():
                     counts[topic] += held.message_count
-        self.assertGreaterEqual(counts[names.SPOTS], len(recorded_spots()) + 25)
+        self.assertGreaterEqual(counts[names.SPOTS], len(drawn()) + 25)
         self.assertTrue({names.STATE, names.PHYSICAL_MAP, names.BORDERS, "/rosout"} <= set(counts))
         self.assertNotIn("/green/image_raw", counts)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas
 
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
@@ -21,18 +21,15 @@ def rows_of(path):
     return read_sheet(path, ()).to_dict("records")
 
 
-def write(path, columns, rows, others="raise"):
-    with open(str(path), "w", newline="") as stream:
-        writer = csv.DictWriter(stream, columns, restval="", extrasaction=others)
-        writer.writeheader()
-        writer.writerows(rows)
+def write(path, rows, columns=None):
+    pandas.DataFrame(rows, columns=columns).to_csv(path, index=False)
 
 
 def make_study(folder, participants, worlds=True, maps=True, people=False):
     """Writes a study's folder."""
     folder.mkdir(parents=True)
     rows = [row for row in rows_of(PUBLISHED / "runs.csv") if int(row["participant"]) <= participants]
-    write(folder / "runs.csv", list(rows[0]), rows)
+    write(folder / "runs.csv", rows)
     meta = json.loads((PUBLISHED / "study.json").read_text(encoding="utf-8"))
     (folder / "study.json").write_text(json.dumps({**meta, "people": people}))
     for name in ("draws.csv", "worlds.csv") if worlds else ():

@@ -4,9 +4,10 @@ import signal
 import subprocess
 import sys
 import uuid
-from pathlib import Path
 
-from vb_evaluation.processes import Child, free_port
+import psutil
+
+from vb_evaluation.processes import Child, free_port, spawn
 from vb_testing import wait_until
 
 
@@ -59,31 +60,19 @@ time.sleep(3600)
 
 def commands_with(mark):
     """The command lines of the processes in whose environment a word is."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            if mark.encode() in (folder / "environ").read_bytes():
-                found.append((folder / "cmdline").read_bytes().replace(b"\0", b" "))
-        except OSError:
-            continue  # it has just ended
-    return [command for command in found if command]  # an ended one that nobody has asked for has none
+    found = [one.info for one in psutil.process_iter(["environ", "cmdline"])]
+    # an ended one that nobody has asked for has none
+    return [one["cmdline"] for one in found if one["cmdline"] and mark in (one["environ"] or {}).values()]
 
 
 def test_a_script_that_is_ended_leaves_nothing_behind(tmp_path):
     mark = uuid.uuid4().hex
     (tmp_path / "node.launch").write_text("<launch/>")  # a master and rosout are enough
-    script = subprocess.Popen(
-        [sys.executable, "-c", LAB, str(tmp_path)],
-        stdout=subprocess.PIPE,
-        env={**os.environ, "MARK": mark, "ROS_LOG_DIR": str(tmp_path)},
-    )
-    try:
-        assert script.stdout.readline() == b"up\n"
-        wait_until(lambda: any(b"rosout" in command for command in commands_with(mark)), "roslaunch starts its nodes")
-        script.send_signal(signal.SIGTERM)
-        assert script.wait(120) == -signal.SIGTERM
-        wait_until(lambda: not commands_with(mark), "all that it started ends")
-    finally:
-        script.kill()
-        script.wait()
-        script.stdout.close()
+    environment = {**os.environ, "MARK": mark, "ROS_LOG_DIR": str(tmp_path)}
+    script = spawn([sys.executable, "-c", LAB, str(tmp_path)], stdout=subprocess.PIPE, env=environment)
+    assert script.stdout.readline() == b"up\n"
+    wait_until(lambda: "rosout" in str(commands_with(mark)), "roslaunch starts its nodes")
+    script.send_signal(signal.SIGTERM)
+    script.communicate(timeout=120)
+    assert script.returncode == -signal.SIGTERM
+    wait_until(lambda: not commands_with(mark), "all that it started ends")

@@ -1,7 +1,6 @@
 """Real runs in one process: one of each method, the same whatever runs beside or before them."""
 
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from vb_testing import run_command
 from vb_core.errors import CodedError
 from vb_evaluation.report.data import META, read_meta
 from vb_evaluation.study import campaign, config, plan
@@ -79,14 +79,9 @@ sys.exit(command.main(["--quick", *sys.argv[1:]]))
 def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes, monkeypatch):
     """Also where the shell had switched interruptions off, as for what it starts in the background."""
     monkeypatch.setattr(campaign, "_work", make_row)
-    cut = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, "--out", str(tmp_path / "cut"), "--processes", processes],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        universal_newlines=True,
-        cwd=str(Path(__file__).parent),
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
-    )
+    given = ["--out", tmp_path / "cut", "--processes", processes]
+    deaf = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)}
+    cut = run_command(sys.executable, "-c", INTERRUPTED, *given, cwd=Path(__file__).parent, **deaf)
     assert cut.returncode == 130, cut.stdout
     done = (tmp_path / "cut" / "runs.csv").read_text().count("\n") - 1
     assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout and done < 6
@@ -132,20 +127,16 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     assert main([*given, "--participant", "3"]) == 2, "the study has no such run"
 
 
-def test_another_configuration_is_refused(tmp_path):
-    campaign.open_folder(tmp_path, "abc", {"seed": 1})
-    campaign.open_folder(tmp_path, "abc", {"seed": 1})
-    with pytest.raises(CodedError, match="OUT=folder"):
-        campaign.open_folder(tmp_path, "def", {})
+def test_rows_of_another_configuration_or_of_unknown_origin_are_refused(tmp_path):
+    for _ in range(2):
+        campaign.open_folder(tmp_path, "abc", {"seed": 1})
     assert read_meta(tmp_path / META) == {"configuration": "abc", "seed": 1}
-
-
-@pytest.mark.parametrize(
-    "meta, words", [(None, "of another configuration"), ("{", "study.json"), ("[1]", "study.json")]
-)
-def test_rows_of_unknown_origin_are_refused(tmp_path, meta, words):
+    for meta, words in (('{"configuration": "def"}', "OUT=folder"), ("{", "study.json"), ("[1]", "study.json")):
+        (tmp_path / META).write_text(meta)
+        with pytest.raises(CodedError, match=words):
+            campaign.open_folder(tmp_path, "abc", {})
+        assert (tmp_path / META).read_text() == meta
+    (tmp_path / META).unlink()
     (tmp_path / "runs.csv").write_text("participant\n1\n")
-    if meta is not None:
-        (tmp_path / "study.json").write_text(meta)
-    with pytest.raises(CodedError, match=words):
+    with pytest.raises(CodedError, match="of another configuration"):
         campaign.open_folder(tmp_path, "abc", {})

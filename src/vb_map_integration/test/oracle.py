@@ -7,6 +7,7 @@ from typing import Sequence, Tuple
 
 import numpy as np
 import shapely
+from shapely.affinity import rotate, translate
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import split
 
@@ -23,15 +24,9 @@ ROOMS = {
 ORIGINS = [(0.0, 0.0, 0.0), (-3.0, -7.5, 0.0), (1.0, -2.0, 0.6), (-4.0, 2.0, -2.2), (10.0, 10.0, math.pi / 2)]
 
 
-def cell_centers(grid: GridMap) -> np.ndarray:
-    """(H * W, 2) [m], in the order of the flat grid."""
-    rows, columns = np.mgrid[: grid.shape[0], : grid.shape[1]]
-    return grid.cell_to_world(np.column_stack([rows.ravel(), columns.ravel()]))
-
-
 def rasterise(shape, grid: GridMap) -> np.ndarray:
     """(H, W) bool: the cells whose centre lies in a shape, in map coordinates."""
-    centers = cell_centers(grid)
+    centers = grid.cell_to_world(np.indices(grid.shape).reshape(2, -1).T)
     shapely.prepare(shape)
     return shapely.contains_xy(shape, centers[:, 0], centers[:, 1]).reshape(grid.shape)
 
@@ -39,8 +34,7 @@ def rasterise(shape, grid: GridMap) -> np.ndarray:
 def place(shape, origin: Sequence[float]):
     """A shape of the world's own coordinates where the map's origin puts it."""
     x, y, yaw = origin
-    c, s = math.cos(yaw), math.sin(yaw)
-    return shapely.affinity.affine_transform(shape, [c, -s, s, c, x, y])
+    return translate(rotate(shape, yaw, (0.0, 0.0), use_radians=True), x, y)
 
 
 def world(room, origin, boxes=(), shape=(200, 320)) -> Tuple[GridMap, np.ndarray]:

@@ -272,6 +272,8 @@ def test_the_extension_takes_huge_and_tiny_numbers():
         ("bad_occupancy", {"occupancy": 1.01}),
         ("bad_occupancy", {"occupancy": -0.1}),
         ("bad_occupancy", {"occupancy": float("nan")}),
+        ("bad_occupancy", {"zone": "avoid", "occupancy": 1.0}),
+        ("bad_speed", {"zone": "slow", "max_speed": 2.0}),  # gave 1.27
         ("bad_time", {"created": -1.0}),
         ("bad_name", {"name": "a\nb"}),
     ],

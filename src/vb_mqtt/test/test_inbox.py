@@ -36,8 +36,8 @@ def test_a_request_has_its_id_its_age_and_the_stop_that_was_seen(inbox):
 
 
 def test_a_message_delivered_twice_is_taken_once(inbox):
-    for fields in ({"id": "a1"}, {}):
-        payload = packed(command="save", at=NOW, **fields)
+    for fields in ({"command": "save", "id": "a1"}, {"command": "save"}, {"border": "border_b7", "enabled": False}):
+        payload = packed(at=NOW, **fields)
         assert inbox.take(payload, False, NOW) is not None
         assert inbox.take(payload, False, NOW + 1.0) is None
     # the same command, given again

@@ -72,13 +72,14 @@ def _compare(
     tolerance = 0.5 * step
     above = ours.estimate > published
     reading = "same" if low - tolerance <= published <= high + tolerance else ("better" if above else "worse")
+    difference = f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
     if math.isnan(ours.estimate):
-        reading = "unknown"
+        reading, difference = "unknown", ours.text(digits)
     return {
         "scenario": study.scenario_title(scenario),
         "quantity": quantity,
         "paper": f"{published:.{digits}f}",
         "here": ours.text(digits),
-        "difference": f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}"),
+        "difference": difference,
         "reading": reading,
     }
