@@ -24,7 +24,7 @@ SAMPLES = {
     "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
-    "mutants.py": "--modules vb_evaluation.report.sensitivity --each 1",
+    "mutants.py": "--modules vb_evaluation.study_kit.measure --each 1",
     "detection/training.py": "--clips {clips} --scenes grey --examples {folder}/examples --out {folder}/made.json",
 }
 
