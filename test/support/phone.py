@@ -101,9 +101,13 @@ class Browser:
         )
 
     def field(self, selector):
-        """Returns a field that one can write in."""
+        """Returns a field that one can write in, at its end. It has the focus: the page does not replace it."""
         self.wait_arrived()
-        return self.driver.find_element("css selector", selector)
+        script = """const field = document.querySelector(arguments[0]);
+            field.focus();
+            if (field.type === "text") field.setSelectionRange(field.value.length, field.value.length);
+            return field"""
+        return self.run(script, selector)
 
     def text(self, selector):
         return self.run("const e = document.querySelector(arguments[0]); return e ? e.innerText : ''", selector)
