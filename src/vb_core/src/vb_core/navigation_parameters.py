@@ -1,4 +1,7 @@
-"""Derives move_base's parameters from a robot's profile, and reads a costmap; the others are in vb_bringup/config/navigation."""
+"""Derives move_base's parameters from a robot's profile, and tells what its costmaps do with soft values.
+
+Its other parameters are in vb_bringup/config/navigation.
+"""
 
 from __future__ import annotations
 
