@@ -24,15 +24,15 @@ import psutil
 import rospy
 import tf2_ros
 import yaml
+
 from bench.frame import TOP, Table, arguments, quantiles
 from bench.lab.camera_clip import FRAMES, RATE, clip, scene, serving
 from bench.lab.page_lab import node_process, start, wait
-from vb_msgs.msg import DetectorStatus, LaserSpot
-
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
 from vb_evaluation.processes import Child
 from vb_laser_detect.camera.camera_files import save_lens
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 WARM_S = 6.0  # detectors learn the floor
 

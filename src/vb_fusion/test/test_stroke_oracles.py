@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, example, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from vb_core.geometry import chain_length
@@ -60,7 +60,6 @@ def decided(points):
     st.floats(-0.2, 0.2),
     st.integers(4, 40),
 )
-@example(1.0, 1.0, 0.95, 0.0, 0.0, 4)  # a triangle, which is closed
 def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral, count):
     """Parts of ellipses and spirals, from flat to round, from half of a turn to more than one."""
     angle = begin + 2.0 * math.pi * share * np.linspace(0.0, 1.0, count)
@@ -78,6 +77,12 @@ def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral,
         "percent": f"{100.0 * values['gap'] / values['length']:.0f}",
         "length": f"{values['length']:.2f}",
     }
+
+
+def test_a_triangle_of_four_points_is_closed():
+    corners = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.5], [0.1, 0.1]])
+    found = classify_closure(corners)
+    assert (found.closed, found.code, found.first, found.last) == (True, "closed_gap", 0, 3)
 
 
 @pytest.mark.parametrize("points", [[[1.0, 2.0], [4.0, 6.0]], [[1.0, 2.0]] * 5])

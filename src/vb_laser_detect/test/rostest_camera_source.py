@@ -16,17 +16,18 @@ import rostest
 import tf2_ros
 import yaml
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from vb_msgs.msg import DetectorStatus, LaserSpot
 
 from mjpeg_server import MjpegServer
 from scenes import GREEN, Scene
+from vb_testing import TIMEOUT, Process, wait_until
+
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
 from vb_core.ros import messages
 from vb_core.ros.images import array_from_image
 from vb_core.ros.notices import NoticeListener
 from vb_laser_detect.camera.camera_files import save_lens
-from vb_testing import TIMEOUT, Process, wait_until
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
 LATE_S = 0.4  # [s] by which the camera is late

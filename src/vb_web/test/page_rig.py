@@ -86,7 +86,7 @@ class PageTest(unittest.TestCase):
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)
-        # else the next test's setUp may not know what to remove
+        # the next test's setUp removes the borders that were heard of
         wait_until(lambda: answer.id in [border.id for border in self.borders()], "the border on its topic")
 
     def resume(self):

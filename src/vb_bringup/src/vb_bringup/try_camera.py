@@ -27,7 +27,6 @@ import rosgraph
 import rospy
 import tornado.web
 import yaml
-from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 from vb_bringup.new_lab import parse_camera, write_lab
 from vb_core import names
@@ -47,6 +46,7 @@ from vb_laser_detect.detection.projection import floor_points
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message
 from vb_map_integration.borders.geojson import borders_to_geojson
+from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 CAMERA = "camera"
 PORT = 8420

@@ -17,8 +17,6 @@ import rospy
 from rich.console import Console
 from rich.table import Table
 from std_srvs.srv import Empty, EmptyRequest
-from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
-from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
 from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
@@ -27,6 +25,8 @@ from vb_core.ros import messages
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_evaluation.observer import Observer, wait_until
+from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
+from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
 WATCHED = 2.0  # [s] for which plans are asked for after the costmaps were cleared
 STILL = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
