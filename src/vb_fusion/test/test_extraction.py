@@ -294,6 +294,16 @@ def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
     assert abs(chain.left_out_spots - len(beside["points"])) <= 3 and chain.left_out[:, 1].min() > 2.8
 
 
+@pytest.mark.parametrize("images", [5, 10])
+@pytest.mark.parametrize("at_end", [True, False], ids=["end", "beginning"])
+def test_an_end_seen_too_seldom_is_left_out_with_a_word(images, at_end):
+    line = line_spots([[0, 0], [2, 0]], start=2.0)
+    seldom = still([2.5, 0.0] if at_end else [-0.5, 0.0], 9.0 if at_end else 0.0, images)
+    chain = extract_border(**joined(line, seldom))
+    assert chain.length == pytest.approx(2.0, abs=0.05) and chain.left_out_spots == images
+    assert extract_border(**line).left_out_spots == 0
+
+
 @pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
 def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
     corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])

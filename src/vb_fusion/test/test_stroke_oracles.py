@@ -218,8 +218,10 @@ def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
             wanted.append([])
         wanted[-1].append(place)
     line = np.arange(len(x)) + 10
-    found = track._divide(line, np.column_stack([x, 0.0 * x]), times, floor, 0.5, 0.475)
+    found, glints = track._divide(line, np.column_stack([x, 0.0 * x]), times, floor, 0.5, 0.475)
     assert [stroke.tolist() for stroke in found] == [[place + 10 for place in stroke] for stroke in wanted]
+    outside = [place for place in range(len(x)) if not kept or place < kept[0] or place > kept[-1]]
+    assert np.concatenate([[], *glints]).tolist() == [place + 10 for place in outside if length[piece[place]] > 1]
 
 
 def seen_within(size, least):

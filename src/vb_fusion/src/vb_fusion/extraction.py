@@ -130,7 +130,9 @@ def extract_border(
         raise ValueError("only the paper's mode needs no stamps")
     seen = merge_observations(spots)
     clusters = find_clusters(seen)
-    line, others, joined = _join_strokes(seen, find_strokes(seen, clusters, params.eps), params)
+    strokes, ends = find_strokes(seen, clusters, params.eps)
+    line, others, joined = _join_strokes(seen, strokes, params)
+    others = np.setdiff1d(np.concatenate([others, *ends]), line)
     placed = remove_offsets(seen.select(line))
     chain = _make_line(placed, joined, params)
     return replace(

@@ -59,13 +59,19 @@ def find_clusters(seen: Observations) -> Observations:
     return clusters.select(np.lexsort((*clusters.points.T[::-1], clusters.stamps)))
 
 
-def find_strokes(seen: Observations, clusters: Observations, widest_gap: float) -> List[np.ndarray]:
-    """Finds the strokes that were drawn; returns the indices of the observations of each, in order of time.
+def find_strokes(
+    seen: Observations, clusters: Observations, widest_gap: float
+) -> Tuple[List[np.ndarray], List[np.ndarray]]:
+    """Finds the strokes that were drawn.
 
     Args:
         seen: in order of time.
         clusters: of these observations, in order of time.
         widest_gap: [m] that may be missing between two clusters of one stroke.
+
+    Returns:
+        The indices of the observations of each stroke, in order of time; and of each glint before and after them, which may
+        have been the drawing's beginning or end, seen too seldom.
     """
     points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
     moment = time_bins(stamps)
@@ -76,32 +82,39 @@ def find_strokes(seen: Observations, clusters: Observations, widest_gap: float) 
     trust[clusters.mobile & (np.bincount(moment, ~clusters.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
     floor = explained * trust
     strokes: List[np.ndarray] = []
+    ends: List[np.ndarray] = []
     free = np.arange(len(points))
     while floor[free].sum() >= CLUSTER_WIDTH:
         gain, previous = find_best_steps(points[free], stamps[free], dropout, floor[free], TREMOR)
         if gain.max() < CLUSTER_WIDTH:
             break
         line = free[trace_path(gain, previous)]
-        pieces = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
+        pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
+        if pieces and not strokes:
+            ends = [_beside(seen, clusters, glint) for glint in glints]
         strokes += [_beside(seen, clusters, piece) for piece in pieces]
         # the pointer is at one place at a time, and floor is explained once
         taken = np.isin(moment[free], moment[line])
         free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
-    return strokes
+    return strokes, ends
 
 
 def _divide(
     line: np.ndarray, at: np.ndarray, times: np.ndarray, floor: np.ndarray, dropout: float, widest: float
-) -> List[np.ndarray]:
+) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Divides a track, the indices of its clusters, into strokes: where nothing was seen over more than `widest` [m].
 
     A step is seen if the floor that its two clusters explain covers it, within a dropout. What is only a few clusters
     between an unseen step and one after a pause is a stray or a glint, and no stepping stone; a quick hand's rest is not.
+
+    Returns:
+        The strokes, and the glints before the first and after the last of them.
     """
     covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, floor[:-1] + floor[1:])
     unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
+    pieces = np.split(np.arange(len(line)), unseen)
     runs: List[List[np.ndarray]] = []  # of pieces, without a pause between them
-    for piece in np.split(np.arange(len(line)), unseen):
+    for piece in pieces:
         if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
             runs.append([])
         runs[-1].append(piece)
@@ -117,7 +130,10 @@ def _divide(
             strokes[-1] = np.concatenate([strokes[-1], piece])
         else:
             strokes.append(piece)
-    return [line[stroke] for stroke in strokes]
+    within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
+    # what was seen once is a stray
+    glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
+    return [line[stroke] for stroke in strokes], [line[glint] for glint in glints]
 
 
 def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
