@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
-from vb_laser_detect.detection.projection import pixels_of
+from vb_core.camera_model import CameraModel, pixels_of
 from vb_sim.cameras import pixels
 from vb_sim.cameras.view import Body
 from vb_sim.lab_history import Snapshot

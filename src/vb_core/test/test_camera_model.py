@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, intersect_floor
 
 WIDE = CameraModel(
     1920, 1080, CameraModel.ideal(1920, 1080, 1100.0).matrix, np.array([-0.28, 0.09, 0.001, -0.0005, -0.01])
@@ -127,3 +127,12 @@ def test_an_image_contains_the_pixels_within_its_edges():
     pixels = np.column_stack([columns.ravel(), rows.ravel()])
     wanted = [-0.5 <= column <= 3.5 and -0.5 <= row <= 2.5 for column, row in pixels.tolist()]
     assert camera.contains(pixels).tolist() == wanted and not camera.contains([[np.nan, 1.0]]).any()
+
+
+def test_rays_meet_the_floor_or_nothing():
+    """A camera three metres up, which looks down: its x is the map's, its y and z are turned round."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = 1.0, 2.0, 3.0
+    points = intersect_floor(pose, np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, -1], [1, 0, 0], [np.nan, 0, 1]]))
+    assert np.allclose(points[:3], [[1, 2, 0], [4, 2, 0], [1, -1, 0]])
+    assert np.isnan(points[3:5]).all() and np.isnan(points[5]).any()

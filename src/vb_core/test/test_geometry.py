@@ -57,14 +57,6 @@ def test_optical_frame_is_that_of_rep_103():
     assert np.allclose(body @ [0, 1, 0], [0, 0, -1])  # down
 
 
-def test_rays_meet_the_floor_or_nothing():
-    origin = np.array([1.0, 2.0, 3.0])
-    directions = np.array([[0, 0, -1], [1, 0, -1], [0, 0, 1], [1, 0, 0], [math.nan, 0, -1]])
-    points = geometry.intersect_floor(origin, directions)
-    assert np.allclose(points[:2], [[1, 2, 0], [4, 2, 0]])
-    assert np.isnan(points[2:4]).all() and np.isnan(points[4]).any()
-
-
 @given(st.floats(-3.0, 3.0), st.floats(0.0, 0.9), st.floats(-0.2, 0.2))
 def test_distances_along_an_arc_match_driving_along_it(curvature, share, left):
     length = share * math.pi / max(abs(curvature), 0.5)

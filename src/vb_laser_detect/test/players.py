@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from scenes import RED, Scene
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
@@ -84,7 +84,7 @@ class RobotCamera:
         image = self.scene.render([uv], sigma=2.5, color=RED)[:, :, ::-1]
         small = self.camera.scaled_to(80, 60)
         grid = np.stack(np.meshgrid(np.arange(80), np.arange(60)), axis=-1).reshape(-1, 2)
-        floor = geometry.intersect_floor(T[:3, 3], small.rays(grid) @ T[:3, :3].T)
+        floor = floor_points(small, T, grid)
         depth = geometry.apply(geometry.invert(T), floor)[:, 2].reshape(60, 80)
         depth = np.where(np.isfinite(depth) & (depth < 6), depth * 1000, 0).astype(np.uint16)
         message = self.depth_message(depth)

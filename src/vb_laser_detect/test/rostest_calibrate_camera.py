@@ -14,9 +14,9 @@ import tf2_ros
 from geometry_msgs.msg import PointStamped
 
 from vb_core import geometry, names
+from vb_core.camera_model import floor_points
 from vb_core.ros import messages
 from vb_laser_detect.calibration import calibration_file
-from vb_laser_detect.detection.projection import floor_points
 
 from players import FixedCamera
 from scenes import RED

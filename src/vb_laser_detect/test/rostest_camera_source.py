@@ -22,7 +22,7 @@ from scenes import GREEN, Scene
 from vb_testing import TIMEOUT, Process, wait_until
 
 from vb_core import geometry, names
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points
 from vb_core.ros import messages
 from vb_core.ros.images import array_from_image
 from vb_core.ros.notices import NoticeListener
@@ -87,8 +87,7 @@ class TestCameraSource(unittest.TestCase):
         self.server.jpegs = self.spot
         wait_until(lambda: len(self.spots) > 12, "spots")
         arrived, message = self.spots[-1]
-        rays = CAMERA.rays(np.array([PLACE])) @ T[:3, :3].T
-        truth = geometry.intersect_floor(T[:3, 3], rays)[0]
+        truth = floor_points(CAMERA, T, np.array([PLACE]))[0]
         self.assertLess(np.hypot(message.position.x - truth[0], message.position.y - truth[1]), 0.025)
         self.assertTrue(PLACE[0] - 1.0 < message.u < PLACE[0] + 9.0 and abs(message.v - PLACE[1]) < 1.0, message)
         age = [came - spot.header.stamp.to_sec() for came, spot in self.spots[5:]]

@@ -9,14 +9,13 @@ import pytest
 from board_scene import CAMERA, POSE
 from refusals import refused
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration import pose as pose_module
 from vb_laser_detect.calibration.pose import Correspondences, estimate_pose
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_place
-from vb_laser_detect.detection.projection import floor_points
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
 SPREAD = np.array(

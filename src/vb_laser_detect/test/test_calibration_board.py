@@ -9,10 +9,10 @@ import pytest
 
 from board_scene import CAMERA, POSE, corners_on_map, render_board
 from refusals import refused
+from vb_core.camera_model import pixels_of
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.board import PAPERS_MM, BoardParams, draw_board, find_board, write_board
 from vb_laser_detect.calibration import camera_watch
-from vb_laser_detect.detection.projection import pixels_of
 
 BOARD = BoardParams.for_paper("A3")
 PLACES = [((3.1, 3.2), -1.2), ((5.0, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.9, 2.0), 0.0)]

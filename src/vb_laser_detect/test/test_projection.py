@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from board_scene import CAMERA
 from refusals import refused
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points, pixels_of
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import (
     DEPTH,
@@ -19,8 +19,6 @@ from vb_laser_detect.detection.projection import (
     FloorProjection,
     ImageGeometry,
     RobotCylinder,
-    floor_points,
-    pixels_of,
 )
 
 ROBOT = CameraModel.ideal(640, 480, 525.0)

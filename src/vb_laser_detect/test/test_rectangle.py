@@ -5,9 +5,8 @@ import pytest
 
 from refusals import refused
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points
 from vb_laser_detect.calibration.rectangle import uncertainty, view_rectangle
-from vb_laser_detect.detection.projection import floor_points
 
 IMAGE = (1280, 720)
 SIZE = (2.0, 1.25)

@@ -9,7 +9,7 @@ import pytest
 from refusals import refused
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, intersect_floor
 from vb_core.image_format import PixelReader
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.cameras.ceiling_view import CeilingView
@@ -182,7 +182,7 @@ def test_depth_of_the_floor_is_analytic(lab):
     pose = view.camera_pose(scene)
     u, v = np.meshgrid(np.arange(160), np.arange(60, 120))
     rays = view.depth_model.rays(np.column_stack([u.ravel(), v.ravel()]))
-    points = geometry.intersect_floor(pose[:3, 3], rays @ pose[:3, :3].T)
+    points = intersect_floor(pose, rays)
     wanted = geometry.apply(geometry.invert(pose), points)[:, 2].reshape(60, 160)
     seen = depth[60:] > 0
     assert seen.mean() > 0.95
@@ -291,7 +291,7 @@ def off_on_floor(camera, pose, far=8.0):
     model, true = camera.model(), camera.pose()
     u, v = np.meshgrid(np.linspace(0, model.width - 1, 15), np.linspace(0, model.height - 1, 9))
     rays = model.rays(np.column_stack([u.ravel(), v.ravel()]))
-    found, expected = (geometry.intersect_floor(T[:3, 3], rays @ T[:3, :3].T) for T in (pose, true))
+    found, expected = (intersect_floor(T, rays) for T in (pose, true))
     near = np.linalg.norm(expected - true[:3, 3], axis=1) < far
     return np.linalg.norm((found - expected)[near], axis=1)
 

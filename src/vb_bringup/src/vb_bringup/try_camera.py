@@ -30,6 +30,7 @@ import yaml
 
 from vb_bringup.new_lab import parse_camera, write_lab
 from vb_core import names
+from vb_core.camera_model import floor_points
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
@@ -42,7 +43,6 @@ from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
 from vb_laser_detect.camera.camera_files import save_lens
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
-from vb_laser_detect.detection.projection import floor_points
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message
 from vb_map_integration.borders.geojson import borders_to_geojson

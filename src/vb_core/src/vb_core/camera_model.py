@@ -197,3 +197,34 @@ class CameraModel:
         # pixel centres are whole numbers: the image's edge is at -0.5 in both sizes
         scale = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])
         return CameraModel(width, height, scale @ self.matrix, self.distortion, self.fisheye)
+
+
+# ------------------------------------------------------------------ a camera at a place
+def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 0.0) -> np.ndarray:
+    """Intersects a camera's viewing rays with the floor.
+
+    Args:
+        T_map_camera: (4, 4) pose of the camera's optical frame in the map frame.
+        rays: (N, 3) in the optical frame, any length.
+        height: [m] z of the floor in the map frame.
+
+    Returns:
+        (N, 3) [m], map frame; rows of NaN for rays that do not meet the floor in front of the camera.
+    """
+    origin, directions = T_map_camera[:3, 3], rays @ T_map_camera[:3, :3].T
+    down = directions[:, 2:]
+    steps = np.divide(height - origin[2], down, out=np.full(down.shape, np.nan), where=down != 0)
+    points = origin + steps * directions
+    points[~((steps > 0) & (steps < np.inf))[:, 0]] = np.nan
+    return points
+
+
+def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0) -> np.ndarray:
+    """Returns the places (N, 3) [m] on the floor that pixels (N, 2) show, as `intersect_floor`; inverse of `pixels_of`."""
+    return intersect_floor(T_map_camera, camera.rays(pixels), height)
+
+
+def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Projects points (N, 3) [m] in the map frame to pixels (N, 2); inverse of `floor_points`. NaN behind the camera."""
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    return camera.project((points - T_map_camera[:3, 3]) @ T_map_camera[:3, :3])

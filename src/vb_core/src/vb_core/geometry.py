@@ -1,4 +1,4 @@
-"""Rigid transforms, poses of a robot, planes and polygonal chains.
+"""Rigid transforms, poses of a robot and polygonal chains.
 
 Transforms are 4x4 float64 matrices; `T_a_b` maps coordinates in frame b to frame a.
 Quaternions are in ROS's order (x, y, z, w).
@@ -130,25 +130,6 @@ def pose_distance(a, b) -> float:
 def optical_rotation() -> np.ndarray:
     """Returns the rotation (3, 3) from an optical frame (z forward, x right, y down) to a body frame (REP 103)."""
     return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-
-
-def intersect_floor(origin: np.ndarray, directions: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Intersects rays with the plane z = height.
-
-    Args:
-        origin: (3,) [m] where the rays start.
-        directions: (N, 3), any length.
-
-    Returns:
-        (N, 3) [m]; rows of NaN for rays that are parallel to the plane or meet it behind the origin.
-    """
-    directions = np.atleast_2d(np.asarray(directions, dtype=float))
-    origin = np.asarray(origin, dtype=float)
-    down = directions[:, 2:]
-    steps = np.divide(height - origin[2], down, out=np.full(down.shape, np.nan), where=down != 0)
-    points = origin + steps * directions
-    points[~((steps > 0) & (steps < np.inf))[:, 0]] = np.nan
-    return points
 
 
 def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:

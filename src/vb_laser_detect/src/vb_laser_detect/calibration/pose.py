@@ -16,9 +16,8 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points, intersect_floor, pixels_of
 from vb_core.errors import CodedError
-from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
@@ -158,7 +157,7 @@ def _different(values: np.ndarray, near: float) -> int:
 
 def errors_on_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Returns the distances (N,) [m] from points to where rays (N, 3) meet the floor; inf where a ray misses it."""
-    seen = geometry.intersect_floor(T_map_camera[:3, 3], rays @ T_map_camera[:3, :3].T)[:, :2]
+    seen = intersect_floor(T_map_camera, rays)[:, :2]
     return np.nan_to_num(np.linalg.norm(seen - points, axis=1), nan=np.inf)
 
 

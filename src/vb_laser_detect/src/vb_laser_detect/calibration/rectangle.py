@@ -13,10 +13,9 @@ from typing import NamedTuple, Tuple
 import cv2
 import numpy as np
 
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.pose import planar_poses, project
-from vb_laser_detect.detection.projection import floor_points
 
 _CLICK_SIGMA = 1.0  # [px] how exactly a person marks a corner
 _USUAL_FOCAL, _FOCAL_SIGMA = 0.75, 0.35  # of the image's width, and of its logarithm: webcams and phones

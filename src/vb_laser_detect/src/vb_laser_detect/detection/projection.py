@@ -15,8 +15,7 @@ from typing import Callable, Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
@@ -60,30 +59,6 @@ class FloorPoint:
     meters_per_pixel: float
     source: str
     range: float
-
-
-def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Intersects pixels' rays with the floor; inverse of `pixels_of`.
-
-    Args:
-        camera: intrinsic parameters and distortion.
-        T_map_camera: (4, 4) pose of the camera's optical frame in the map frame.
-        pixels: (N, 2) [px]
-        height: [m] of the floor.
-
-    Returns:
-        (N, 3) [m], map frame; rows of NaN for rays that do not meet the floor in front of the camera.
-    """
-    pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
-    if len(pixels) == 0:
-        return np.zeros((0, 3))
-    directions = camera.rays(pixels) @ T_map_camera[:3, :3].T
-    return geometry.intersect_floor(T_map_camera[:3, 3], directions, height)
-
-
-def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Projects points (N, 3) [m] in the map frame to pixels (N, 2); inverse of `floor_points`. NaN behind the camera."""
-    return camera.project(geometry.apply(geometry.invert(T_map_camera), np.asarray(points, dtype=float).reshape(-1, 3)))
 
 
 def _scales(corners: np.ndarray) -> np.ndarray:
@@ -185,7 +160,7 @@ def depth_over_plane(
     part = np.nan_to_num(depth[top:bottom, left:right].astype(float)) / (1000.0 if depth.dtype.kind in "ui" else 1.0)
     rows, columns = np.nonzero((part >= _MIN_DEPTH) & (part <= _MAX_DEPTH))
     floor = floor_points(camera, T_map_camera, np.column_stack([columns + left, rows + top]), height)
-    ratios = part[rows, columns] / geometry.apply(geometry.invert(T_map_camera), floor)[:, 2]
+    ratios = part[rows, columns] / ((floor - T_map_camera[:3, 3]) @ T_map_camera[:3, 2])
     ratios = ratios[np.isfinite(ratios)]
     return float(np.median(ratios)) if len(ratios) >= max(1.0, _DEPTH_SHARE * part.size) else None
 

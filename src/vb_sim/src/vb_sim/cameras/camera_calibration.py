@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import CameraModel, floor_points, intersect_floor
 from vb_core.errors import CodedError
 from vb_sim.models import Optics, make_generator
 from vb_sim.room.world import CeilingCamera
@@ -32,7 +32,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
         return true @ geometry.transform(geometry.rotation_from_rpy(*x[:3]), x[3:])
 
     def on_floor(pose: np.ndarray) -> np.ndarray:
-        points = geometry.intersect_floor(pose[:3, 3], rays @ pose[:3, :3].T)[:, :2]
+        points = intersect_floor(pose, rays)[:, :2]
         # a trial pose may have a ray miss the floor
         return np.nan_to_num(points, nan=1e3)
 
@@ -61,5 +61,5 @@ def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.ran
 
 def _on_near_floor(model: CameraModel, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Returns (N,) bool: which pixels (N, 2) [px] look at the floor near the camera."""
-    points = geometry.intersect_floor(pose[:3, 3], model.rays(pixels) @ pose[:3, :3].T)
+    points = floor_points(model, pose, pixels)
     return np.linalg.norm(np.nan_to_num(points, nan=1e6) - pose[:3, 3], axis=1) < _MAX_DISTANCE
