@@ -165,6 +165,8 @@ def test_session_guides_to_a_result_and_back():
         session.add(tuple(pixel), tuple(point))
     with refused("same_place"):
         session.add(tuple(observed.pixels[0] + 1), (0.0, 0.0))
+    with refused("bad_points"):
+        session.add((5.0, 5.0), (0.0, float("nan")))
     assert len(session) == 8
     assert "cm on the floor" in session.describe_progress()
     text = "\n".join(describe(session.solve(), session.observed))

@@ -67,8 +67,10 @@ class CalibrationSession:
         """Adds a place, (u, v) in the image [px] and (x, y) in the map [m].
 
         Raises:
-            CodedError: "same_place" if the image shows it where it showed another one.
+            CodedError: "bad_points" if it is no place, "same_place" if the image shows it where it showed another one.
         """
+        if not np.isfinite(point).all():
+            raise CodedError("bad_points")
         for earlier, known in self._placed:
             if math.dist(pixel, earlier) < _SAME_PLACE_PX:
                 raise CodedError("same_place", place="({:.2f}, {:.2f})".format(*known))
