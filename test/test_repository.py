@@ -100,7 +100,7 @@ ALGORITHMS = re.findall(r"src/(vb_\w+)/src", (TOP / "pyproject.toml").read_text(
 EXAMPLES_AS_INSTALLED = """
 import doctest, importlib, sys
 sys.path.insert(0, sys.argv[1])
-for name in ("rospy", "roslib", "tf2_ros", "vb_msgs", "std_msgs"):
+for name in ("rospy", "roslib", "tf2_ros", "vb_msgs", "std_msgs", "av", "simplejpeg"):
     sys.modules[name] = None
 for name in sys.argv[2:]:
     module = importlib.import_module(name)

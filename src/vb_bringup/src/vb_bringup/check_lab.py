@@ -34,7 +34,7 @@ def print_table(lines: List[Notice], language: str, console: Console) -> None:
 def print_camera(camera: str) -> None:
     """Prints the report to send if a camera that its detector reads itself does not work; takes some seconds."""
     from vb_laser_detect.camera.report import describe
-    from vb_laser_detect.camera.source import CaptureParams
+    from vb_laser_detect.detector_params import CaptureParams
 
     parameters = rospy.get_param(f"/spot_detector_{camera}", {}) if camera else {}
     if parameters.get("source"):

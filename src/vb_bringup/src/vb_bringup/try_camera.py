@@ -42,7 +42,8 @@ from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
 from vb_laser_detect.camera.camera_files import save_lens
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
+from vb_laser_detect.camera.source import CameraSource, Shot
+from vb_laser_detect.detector_params import CaptureParams
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message
 from vb_map_integration.borders.geojson import borders_to_geojson

@@ -19,10 +19,10 @@ from vb_core.ros.images import decode, message_from_image
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.camera import controls
 from vb_laser_detect.camera.camera_files import load_lens
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, is_file, printable
+from vb_laser_detect.camera.source import CameraSource, Shot, is_device, is_file, printable
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
-from vb_laser_detect.detector_params import SpotDetectorNodeParams
+from vb_laser_detect.detector_params import CaptureParams, SpotDetectorNodeParams
 
 FOLDER = "~/.ros/virtual_borders"
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vb_core.parameters import Parameters, param
-from vb_laser_detect.camera.source import CaptureParams
 from vb_laser_detect.detection.projection import ProjectionParams
 
 
@@ -30,6 +29,19 @@ class DetectorParams(Parameters):
     def mobile(cls, **changes) -> "DetectorParams":
         """Returns the parameters for a camera on a robot."""
         return cls(**{**dict(moving_camera=True, confirm_frames=3), **changes})
+
+
+@dataclass(frozen=True)
+class CaptureParams(Parameters):
+    """How a camera is read; see config/stationary.yaml."""
+
+    width: int = param(0, "px", low=0, high=16384)
+    height: int = param(0, "px", low=0, high=16384)
+    rate: float = param(0.0, "images/s", low=0.0, high=1000.0)
+    pixel_format: str = param("mjpeg")
+    delay_ms: float = param(0.0, "ms", low=0.0, high=5000.0, doc="time from an image to its arrival")
+    exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
+    white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
 
 
 @dataclass(frozen=True)

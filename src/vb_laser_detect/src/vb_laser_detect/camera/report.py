@@ -11,7 +11,8 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_laser_detect.camera.controls import run_v4l2
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, printable
+from vb_laser_detect.camera.source import CameraSource, Shot, is_device, printable
+from vb_laser_detect.detector_params import CaptureParams
 
 _SECONDS = 5.0
 

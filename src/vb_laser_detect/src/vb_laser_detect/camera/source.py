@@ -16,7 +16,6 @@ import threading
 import time
 import traceback
 from collections import deque
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Deque, Dict, Iterator, List, NamedTuple, Optional, Tuple
@@ -27,7 +26,7 @@ import simplejpeg
 
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
-from vb_core.parameters import Parameters, param
+from vb_laser_detect.detector_params import CaptureParams
 
 _OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] a phone that sleeps, a cable that was pulled from a switch
 _RETRY_PERIOD = 1.0  # [s]
@@ -49,19 +48,6 @@ _REASONS = {
     "camera_forbidden": (errno.EACCES, errno.EPERM),
     "camera_unreachable": (errno.EIO, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT, ConnectionError),
 }
-
-
-@dataclass(frozen=True)
-class CaptureParams(Parameters):
-    """How a camera is read; see config/stationary.yaml."""
-
-    width: int = param(0, "px", low=0, high=16384)
-    height: int = param(0, "px", low=0, high=16384)
-    rate: float = param(0.0, "images/s", low=0.0, high=1000.0)
-    pixel_format: str = param("mjpeg")
-    delay_ms: float = param(0.0, "ms", low=0.0, high=5000.0, doc="time from an image to its arrival")
-    exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
-    white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
 
 
 class Shot(NamedTuple):
