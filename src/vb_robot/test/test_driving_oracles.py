@@ -368,6 +368,7 @@ def test_each_source_keeps_its_own_clearances(source, ahead, sides, cells):
 
 SLOW = empty().with_data(np.full(empty().shape, 20, np.int8))  # 0.2 m/s everywhere
 BLIND = RobotProfile(scanner=Scanner(present=False))
+LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
 
 
 @pytest.mark.parametrize(
@@ -378,6 +379,7 @@ BLIND = RobotProfile(scanner=Scanner(present=False))
         (NAVIGATION, knowing_gate(), (9.0, 0.9), (0.5, 0.05, "speed_limit")),
         (FOLLOW, knowing_gate(), (0.4, 0.2), (0.2, 0.1, "speed_limit")),
         (ESCAPE, knowing_gate(), (-0.4, 0.2), (-0.2, 0.1, "speed_limit")),
+        (FOLLOW, knowing_gate(LAZY), (0.4, 0.2), (0.1, 0.05, "speed_limit")),
         (NAVIGATION, knowing_gate(speed_limits=SLOW), (0.4, 0.4), (0.2, 0.2, "speed_zone")),
         (TELEOP, knowing_gate(speed_limits=SLOW), (0.1, 0.4), (0.1, 0.4, "driving")),
         (TELEOP, knowing_gate(), (0.0, -7.0), (0.0, -1.0, "driving")),

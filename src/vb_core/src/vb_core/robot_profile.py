@@ -27,7 +27,7 @@ class RobotShape(Parameters):
 class Limits(Parameters):
     """What the base can do, and what it is allowed to do."""
 
-    max_speed: float = param(0.5, "m/s", above=0.0, high=3.0, doc="under navigation")
+    max_speed: float = param(0.5, "m/s", above=0.0, high=3.0, doc="whatever drives it")
     max_turn_rate: float = param(1.0, "rad/s", above=0.0, high=6.0)
     acceleration: float = param(1.0, "m/s^2", above=0.0, high=10.0)
     turn_acceleration: float = param(3.2, "rad/s^2", above=0.0, high=20.0)

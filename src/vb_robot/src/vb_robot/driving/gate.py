@@ -226,7 +226,8 @@ class Gate:
     def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""
         limits, clearance, radius = self.profile.limits, CLEARANCES[source], self.profile.radius
-        speeds = [(MAX_SPEED if source in (FOLLOW, ESCAPE) else limits.max_speed, "speed_limit")]
+        led = source in (FOLLOW, ESCAPE)
+        speeds = [(min(MAX_SPEED, limits.max_speed) if led else limits.max_speed, "speed_limit")]
         if v > 0 and self.contacts:
             speeds.append((0.0, "contact"))
         blind, delay = self._scan is None or not self.profile.scanner.present, limits.reaction_time
