@@ -12,8 +12,10 @@ from refusals import refused
 from vb_bringup.new_lab import parse_cameras, write_lab
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
+from vb_evaluation.study_kit import conduct
 
 TOP = Path(__file__).resolve().parents[1]
+OWN = {"cameras", "configs", "calibration", "state", "map", "robot_types"}
 
 
 @pytest.fixture
@@ -32,10 +34,12 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
     written = write_lab(lab, {"north": "/dev/video0", "south": ""}, "turtlebot2", tmp_path / "room.yaml", profiles)
     assert all(path.is_file() for path in written)
     launch, stack = (ElementTree.parse(str(path / "lab.launch")).getroot() for path in (lab, TOP / "launch"))
-    given = {arg.get("name"): arg.get("value") for arg in launch.iter("arg")}
-    assert set(given) <= {arg.get("name") for arg in stack.findall("arg")}
+    given, common = ({arg.get("name"): arg.get("default") for arg in of.findall("arg")} for of in (launch, stack))
+    # a lab's own values, and what else can be given at the start: as the stack has it
+    assert {name for name in given if given[name] != common[name]} == OWN
     (of_container,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
-    assert set(re.findall(r"(\w+):=", of_container)) <= {arg.get("name") for arg in launch.findall("arg")}
+    kit = {name for arguments in yaml.safe_load(conduct.TEMPLATE)["methods"].values() for name in arguments}
+    assert {"record", *kit, *re.findall(r"(\w+):=", of_container)} <= set(given)
     assert given["cameras"] == "north south" and given["map"] == "$(dirname)/map.yaml" and given["robot"] == "true"
     assert len(given["configs"].split()) == 2
     # what the lab versions is whole without the map's first place

@@ -23,22 +23,31 @@ CREATED, REFUSED = 0, 1
 _LAUNCH = """\
 <launch>
   <!-- This lab. Start it with:  roslaunch {folder}/lab.launch   and check it with:  rosrun vb_bringup check_lab
-       Every argument of the stack's lab.launch can be set here; $(find vb_bringup)/launch/lab.launch lists and explains them. -->
+       What is declared here can also be given at the start, as in  roslaunch {folder}/lab.launch navigation:=move_base
+       Any other argument of the stack's lab.launch can be declared too: $(find vb_bringup)/launch/lab.launch explains them. -->
+  <arg name="cameras" default="{cameras}"/>
+  <arg name="configs" default="{configs}"/>
+  <arg name="calibration" default="$(dirname)/calibration"/>
+  <arg name="state" default="$(dirname)/state"/>
+  <arg name="map" default="{map}"/>
+  <arg name="robot" default="{robot}"/>
+  <arg name="robot_types" default="$(dirname)/robot.yaml"/>
+  <arg name="navigation" default="none"/>
+  <arg name="method" default="nrs"/>
+  <arg name="record" default=""/>
   <arg name="rviz" default="true" doc="whether the smart display is on this computer"/>
   <arg name="page_port" default="8420" doc="port of the page"/>
   <arg name="page_address" default="127.0.0.1" doc="0.0.0.0: the page is for the whole network, with codes"/>
+  <arg name="mqtt" default=""/>
+  <arg name="voice" default="false"/>
+  <arg name="buttons" default="false"/>
+  <arg name="sound" default="false"/>
+  <arg name="language" default="en"/>
+  <arg name="projector" default=""/>
+  <arg name="projector_window" default="false"/>
+  <arg name="projector_x" default="0"/>
   <include file="$(dirname)/cameras.launch"/>
-  <include file="$(find vb_bringup)/launch/lab.launch" pass_all_args="true">
-    <arg name="cameras" value="{cameras}"/>
-    <arg name="configs" value="{configs}"/>
-    <arg name="calibration" value="$(dirname)/calibration"/>
-    <arg name="state" value="$(dirname)/state"/>
-    <arg name="map" value="{map}"/>
-    <arg name="robot" value="{robot}"/>
-    <arg name="robot_types" value="$(dirname)/robot.yaml"/>
-    <arg name="navigation" value="none"/>
-    <arg name="voice" value="false"/>
-  </include>
+  <include file="$(find vb_bringup)/launch/lab.launch" pass_all_args="true"/>
 </launch>
 """
 

@@ -25,7 +25,7 @@ from vb_evaluation.provenance import revision
 
 SETTINGS = "kit.yaml"
 TEMPLATE = """# How study_kit run starts the system. Arguments are those of the launch file; record:= comes from the protocol.
-launch: [vb_bringup, lab.launch]
+launch: [vb_bringup, lab.launch]     # or a lab's own: [~/my_lab/lab.launch]
 arguments: {}                       # for all runs, for instance {map: ~/study/map.yaml, voice: true}
 methods:                            # for each method of the protocol
   nrs: {cameras: red green blue, method: nrs}
@@ -118,7 +118,7 @@ def _settings(path: Path, method: str) -> Tuple[List[str], Dict[str, str]]:
     try:
         settings = yaml.safe_load(path.read_text(encoding="utf-8"))
         chosen = {**(settings.get("arguments") or {}), **settings["methods"][method]}
-        launch = [str(part) for part in settings["launch"]]
+        launch = [os.path.expanduser(str(part)) for part in settings["launch"]]
     except (OSError, yaml.YAMLError) as error:
         raise CodedError("bad_protocol", f"cannot read {path}: {error}") from None
     except (KeyError, TypeError, AttributeError):
