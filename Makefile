@@ -21,7 +21,7 @@ help: ## this list
 setup: ## system packages, virtual environment, catkin build (each only where needed)
 	@scripts/setup
 
-navigation: setup ## builds the real navigation stack beside this workspace (Debian 12): NAVIGATION_SOURCE=git repository
+navigation: setup ## builds the real navigation stack beside this workspace (Debian): NAVIGATION_SOURCE=git repository
 	@scripts/navigation
 
 try: setup ## a camera, a laser pointer and a browser: CAMERA=0|/dev/...|rtsp://...|http://...|FILE; without one, a video of ours

@@ -1,6 +1,6 @@
 # To be sourced, by bash: the environment of this workspace.
 #   . scripts/env.sh
-# ROS traffic stays on this machine unless ROS_IP, ROS_HOSTNAME or ROS_MASTER_URI is set beforehand.
+# ROS traffic stays on this machine unless ROS_IP (or ROS_HOSTNAME) is set beforehand; ROS_MASTER_URI alone is not enough.
 _vb_top=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 if [ ! -f "$_vb_top/devel/setup.bash" ]; then
     echo "env.sh: the workspace is not built yet: run 'make setup' first" >&2
