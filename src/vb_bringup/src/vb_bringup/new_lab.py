@@ -32,7 +32,10 @@ _LAUNCH = """\
   <arg name="map" default="{map}"/>
   <arg name="robot" default="{robot}"/>
   <arg name="robot_types" default="$(dirname)/robot.yaml"/>
+  <arg name="map_name" default=""/>
   <arg name="navigation" default="none"/>
+  <arg name="machines" default=""/>
+  <arg name="machines_file" default=""/>
   <arg name="method" default="nrs"/>
   <arg name="record" default=""/>
   <arg name="rviz" default="true" doc="whether the smart display is on this computer"/>
