@@ -122,7 +122,7 @@ def test_no_spot_without_a_laser(disturbance, bayer):
 
 
 @pytest.mark.parametrize("white", [140.0, 235.0])
-def test_white_is_what_the_camera_shows_at_most(white):
+def test_a_spot_is_found_by_cameras_whose_white_is_below_255(white):
     # limited range video ends at 235; a spot is as white as that camera's white, and a grey thing is not
     scene, detector = Scene(), at_once()
 

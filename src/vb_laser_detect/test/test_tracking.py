@@ -113,7 +113,7 @@ def test_the_mean_colour_counts(mosaic):
     assert [film.see(sighting(0.0))[0].confirmed for _ in range(4)] == [False, False, True, True]
 
 
-def test_where_it_is_expected():
+def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():
     film = Film()
     for i in range(30):
         film.see(sighting(0.008 * i))

@@ -148,7 +148,7 @@ class Collector:
         return ""
 
     def _find_set_back(self, spot: FloorSpot) -> float:
-        """Returns by how much [s] the clock of a spot's camera has been set back since the state was entered."""
+        """Finds, and keeps, by how much [s] the clock of a spot's camera has been set back since the state was entered."""
         set_back, known = self._set_back.get(spot.camera, 0.0), self._set_back.values()
         if spot.camera in self._newest:
             back = self._newest[spot.camera] - spot.stamp
@@ -165,6 +165,7 @@ class Collector:
         return set_back
 
     def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
+        """Returns why a spot is ignored, or ""; keeps its stamp for the next one, and notes a clock that is off."""
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return "not_finite"
         if not self.state.collects:

@@ -35,7 +35,7 @@ from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_
 
 _TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] for the next image, and between two looks
 _SETTLED = 0.5  # [s] after which a new exposure time is in the images
-_BLINKS, _SHORTEST, _LONGEST = 40, 0.25, 0.65  # switches of the light, and [s] between two of them
+_BLINKS, _MIN_BLINK, _MAX_BLINK = 40, 0.25, 0.65  # switches of the light, and [s] between two of them
 _SPOT_TIMEOUT = 30.0  # [s]
 _USUAL_WHITE = 4600  # [K] between lamps and daylight: what counts is that it stays
 _WIDTH = 960  # [px] of the live picture
@@ -249,7 +249,7 @@ def _blink() -> List[float]:
             sys.stdout.write("\x1b[40m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
             sys.stdout.flush()
             switched.append(rospy.Time.now().to_sec())
-            time.sleep(random.uniform(_SHORTEST, _LONGEST))
+            time.sleep(random.uniform(_MIN_BLINK, _MAX_BLINK))
         time.sleep(3.0)  # images that are late
     finally:
         sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")

@@ -38,7 +38,7 @@ class InputWatch:
         self._missing = missing, since if same else now
         self._complete |= missing is None
 
-    def fault(self, now: float) -> Optional[CodedError]:
+    def current_fault(self, now: float) -> Optional[CodedError]:
         """Returns what people should know at a time [s]: that no images come, or what they lack; `why` in detail."""
         self._started = self._started or now
         if self._image_at is None:

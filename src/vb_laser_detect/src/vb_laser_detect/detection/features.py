@@ -140,15 +140,15 @@ def _light_of(
         light: (H, W) the rise of the brightest channel, smoothed.
         now, before: image and reference.
     """
-    levels, floor = means_over(mask, traits.mosaic, now, before)
-    tint = tint_of(mask, light, now, before, levels, floor) if len(levels) > 1 else None
-    channel = int(np.argmax(levels - floor)) if now.ndim == 3 else 0
+    levels, reference_levels = means_over(mask, traits.mosaic, now, before)
+    tint = tint_of(mask, light, now, before, levels, reference_levels) if len(levels) > 1 else None
+    channel = int(np.argmax(levels - reference_levels)) if now.ndim == 3 else 0
     return tint, {
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / traits.bright),
         "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / traits.bright),
         "edge": _edge(mask, _plane(now, channel), _plane(before, channel)),
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((floor - levels).max())) / traits.bright,
+        "fall": max(0.0, float((reference_levels - levels).max())) / traits.bright,
         "diameter": math.log(diameter / traits.diagonal),
         # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
         "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if traits.mosaic else math.nan,

@@ -176,7 +176,7 @@ class SpotTracker:
 
     def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each, None for lamps."""
-        lit_s = [self._light(spot) for spot in spots]
+        lit_s = [self._record_light(spot) for spot in spots]
         lamps = [number for number, seconds in enumerate(lit_s) if seconds > self.params.max_dwell_time]
         self._end_tracks([spots[number] for number in lamps])
         followed = [number for number in range(len(spots)) if number not in lamps]
@@ -191,7 +191,7 @@ class SpotTracker:
         self._choose(list(track_of.values()))
         return [track_of.get(number) for number in range(len(spots))]
 
-    def _light(self, spot: Spot) -> float:
+    def _record_light(self, spot: Spot) -> float:
         """Records the light at a spot's place; returns for how long [s] it has been lit by now."""
         away = np.hypot(self._lit[:, 0] - spot.u, self._lit[:, 1] - spot.v)
         if not (away <= _SLACK_PX).any():
