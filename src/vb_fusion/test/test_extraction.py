@@ -175,7 +175,7 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
 # ----------------------------------------------------------------- what the track, the cameras and people need
 @pytest.mark.parametrize("shape, every, rounds", [("", 2, 1), ("zigzag", 1, 4)])
 def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
-    """Of the developing half, whose other half bench/extraction/accuracy.py judges: some of all shapes, and the zigzags."""
+    """Of the half used for development (bench/extraction/accuracy.py judges the other): some of all shapes, and the zigzags."""
     drawn = [one for one in people.drawings() if people.half(one) == "develop" and shape in one.shape][::every]
     wrong = []
     for number, drawing in enumerate(rounds * drawn):
@@ -270,7 +270,7 @@ def with_strays(spots, seed, share=0.03, margin=0.5):
 
 @pytest.mark.parametrize("images", [1, 3], ids=["stray", "glint"])
 def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
-    """What nobody saw is crossed at a price; light for a moment, however near to where it begins or ends, lowers it not."""
+    """What nobody saw is crossed at a price, which a flash does not lower, however near to the gap's ends."""
     corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
     for seed in range(8):
         parts, at = [], 0.0
@@ -321,7 +321,7 @@ def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
 
 @pytest.mark.parametrize("days", [30, 365])
 def test_a_robots_clock_that_is_off_costs_no_memory(days):
-    """What is unknown exists only where something was seen."""
+    """There are unknowns only for seconds in which something was seen."""
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     assert off_the_axis(by_robot(spots, stamps=spots["stamps"] + 86400.0 * days * (spots["cameras"] == 1))) < 0.05
 
@@ -355,7 +355,7 @@ RECTANGLE, HOOK = [[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], [[0, 0.2], [-0.2
 CORNER, TIP = [[0, 0], [1.5, 0], [1.5, 1.0]], [[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]
 CIRCLE = 0.5 * np.column_stack([np.cos(TURN), np.sin(TURN)])
 SCENES = {
-    # people rest at a corner and are quick on the side: hardly anything is seen of it
+    # people rest at a corner and are quick on the side, of which hardly anything is seen
     "a quick leg after a rest": (
         [*CORNER, [0.9, 1.2]],
         lambda seed: joined(

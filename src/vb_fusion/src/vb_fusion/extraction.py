@@ -45,7 +45,7 @@ from vb_fusion.stroke.track import find_clusters, find_strokes
 __all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 
 MIN_DETAIL = 0.005  # [m] vertices that change the chain less are left out: a map's cell is ten times as large
-MIN_FIGURE_SIZE = 8.0  # tremors across: the smallest curled line that can be told to be open
+MIN_FIGURE_SIZE = 8.0  # tremors across: a smaller line that curls could be open or closed
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
 
 
@@ -73,7 +73,7 @@ class BorderChain:
         length: [m] of the chain, with its closing segment if it is closed.
         gap: [m] between the ends where the drawing left them.
         left_out: (L, 2) [m] drawn spots that belong to no part of the chain.
-        left_out_spots: how many these are.
+        left_out_spots: how many spots that is.
         unseen: [m] the longest piece of the chain between two spots that nobody saw.
     """
 
@@ -159,11 +159,11 @@ def _longest_unseen_gap(stroke: Observations, chain: BorderChain, joined: bool, 
 def _join_strokes(
     seen: Observations, strokes: List[np.ndarray], params: ExtractionParams
 ) -> Tuple[np.ndarray, np.ndarray, bool]:
-    """Joins strokes, each the indices of its observations, to one line.
+    """Joins strokes, each given as the indices of its observations, into one line.
 
     Returns:
         The indices of the line's observations, in the order in which it runs; those of what is left out; whether the line
-        is of several strokes.
+        was joined from several strokes.
     """
     # what could be a line itself, the widest first: moving back and forth explains much floor, but is not a border
     wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
@@ -216,7 +216,7 @@ def _simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
         return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords) if len(chain) > 2 else chain
     polygon = Polygon(chain)
     if not polygon.is_valid:
-        # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point and are joined by a neck
+        # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point, so a neck joins them
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)

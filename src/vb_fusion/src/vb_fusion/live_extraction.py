@@ -1,6 +1,6 @@
 """The border so far, kept up to date while a person draws, within a share of one core.
 
-It is the same extraction as at the end, of all spots: five minutes of drawing take a tenth of a second.
+It is the same extraction as at the end, on all spots so far: five minutes of drawing take a tenth of a second.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ _LOOKUP_PERIOD = 0.5
 _TF_TIMEOUT = 0.15  # [s] odometry comes in after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
 _MAX_DEPTH_AGE = 0.08  # [s] largest time between image and depth image
-_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver takes it to be where nothing else is known
+_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver assumes where nothing else is known
 _MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older may be somewhere else by now, or switched off
 
 
@@ -200,7 +200,7 @@ class CameraGeometry:
         return ImageGeometry(self._camera, pose, self._floor_projection, depth, partial(self.cylinders, stamp))
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
-        """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
+        """Returns the pose (4, 4); for a moving camera only to check that there is one: most images need none."""
         lookup = partial(self._transforms.lookup, names.MAP_FRAME, frame_id)
         try:
             return lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
@@ -213,7 +213,7 @@ class CameraGeometry:
             return self._pose
 
     def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
-        """Returns where the robots were at a time, as cylinders that hide the floor; one that is nowhere hides nothing.
+        """Returns where the robots were at a time, as cylinders that hide the floor; one without a pose hides nothing.
 
         One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
         """

@@ -3,9 +3,9 @@
 Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
 frame, also those without a spot, which show it what the floor looks like.
 
-Four stages, one after the other: `vb_core.image_format` says what the numbers mean, `proposals` where a closer look is worth
-it, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it counts. `projection`
-tells them where that is on the floor.
+Four stages, one after the other: `vb_core.image_format` says what the numbers mean, `proposals` what is worth a closer
+look, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it counts.
+`projection` tells them where that is on the floor.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams())
@@ -97,8 +97,8 @@ class SpotDetector:
         Args:
             image: as `PixelReader` made it, a `HalvedPicture`; or (H, W, 3) bgr (or rgb: colours are only compared with each other) or
                 (H, W) grey, uint8.
-            stamp: [s] when it was taken. An image that comes late is left out and counted in `late`; a stamp of more than
-                a second before the last one's is another clock's, and starts again.
+            stamp: [s] when it was taken. An image that comes late is left out and counted in `late`; a stamp more than
+                a second before the last one's means that the clock was set, and the detector starts again.
             geometry: where its pixels are on the floor. None: sizes and speeds are judged in pixels.
 
         Returns:

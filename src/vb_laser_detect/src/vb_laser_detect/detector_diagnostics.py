@@ -24,7 +24,7 @@ _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
 
 
 class DetectorDiagnostics:
-    """Counts what a detector does, and tells people what is wrong with its camera: nobody else observes that.
+    """Counts what a detector does, and tells people what is wrong with its camera: nothing else watches it.
 
     Published topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
@@ -48,7 +48,7 @@ class DetectorDiagnostics:
         self._bright, self._measured = 0.0, float("-inf")  # share of an image that is saturated, and when that was seen
         self._lock = threading.Lock()
         self._counts, self._watch = DetectorCounts(), InputWatch(rospy.get_time())
-        # by code, when each was met last, and whether it is of what images that come are like
+        # by code: its notice, when it last occurred, and whether it is about image quality
         self._faults: Dict[str, Tuple[Notice, rospy.Time, bool]] = {}
         self._source_fault: Optional[Notice] = None  # an error: no images come because of it
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
@@ -68,7 +68,7 @@ class DetectorDiagnostics:
             self._counts.count_rejections(code)
 
     def report_fault(self, error: CodedError, severe: bool = False) -> None:
-        """Counts a fault of the input, and tells it for some seconds; `severe`: it is a fault of the program."""
+        """Counts a fault of the input, and reports it for some seconds; `severe`: it is a fault of the program."""
         with self._lock:
             self._counts.count_rejections(error.code)
             self._faults[error.code] = self._notice(error, severe), rospy.Time.now(), False

@@ -30,7 +30,7 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 MANAGER = "$interaction_manager"
 VALIDITY = 5.0  # [s] from when a command was given: if it waits longer for a busy manager, it surprises people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
-_STOP_TIMEOUT = 5.0  # [s] a manager that has not answered a stop by then hangs: who stops a robot is not left to wait
+_STOP_TIMEOUT = 5.0  # [s] a manager that has not answered a stop by then hangs: whoever stops a robot must not wait
 _REPORTED_WITHIN = 1.5  # [s] robots report the stops that they hold at once, and again every second
 _MAX_WAITING = 10  # commands of one person
 

@@ -285,7 +285,7 @@ class WakeTimer:
 def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
     """Runs work in a separate thread. A fault ends the node, with a traceback; roslaunch then restarts it.
 
-    A thread that had died alone would leave a node that runs on and does not do its work.
+    Otherwise the node would run on without doing its work.
     """
 
     def run() -> None:

@@ -13,7 +13,7 @@ from vb_fusion.line.resampling import ResampledStroke
 
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
 MAX_BEND = 1.5  # chords: no curved side is longer; half a circle is 1.57
-MIN_SPIKE = 2.0  # tremors that the pen goes there and back: what is shorter may be noise
+MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
 HELD = 0.3  # tremors of line that hold a vertex where it is; where its sides turn, the samples outweigh it
 
 

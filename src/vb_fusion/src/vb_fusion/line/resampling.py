@@ -19,7 +19,7 @@ class ResampledStroke:
     Attributes:
         points: (K, 2) [m].
         trust: (K,) how many spots each was made of, and how good they are.
-        tremor: [m] smaller details are none.
+        tremor: [m] smaller details are noise.
     """
 
     points: np.ndarray

@@ -13,8 +13,8 @@ from typing import Optional, Sequence
 import numpy as np
 
 TREMOR = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
-LOCALIZATION_ERROR = 0.15  # [m] what a robot's pose may be off, differently every second
-BIN_PHASE = 0.031  # of a bin: images come at round intervals, so that a bin must not begin at a round time
+LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently every second
+BIN_PHASE = 0.031  # of a bin: images come at round intervals, so no bin begins at a round time
 TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 MAX_DROPOUTS = 3.0  # usual intervals between time bins within which a moving pointer is seen again
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
@@ -47,7 +47,7 @@ class Observations:
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def merge(self, group: np.ndarray) -> "Observations":
-        """Merges the observations of each group (N,), numbers from 0: one at their weighted mean, of one of the cameras."""
+        """Merges the observations of each group (N,), numbers from 0, into one at their weighted mean, of one of their cameras."""
         weights = np.bincount(group, self.weights)
         x, y, times = (np.bincount(group, self.weights * one) / weights for one in (*self.points.T, self.stamps))
         cameras = np.empty(len(weights), dtype=int)
@@ -120,7 +120,7 @@ def merge_observations(spots: Observations) -> Observations:
 
 
 def estimate_tremor(stroke: Observations) -> float:
-    """Estimates within which distance [m] of a stroke its observations lie: the hand's tremor, and what cameras err.
+    """Estimates the distance [m] from a stroke within which its observations lie: the hand's tremor and the cameras' errors.
 
     It is three standard deviations of the observations from the straight way between those a fifth of a second before
     and after, in steps of a half power of two, so that it seldom changes while a line grows.

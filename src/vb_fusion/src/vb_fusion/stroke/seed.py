@@ -1,8 +1,8 @@
 """The seed point: the last place where the pointer dwelt.
 
 The pointer's track is found as for the border (stroke/track.py): the sequence of clusters that explains most with the
-least effort. What a cluster explains is another thing here: the pointer dwells instead of moving, and may be switched off
-on its way. So what counts is light that is new at its place, and a jump costs a blink of it, or little more.
+least effort. But here the pointer dwells instead of moving, and may be switched off on its way. So a cluster gains by light
+that is new at its place, and a jump costs as much as a blink of such light gains, or little more.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def extract_seed(points: np.ndarray, **columns) -> np.ndarray:
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     """Chooses the last dwell, as the one that is meant, unless it has fewer witnesses than one before.
 
-    The pointer's light is on the floor for every camera, a false one in the images of one; and to a camera that moves,
-    whatever is bright is new. So light that comes up elsewhere is meant only if as many steady cameras see it.
+    The pointer's light on the floor is seen by every camera, a false one by one only; and to a camera that moves, whatever
+    is bright is new. So light that appears elsewhere is meant only if as many stationary cameras see it.
     """
     chosen = dwells[0]
     for dwell in dwells[1:]:
@@ -79,8 +79,8 @@ def find_dwells(
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them; at least one.
 
-    A place that was seen before already counts less: something bright, or the end of the border. The longer light has
-    been at its place [s], the less it counts as new. Cameras that agree confirm each other.
+    A place where light was already seen before counts less: it is something bright, or the end of the border. The longer
+    light has been at its place [s], the less it counts as new. Cameras that agree confirm each other.
 
     Args:
         points: (N, 2) [m], any order.
@@ -99,7 +99,7 @@ def find_dwells(
     clusters = find_clusters(seen)
     at = clusters.points
     patch, earlier = _floor_patches(at)
-    # balanced trees take longer to make than to ask
+    # a balanced tree takes longer to build than its queries take
     tree = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
     known = np.isfinite(tree.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * clusters.witnesses / (1.0 + TIME_BIN * earlier)

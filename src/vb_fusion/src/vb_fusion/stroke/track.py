@@ -35,7 +35,7 @@ CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a 
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright thing and a stray
-# clusters between unseen steps that are more than a stray or a glint, which is seen for a third of a second
+# clusters; fewer between two unseen steps are a stray or a glint, which is seen for a third of a second
 MIN_SEEN = 5
 MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
 # clusters among which a predecessor is looked for: further than a dropout, whatever glitters
@@ -71,13 +71,13 @@ def find_strokes(
 
     Returns:
         The indices of the observations of each stroke, in order of time; and of each glint before and after them, which may
-        have been the drawing's beginning or end, seen too seldom.
+        be the beginning or the end of the drawing, seen too seldom to tell.
     """
     points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
     bins = time_bins(stamps)
     explained = floor_gains(points, stamps, dropout)
-    # among many things seen at once, each is the less likely the pointer; and a camera that stands still knows better where
-    # it is than one on a robot
+    # the more things are seen at once, the less likely each is the pointer; and a stationary camera knows better where it
+    # is than one on a robot
     trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
     trust[clusters.mobile & (np.bincount(bins, ~clusters.mobile) > 0)[bins]] *= TREMOR / LOCALIZATION_ERROR
     gains = explained * trust
@@ -100,17 +100,17 @@ def find_strokes(
 
 
 def _divide(
-    line: np.ndarray, at: np.ndarray, times: np.ndarray, floor: np.ndarray, dropout: float, widest: float
+    line: np.ndarray, at: np.ndarray, times: np.ndarray, explained: np.ndarray, dropout: float, widest: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Divides a track, the indices of its clusters, into strokes: where nothing was seen over more than `widest` [m].
 
-    A step is seen if the floor that its two clusters explain covers it, within a dropout. What is only a few clusters
-    between an unseen step and one after a pause is a stray or a glint, and no stepping stone; a quick hand's rest is not.
+    A step is seen if the floor that its two clusters explain covers it, within a dropout. A few clusters alone between
+    an unseen step and a pause are a stray or a glint, not a stepping stone; a quick hand's rest is kept.
 
     Returns:
         The strokes, and the glints before the first and after the last of them.
     """
-    covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, floor[:-1] + floor[1:])
+    covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, explained[:-1] + explained[1:])
     unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
     pieces = np.split(np.arange(len(line)), unseen)
     runs: List[List[np.ndarray]] = []  # of pieces, without a pause between them
@@ -137,7 +137,7 @@ def _divide(
 
 
 def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
-    """Returns the indices of what was seen beside a line, the indices of its clusters, at its own time.
+    """Returns the indices of the observations beside a line, given as the indices of its clusters, at the line's own times.
 
     The pointer is in one place, so a robot's spot that is off by no more than its localisation error is still the pointer.
     """
@@ -152,9 +152,9 @@ def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] that each cluster adds: all that see the same floor share it.
+    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it.
 
-    Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
+    A place counts for the four lattice nodes round it, the nearer the more, so that the gains are continuous in place.
     """
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)

@@ -46,7 +46,7 @@ def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], Non
         tell: is called with the words for each step.
 
     Raises:
-        CodedError: "too_dark", "too_bright" if no exposure time does it; "exposure_ignored" if it changes nothing.
+        CodedError: "too_dark", "too_bright" if no exposure time is right; "exposure_ignored" if none changes the image.
     """
     low, high = math.log(_MIN_EXPOSURE), math.log(_MAX_EXPOSURE)
     seen: List[float] = []

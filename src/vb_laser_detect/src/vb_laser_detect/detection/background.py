@@ -1,4 +1,4 @@
-"""What a camera's scene looks like without a spot, and what an image changes in it, block of pixels by block.
+"""What a camera's scene looks like without a spot, and what an image changes in it, block by block of pixels.
 
 The whole image is read only in blocks, which must stay cheap.
 """
@@ -15,8 +15,8 @@ from vb_core.image_format import AnyPicture
 
 BLOCK = 8  # [px] edge of a block
 _BAND_BYTES = 160_000  # [bytes] of one row of all blocks in a band: it stays in the cache of the processor's core
-# half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all
-# colours
+# half of a block's rows are read, in half the time: a spot covers several rows, and in a Bayer image two neighbouring
+# rows hold all colours
 _COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
 # [grey levels] the reference brightness stays within them in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
@@ -26,7 +26,7 @@ _PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noi
 _WEIGHT = 0.25  # of the image in a stationary camera's keyframe: the mean of some images has less noise
 _ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
 GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] by then a removed object has left the background
-_KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
+_KEYFRAME = 6  # [images] for which a moving camera's background is kept: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
 _MIN_FLICKER = 0.1  # where lamps flicker, the light of an image's rows differs by at least this part
 _SQUARE = np.ones((3, 3), np.uint8)
@@ -83,7 +83,7 @@ class Background:
 
         Returns:
             Each block's largest rise above the background, and by how much a sample of it became darker, (rows, columns)
-            uint8. While the camera moves nothing is called darker: what became so is taken from the image soon.
+            uint8. While the camera moves no block counts as darker: a new keyframe soon shows it as it is.
         """
         self.motion, self.reference, self._gains = motion, self.image, None
         if motion is None:
@@ -124,7 +124,7 @@ class Background:
     def foreground_blocks(self, maxima: np.ndarray, threshold: float) -> np.ndarray:
         """Finds the blocks (rows, columns) bool whose rise is at least `threshold` and exceeds the block's own noise."""
         if not self._noise_known:
-            # the second image's: the whole scene's
+            # of the second image: the noise of the whole scene
             middle = float(np.median(maxima))
             self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
             self._limit, self._noise_known = None, True
@@ -211,7 +211,7 @@ class Background:
 
 
 def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
-    """Returns a background in the light of an image, of which nothing is taken that is narrower than `max_width` [px]."""
+    """Returns a background as lit in an image; light in it that is narrower than `max_width` [px] does not count."""
     half = 2 * math.ceil(max_width / 4)
     kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
     # the places in a Bayer image's pattern are not mixed
@@ -223,7 +223,7 @@ def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.n
 
 
 def _warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
-    """Moves an image by a motion (3, 3), in place of all pixels of another one that it covers."""
+    """Moves an image by a motion (3, 3), over another image, which stays where nothing covers it."""
     return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
 
 

@@ -32,7 +32,7 @@ _MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an erro
 _MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
-_MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
+_MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings count as holes, for every camera of this kind
 _CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel, the one beside it and the one below
 
 

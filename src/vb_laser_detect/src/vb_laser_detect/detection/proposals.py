@@ -23,12 +23,12 @@ from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, 
 from vb_laser_detect.detection.tracking import Expected, Spot
 
 _MIN_CHANGE = 0.15  # of what is bright in the room; what differs by less from the background becomes part of it
-_HALF_LEVEL = 0.8  # of its level, at least, a spot of few pixels has left in the half of an image
+_HALF_LEVEL = 0.8  # at least this part of its level is left of a spot of few pixels in the halved image
 _MIN_BUSY = 0.02  # from here on so much of an image is `busy` that ghosts may be left
-_UNSEEN = 1.0  # [s] between two images, in which a hand takes something away
+_UNSEEN = 1.0  # [s] between two images: long enough for a hand to take something away
 _MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
 _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
-_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts again
+_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts anew
 _WIDTH = 240  # [px] at least, of the images in which corners are followed
 _MAX_CORNERS, _MIN_CORNERS = 48, 12  # looked for; needed to know a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
@@ -87,7 +87,7 @@ class SearchedImage(NamedTuple):
 
 
 class ImageRegistration:
-    """Estimates how one camera moved since a keyframe: shift, turn and scale, which for some images describe any motion.
+    """Estimates how one camera moved since a keyframe: shift, turn and scale, which describe any motion over a few images.
 
     Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what
     moves by itself, people and the laser spot, does not agree and is left out (RANSAC).
@@ -153,7 +153,7 @@ class ImageRegistration:
 
 
 class Proposer:
-    """Finds regions in one camera's images, and keeps its background; if the camera may move its motion is found in them."""
+    """Finds regions in one camera's images, and keeps its background; estimates the camera's motion if it may move."""
 
     def __init__(self, moving_camera: bool) -> None:
         self._registration = ImageRegistration() if moving_camera else None
@@ -228,7 +228,7 @@ class Proposer:
         return _MIN_CHANGE * self._background.bright
 
     def update_background(self, view: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
-        """Adds an image, except some spots.
+        """Adds an image to the background, except where it shows these spots.
 
         Args:
             elapsed: [s] since the last image.
@@ -236,7 +236,7 @@ class Proposer:
         held = np.zeros_like(view.changed)
         for spot in spots:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.block_px, view.block_px)] = True
-        # of what happened between images far apart nothing is known
+        # nothing is known of what happened between images far apart
         moved = (view.changed & ~held) | (elapsed >= _UNSEEN)
         self._restless_s = np.where(moved, GHOST_TIME, self._restless_s - elapsed)
         if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
@@ -252,7 +252,7 @@ def _in_picture(region: Region, picture: AnyPicture) -> Region:
 
 
 def _much(hot: np.ndarray, darker: np.ndarray) -> bool:
-    """Returns whether so much changed that nothing known holds any more.
+    """Returns whether so much changed that what is known of the scene no longer holds.
 
     A person close to the camera darkens much of the image too, and must not become its background.
     """

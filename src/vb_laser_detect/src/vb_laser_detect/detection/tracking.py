@@ -26,8 +26,8 @@ from vb_laser_detect.detection.projection import FloorPoint
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
 
-_SLACK_PX = 12.0  # [px] what noise alone may move a spot between two images
-_BLINK = 1.5  # [s] a light that is away from its place for no longer counts as having been there all the time
+_SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
+_BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
 _MEMORY = 10.0  # a place is forgotten after ten times the time for which it was lit
 _MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
 # [s], [images] a track survives the longer of them without a sighting: while a leg passes, or in the dark half of a
@@ -246,8 +246,8 @@ class SpotTracker:
             track.light = spot.tint if track.light is None else track.light + spot.tint
         if track.hits < self.params.confirm_frames or track.confirmed:
             return
-        # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour;
-        # in the mean over several images it does not
+        # a white glint hardly larger than a pixel falls mostly on one place of a Bayer pattern, which looks like a colour;
+        # the mean over several images does not
         shown = 0.0 if track.light is None else chroma(track.light)
         if self._stamp - track.created < _STEP_TIME:
             least = _VIVID
