@@ -88,11 +88,11 @@ def frames(
     floor = physical_map(scene.worlds[0])
 
     @lru_cache(maxsize=None)
-    def projector(version: Any) -> Any:
+    def floor_projection(version: Any) -> Any:
         return version.FloorProjection(version.ProjectionParams.from_mapping(config), floor)
 
     def geometry(view: Any, snapshot: DisturbedSnapshot, depth: Any, version: Any) -> Any:
-        return version.ImageGeometry(view.model, lambda: view.camera_pose(snapshot), projector(version), depth)
+        return version.ImageGeometry(view.model, lambda: view.camera_pose(snapshot), floor_projection(version), depth)
 
     views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
     first = next(course(scene))[1]

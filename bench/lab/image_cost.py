@@ -28,12 +28,12 @@ class Search:
     """Decodes and searches images as a detector does, and adds up the thread's time."""
 
     def __init__(self, decode: Callable[[bytes], AnyPicture]) -> None:
-        self._decode, self._detector, self._projector = decode, SpotDetector(), FloorProjection()
+        self._decode, self._detector, self._floor_projection = decode, SpotDetector(), FloorProjection()
         self.times: List[float] = []
 
     def look(self, jpeg: bytes, stamp: float) -> None:
         began = time.thread_time()
-        geometry = ImageGeometry(scene().model, lambda: scene().pose, self._projector)
+        geometry = ImageGeometry(scene().model, lambda: scene().pose, self._floor_projection)
         self._detector.detect(self._decode(jpeg), stamp, geometry)
         self.times.append(1e3 * (time.thread_time() - began))
 

@@ -46,7 +46,7 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
     distortion, focal = LENSES[lens]
     matrix = np.array([[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]])
     camera = CameraModel(640, 480, matrix, np.array(distortion))
-    # OpenCV's own way there is the oracle; up to where the image's radius stops to rise
+    # OpenCV's own projection is the oracle, up to where the image's radius stops growing
     radii = np.linspace(0.0, 4.0, 4001)
     rise = cv2.projectPoints(
         np.column_stack([radii, np.zeros(4001), np.ones(4001)]), np.zeros(3), np.zeros(3), matrix, camera.distortion

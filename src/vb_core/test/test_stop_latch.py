@@ -161,7 +161,7 @@ class Lab:
 
     def follow(self, robot, stopped, stops):
         if self.robots[robot] is not None:
-            self.robots[robot].follow(stopped, stops)
+            self.robots[robot].update_from_latch(stopped, stops)
             self.robots[robot].store()
             self.count_own(robot)
 

@@ -1,4 +1,4 @@
-"""What happens while somebody draws and does not belong to the border: a spot held still, something bright that stays."""
+"""What happens while somebody draws, but does not belong to the border: a spot held still, something bright that stays."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def held(stroke: Stroke, share: float, count: int, cameras: int, seed: int, seco
 
 
 def beside(stroke: Stroke, distance: float, share: float) -> np.ndarray:
-    """(2,) a place at a distance [m] from the stroke and from no part of it less, abreast of `share` of its length.
+    """(2,) a place whose smallest distance from the stroke is this [m], abreast of `share` of its length.
 
     It lies on the side with more room; on the left where both have the same, which is no matter of the last bit.
     """

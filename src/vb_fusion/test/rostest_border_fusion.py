@@ -38,7 +38,7 @@ class BorderFusionTest(unittest.TestCase):
         self.ends = (self.state, self.spots, self.progress.subscriber, self.notices.subscriber)
         self.connected()
         self.enter(DEFAULT, "")  # as every manager begins
-        self.candidate = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
+        self.drawn_border = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
 
     def tearDown(self) -> None:
         for end in self.ends:
@@ -111,7 +111,7 @@ class BorderFusionTest(unittest.TestCase):
         self.assertTrue(seen.closed)
         self.assertEqual(set(seen.cameras), {"red", "green"})
         self.assertEqual(len(seen.points), len(seen.point_cameras))
-        answer = self.candidate("one")
+        answer = self.drawn_border("one")
         self.assertFalse(answer.success)
         self.assertEqual(answer.code, "no_spots")
         # wrong frame: counted, not collected
@@ -122,14 +122,14 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(SEED, "one")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
         self.progress.wait(lambda seen: seen.seed_spots == 30 and seen.has_seed, "the seed")
-        answer = self.candidate("one")
+        answer = self.drawn_border("one")
         self.assertTrue(answer.success, answer.message)
         self.assertEqual(answer.border.kind, VirtualBorder.POLYGON)
         self.assertAlmostEqual(answer.border.seed.x, 0.5, delta=0.03)
         self.assertAlmostEqual(answer.border.seed.y, 0.4, delta=0.03)
         vertices = np.array([(p.x, p.y) for p in answer.border.points])
         self.assertLess(np.abs(np.ptp(vertices, axis=0) - 1.0).max(), 0.06)
-        self.assertEqual(self.candidate("another").code, "unknown_interaction")
+        self.assertEqual(self.drawn_border("another").code, "unknown_interaction")
         self.enter(DEFAULT, "", "saved")
         self.enter(BORDER, "two")
         self.assertEqual(self.progress.message.border_spots, 0)
@@ -172,7 +172,7 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(SEED, "three")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
         self.progress.wait(lambda seen: seen.seed_spots == 30, "the seed")
-        self.assertEqual(self.candidate("three").code, "drawing_lost")
+        self.assertEqual(self.drawn_border("three").code, "drawing_lost")
         self.assertIn("drawing_lost", self.next_told())
         self.enter(DEFAULT, "", "cancelled")
         self.wait_untold("the end of the notice")

@@ -1,6 +1,6 @@
 """A generator of drawn strokes with what real ones suffer from; used by the tests and by bench/extraction/accuracy.py.
 
-Every figure of `Setting` is assumed, after the list in the issue of this package; none is tuned to the results.
+Every figure of `Setting` is an assumption; none is tuned to the results.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which spots belong to an interaction, and the live candidate's thrift."""
+"""Which spots belong to an interaction, and what the extraction costs while a person draws."""
 
 import numpy as np
 import pytest
@@ -143,7 +143,7 @@ def test_a_camera_with_wrong_clock_or_frame_is_ignored_and_named():
     assert collector.counts == (1, 0, 3)
 
 
-def test_seeing():
+def test_a_camera_sees_the_spot_until_its_last_one_is_too_old():
     collector = Collector()
     collector.add(spot(10.0, camera="red"))
     collector.add(spot(12.0, camera="green"))
@@ -152,14 +152,14 @@ def test_seeing():
     assert collector.cameras_seeing(1.1, 0.5) == ["green"]
 
 
-def test_live_candidate_keeps_to_its_share():
+def test_live_extraction_keeps_to_its_share():
     collector = in_border()
     for k in range(100):
         collector.add(spot(0.04 * k, x=0.02 * k))
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
     live = LiveExtractor(ExtractionParams(), share=0.1)
     first = live.update(collector.collection(), lambda: next(ticks))
-    assert first.chain is not None and first.seed is None and first.no_seed.code == "no_spots"
+    assert first.chain is not None and first.seed is None and first.seed_error.code == "no_spots"
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # nothing new
     collector.add(spot(5.0, x=2.02))
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # too early

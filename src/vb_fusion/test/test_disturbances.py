@@ -28,7 +28,7 @@ def does_harm(disturbed, shape: str, seed: int) -> bool:
     return distance(disturbed) >= max(0.12, undisturbed(shape, seed) + 0.06)
 
 
-# both are rates over many draws: one draw tells nothing, and passes or fails by what it happens to be
+# both are rates over many draws: a single draw passes or fails by chance
 def test_a_spot_held_still_seldom_does_harm():
     harmed = []
     for shape, share, seed in itertools.product(("corner", "doorway", "rectangle"), (0.0, 0.5, 1.0), range(4)):

@@ -39,7 +39,7 @@ def extract_stroke(stroke):
     ids=["usual", "rough", "outliers", "slow", "retraced", "overlap", "four cameras", "one camera, fast"],
 )
 @pytest.mark.parametrize("shape", ["rectangle", "L", "U"])
-def test_closed_strokes(setting, allowed, overlap, shape):
+def test_a_closed_stroke_becomes_a_polygon_near_to_what_was_drawn(setting, allowed, overlap, shape):
     bad, index = [], []
     for seed in range(3):
         stroke = draw(shape, setting, np.random.default_rng(seed))
@@ -149,7 +149,7 @@ def test_lines_are_open_at_every_scale(line, scale):
         (np.random.default_rng(0).normal(0, 0.02, (50, 2)), "no_line"),
     ],
 )
-def test_refusals(params, points, code):
+def test_missing_too_few_and_unmoved_spots_are_refused(params, points, code):
     with refused(code):
         extract_border(points, params, stamps=0.04 * np.arange(len(points)))
 
@@ -174,8 +174,8 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
 
 # ----------------------------------------------------------------- what the track, the cameras and people need
 @pytest.mark.parametrize("shape, every, rounds", [("", 2, 1), ("zigzag", 1, 4)])
-def test_strokes_of_people(shape, every, rounds):
-    """Of the developing half, whose other half bench/extraction/accuracy.py judges: some of all shapes, and the zigzags."""
+def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
+    """Of the half used for development (bench/extraction/accuracy.py judges the other): some of all shapes, and the zigzags."""
     drawn = [one for one in people.drawings() if people.half(one) == "develop" and shape in one.shape][::every]
     wrong = []
     for number, drawing in enumerate(rounds * drawn):
@@ -270,7 +270,7 @@ def with_strays(spots, seed, share=0.03, margin=0.5):
 
 @pytest.mark.parametrize("images", [1, 3], ids=["stray", "glint"])
 def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
-    """What nobody saw is crossed at a price; light for a moment, however near to where it begins or ends, lowers it not."""
+    """What nobody saw is crossed at a price, which a flash does not lower, however near to the gap's ends."""
     corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
     for seed in range(8):
         parts, at = [], 0.0
@@ -321,7 +321,7 @@ def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
 
 @pytest.mark.parametrize("days", [30, 365])
 def test_a_robots_clock_that_is_off_costs_no_memory(days):
-    """What is unknown exists only where something was seen."""
+    """There are unknowns only for seconds in which something was seen."""
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     assert off_the_axis(by_robot(spots, stamps=spots["stamps"] + 86400.0 * days * (spots["cameras"] == 1))) < 0.05
 
@@ -355,7 +355,7 @@ RECTANGLE, HOOK = [[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], [[0, 0.2], [-0.2
 CORNER, TIP = [[0, 0], [1.5, 0], [1.5, 1.0]], [[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]
 CIRCLE = 0.5 * np.column_stack([np.cos(TURN), np.sin(TURN)])
 SCENES = {
-    # people rest at a corner and are quick on the side: hardly anything is seen of it
+    # people rest at a corner and are quick on the side, of which hardly anything is seen
     "a quick leg after a rest": (
         [*CORNER, [0.9, 1.2]],
         lambda seed: joined(
@@ -386,8 +386,8 @@ def test_what_people_do_is_kept_whole(line, spots):
         assert hausdorff(chain.points, np.array(line, float), closed) < (0.1 if line is TIP else 0.03)
 
 
-@pytest.mark.parametrize("size, noise, refused", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
-def test_a_ring_is_closed_or_too_small_but_never_a_curve(size, noise, refused):
+@pytest.mark.parametrize("size, noise, refusals", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
+def test_a_ring_is_closed_or_too_small_but_never_a_curve(size, noise, refusals):
     """It is refused if it is too small for its noise."""
     count = 0
     for seed in range(20):
@@ -397,7 +397,7 @@ def test_a_ring_is_closed_or_too_small_but_never_a_curve(size, noise, refused):
         except CodedError as error:
             assert error.code in ("figure_too_small", "no_line")
             count += 1
-    assert count in refused
+    assert count in refusals
 
 
 EIGHT = np.column_stack([1.2 * np.sin(TURN), 0.8 * np.sin(2 * TURN)])

@@ -10,7 +10,7 @@ from vb_fusion.stroke.seed import find_dwells
 
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
-def test_refusals(points, code):
+def test_too_few_or_non_finite_spots_are_refused(points, code):
     with refused(code):
         extract_seed(points, stamps=np.arange(len(points)) / 25.0)
 
@@ -102,7 +102,7 @@ def test_the_last_dwell_is_the_seed_and_a_longer_one_is_reported(name):
 
 
 @pytest.mark.parametrize("apart, count", [(0.04, 1), (0.12, 2), (0.3, 2)])
-def test_places_nearer_than_a_hand_trembles_are_one_dwell(apart, count):
+def test_places_nearer_than_the_hand_s_tremor_are_one_dwell(apart, count):
     assert len(find(seen((1.0, 2.0), 0.0, 2.0, "red") + seen((1.0 + apart, 2.0), 2.0, 4.0, "red"))[0]) == count
 
 

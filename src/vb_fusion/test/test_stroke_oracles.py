@@ -110,13 +110,13 @@ def chained(group, values):
 
 @settings(STEADY, max_examples=80)
 @given(SPOTS)
-def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
+def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     points, times, cameras = np.array(spots)[:, :2], np.array(spots)[:, 2], np.array(spots)[:, 3].astype(int)
     seen = make_observations(points, times, cameras, None, cameras == 2)
     found = track.find_clusters(seen)
     groups = {}
-    for index, moment in enumerate(track.time_bins(seen.stamps).tolist()):
-        groups.setdefault(moment, []).append(index)
+    for index, number in enumerate(track.time_bins(seen.stamps).tolist()):
+        groups.setdefault(number, []).append(index)
     places = list(groups.values())
     for axis in (0, 1, 0):
         places = [part for group in places for part in chained(group, seen.points[:, axis])]
@@ -281,37 +281,37 @@ def test_the_best_track_equals_an_exhaustive_search(places, flick):
         best.append((own + gain, before))
     found, previous = track.find_best_steps(points, times, 0.4, gains, flick)
     assert found == pytest.approx([gain for gain, _ in best])
-    path = [int(np.argmax(found))]
-    while previous[path[0]] >= 0:
-        path.insert(0, int(previous[path[0]]))
-    assert track.trace_path(found, previous).tolist() == path
+    wanted = [int(np.argmax(found))]
+    while previous[wanted[0]] >= 0:
+        wanted.insert(0, int(previous[wanted[0]]))
+    assert track.trace_track(found, previous).tolist() == wanted
     # of two ways that gain the same either is right
-    steps = [found[b] - found[a] - gains[b] for a, b in zip(path[:-1], path[1:])]
-    assert all(step <= 1e-9 for step in steps) and found[path[0]] == gains[path[0]]
+    steps = [found[b] - found[a] - gains[b] for a, b in zip(wanted[:-1], wanted[1:])]
+    assert all(step <= 1e-9 for step in steps) and found[wanted[0]] == gains[wanted[0]]
 
 
 @settings(STEADY, max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(1, 9)), min_size=1, max_size=60))
 def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
-    spot, bins = np.array([number for number, _ in steps]), np.cumsum([wait for _, wait in steps])
+    patch, bins = np.array([number for number, _ in steps]), np.cumsum([wait for _, wait in steps])
     stays = []  # lists of places
     for number in range(4):
-        there = [place for place in range(len(spot)) if spot[place] == number]
+        there = [place for place in range(len(patch)) if patch[place] == number]
         for before, place in zip([None, *there], there):
             if before is None or bins[place] - bins[before] > 5:
                 stays.append([])
             stays[-1].append(place)
     held = [stay for stay in stays if len(stay) >= 7] or [max(stays, key=len)]
     wanted = []
-    for number in {spot[stay[0]] for stay in held}:
-        at_it = [stay for stay in held if spot[stay[0]] == number]
-        wanted.append((spot.tolist().index(number), at_it[-1][-1], sum(map(len, at_it))))
-    assert seed._find_stays(spot, bins) == sorted(wanted, key=lambda stay: stay[1])
+    for number in {patch[stay[0]] for stay in held}:
+        at_it = [stay for stay in held if patch[stay[0]] == number]
+        wanted.append((patch.tolist().index(number), at_it[-1][-1], sum(map(len, at_it))))
+    assert seed._find_stays(patch, bins) == sorted(wanted, key=lambda stay: stay[1])
 
 
 @settings(STEADY, max_examples=60)
 @given(st.lists(st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4)), min_size=1, max_size=30))
-def test_a_spot_of_floor_is_as_wide_as_a_hand_that_holds_still(places):
+def test_a_floor_patch_is_as_wide_as_a_hand_that_holds_still(places):
     middles, wanted, counts = [], [], []
     for place in places:
         near = [number for number in range(len(middles)) if math.dist(middles[number], place) <= seed.HAND_RADIUS]
@@ -320,5 +320,5 @@ def test_a_spot_of_floor_is_as_wide_as_a_hand_that_holds_still(places):
             middles.append(place)
         wanted.append(min(near, key=lambda number: math.dist(middles[number], place)))
         counts.append(wanted[:-1].count(wanted[-1]))
-    spot, earlier = seed._spots_of_floor(np.array(places))
-    assert spot.tolist() == wanted and earlier.tolist() == counts
+    patch, earlier = seed._floor_patches(np.array(places))
+    assert patch.tolist() == wanted and earlier.tolist() == counts

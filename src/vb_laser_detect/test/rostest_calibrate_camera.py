@@ -89,7 +89,7 @@ class CalibrateCameraTest(unittest.TestCase):
         places = [(60.3, 45.6), (427.2, 52.4), (420.8, 225.1), (52.5, 218.9), (240.4, 45.2), (248.7, 225.8)]
         command.press("done\n")
         command.shows("too_few_calibration_points")
-        # a click that is not in the map's frame, as long as it takes to connect with the command
+        # a click in another frame than the map's, once the command is connected
         wait_until(lambda: self.clicks.get_num_connections(), "the command to listen to clicks")
         self.click((0, 0), "odom")
         command.shows("set RViz' fixed frame")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Three real detector nodes before played cameras: fixed with Bayer images, fixed with JPEG, and on a moving robot.
 
-Spots are where and when they were; whatever is wrong with its input, a detector logs it once, tells it in its notices, and
+Spots are where and when they were; whatever is wrong with its input, a detector logs once, reports in its notices, and
 goes on.
 """
 

@@ -94,7 +94,7 @@ def camera(packets):
 
 
 def slowly(address, pause_s, count):
-    """Returns the brightness and times of the images that a reader gets who needs so long for each, and why others were left out."""
+    """Returns brightness and times of the images that reach a reader who pauses after each, and why others were left out."""
     seen, left_out, over = [], [], []
 
     def handle(shot):

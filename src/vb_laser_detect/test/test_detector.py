@@ -28,7 +28,7 @@ def settled(scene, detector, kind="bgr"):
 
 
 def steps_seen(detector, images, start=0.4):
-    """The numbers of the (numbered) images in which a spot is told, by then or later."""
+    """The numbers of the (numbered) images for which a spot is reported, at once or later."""
     found = set()
     for number, image in images:
         spots = detector.detect(image, start + PERIOD * number)
@@ -122,7 +122,7 @@ def test_no_spot_without_a_laser(disturbance, bayer):
 
 
 @pytest.mark.parametrize("white", [140.0, 235.0])
-def test_white_is_what_the_camera_shows_at_most(white):
+def test_a_spot_is_found_by_cameras_whose_white_is_below_255(white):
     # limited range video ends at 235; a spot is as white as that camera's white, and a grey thing is not
     scene, detector = Scene(), at_once()
 
@@ -256,7 +256,7 @@ def test_moving_camera_takes_no_paper_for_light(tint):
 
 
 def test_moving_camera_follows_the_spot_over_a_bright_line():
-    # a red line on a red carpet: the spot's outline goes on in it, and what it is shows the frame before
+    # a red line on a red carpet: the spot's outline continues in it, and only the frame before shows what it is
     detector, scene = ImageDetector(DetectorParams.mobile()), Scene(640, 480)
     scene.floor[:, :] = (56, 48, 120) + scene.render()[:, :, :1] * 0.05
     scene.floor[200:204, 100:500] = (95, 80, 190)

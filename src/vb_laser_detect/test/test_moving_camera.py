@@ -88,7 +88,7 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     motion = registration.motion_to(moved)
     assert np.abs(motion - truth)[:2, :2].max() < 0.004 and np.abs(motion - truth)[:2, 2].max() < 0.6
     moved[120:200, 200:330] = 160
-    # people walk on, and it has still moved since the keyframe; from the next one on it has not
+    # people walk on, and the camera has moved since the keyframe; since the next one it has not
     assert np.abs(registration.motion_to(moved) - truth)[:2, 2].max() < 0.6
     registration.set_keyframe()
     moved[120:200, 200:330] = 90

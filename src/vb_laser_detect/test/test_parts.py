@@ -1,4 +1,4 @@
-"""Blocks, background, tracker, statistics."""
+"""The detector's smaller parts: blocks, background, tint, regions, counts, what images lack, files in the package."""
 
 import math
 from pathlib import Path
@@ -133,7 +133,7 @@ def test_regions_part_a_bright_spot_from_what_it_touches():
     assert (20 * 8, 20 * 8, 21 * 8, 21 * 8) in found
 
 
-def test_statistics():
+def test_counts_are_since_the_start_and_rates_over_the_last_seconds():
     statistics = DetectorCounts()
     assert math.isnan(statistics.summary(0.0)["latency_ms"])
     for i in range(50):
@@ -158,7 +158,7 @@ def test_config_files_hold_the_presets(name, preset):
 
 
 def fault(watch, now):
-    found = watch.fault(float(now))
+    found = watch.current_fault(float(now))
     return "" if found is None else found.code
 
 

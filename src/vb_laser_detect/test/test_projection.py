@@ -61,18 +61,18 @@ def test_metres_per_pixel_of_a_camera_that_looks_down():
         (down(), float("nan"), 10.0, "outside_image"),
     ],
 )
-def test_rejections(T, u, v, code):
+def test_pixels_without_a_floor_in_reach_are_rejected(T, u, v, code):
     camera = CAMERA if T[2, 2] < -0.9 else ROBOT
     with refused(code):
         FloorProjection().on_plane(camera, T, u, v)
 
 
 def test_points_outside_the_map():
-    projector = FloorProjection(floor=GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0)))
+    projection = FloorProjection(floor=GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0)))
     inside, outside = pixels_of(CAMERA, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
-    assert projector.on_plane(CAMERA, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
+    assert projection.on_plane(CAMERA, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
     with refused("spot_outside_map"):
-        projector.on_plane(CAMERA, down(), *outside)
+        projection.on_plane(CAMERA, down(), *outside)
 
 
 # ------------------------------------------------------------------ depth

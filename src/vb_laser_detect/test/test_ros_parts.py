@@ -58,7 +58,7 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
     faults = []
     whole = info_of([-0.02, 0.004, 0.0, 0.0], distortion_model="equidistant")
     whole.roi.width, whole.roi.height = 640, 480
-    info = camera_geometry.InfoTopic("/hall/camera_info", SimpleNamespace(fault=faults.append))
+    info = camera_geometry.InfoTopic("/hall/camera_info", SimpleNamespace(report_fault=faults.append))
     info._on_info(whole)
     assert info.model_for((640, 480)).fisheye and not faults
     part = info_of([0.0] * 5)

@@ -103,7 +103,7 @@ def test_what_is_never_confirmed_waits_for_a_second_only():
 
 @pytest.mark.parametrize("mosaic", [False, True])
 def test_the_mean_colour_counts(mosaic):
-    # of a white glint of two pixels each image shows another colour
+    # a white glint of two pixels has another colour in each image
     left, right = np.array([1.0, 0.5, 1.0, 0.5]), np.array([0.5, 1.0, 0.5, 1.0])
     film = Film(mosaic=mosaic)
     confirmed = [film.see(sighting(0.0, tint=(left, right)[i % 2]))[0].confirmed for i in range(30)]
@@ -113,7 +113,7 @@ def test_the_mean_colour_counts(mosaic):
     assert [film.see(sighting(0.0))[0].confirmed for _ in range(4)] == [False, False, True, True]
 
 
-def test_where_it_is_expected():
+def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():
     film = Film()
     for i in range(30):
         film.see(sighting(0.008 * i))

@@ -54,7 +54,7 @@ class Rig:
         if "state" not in self.silent and self.now - self._said >= 0.1 - 1e-9:
             self._said = self.now
             self.arbiter.set_state(*self.state, self.now)
-            self.arbiter.stops.follow(self.latch.stopped, self.latch.stops)
+            self.arbiter.stops.update_from_latch(self.latch.stopped, self.latch.stops)
         if "pose" not in self.silent:
             if "localisation" not in self.silent:
                 self.correction = self.now + 0.3  # dated ahead, as AMCL does

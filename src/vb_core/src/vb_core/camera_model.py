@@ -29,8 +29,8 @@ class CameraModel:
     Attributes:
         width, height: image size [px].
         matrix: (3, 3) intrinsic matrix K [px].
-        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model; (4,) for a
-            fisheye.
+        distortion: (4,), (5,), (8,), (12,) or (14,) coefficients in OpenCV's order: plumb_bob, rational_polynomial and its
+            extensions; (4,) for a fisheye.
         fisheye: the distortion is OpenCV's fisheye model, which ROS calls equidistant. Rays have z = 1, so nothing is
             seen at 90 degrees from the axis or more.
 
@@ -59,13 +59,10 @@ class CameraModel:
             )
         if self.fisheye and not self.distortion[4:].any():
             object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
-        if (
-            self.distortion.size not in ((4,) if self.fisheye else (4, 5, 8, 12, 14))
-            or not np.isfinite(self.distortion).all()
-        ):
-            raise CodedError(
-                "bad_camera_info", f"the distortion D has {self.distortion.size} values; expected 4, 5 or 8"
-            )
+        size, sizes = self.distortion.size, (4,) if self.fisheye else (4, 5, 8, 12, 14)
+        if size not in sizes or not np.isfinite(self.distortion).all():
+            expected = f"{', '.join(map(str, sizes))}, all finite"
+            raise CodedError("bad_camera_info", f"the distortion D has {size} values; expected {expected}")
 
     @staticmethod
     def ideal(width: int, height: int, focal_px: float) -> "CameraModel":

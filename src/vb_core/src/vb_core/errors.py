@@ -29,8 +29,8 @@ class CodedError(Exception):
     def without_traceback(self) -> CodedError:
         """Returns the same error, for a variable that outlives the handler.
 
-        One that was raised holds all frames of its stack, and one of these holds the variable: that circle, with every
-        image in it, stays in memory until the next garbage collection.
+        One that was raised holds all frames of its stack, and one of these holds the variable: that reference cycle, with
+        every image in it, stays in memory until the next garbage collection.
         """
         return CodedError(self.code, self.message, **self.values)
 

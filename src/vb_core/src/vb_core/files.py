@@ -14,7 +14,7 @@ PRIVATE = 0o600  # mode of a file that only its owner may read and write
 
 
 def keep_private(path: Path) -> bool:
-    """Makes a file with secrets, or with what people did, readable for its owner only; returns whether others could read it.
+    """Makes a file with secrets, or with what people did, readable by its owner only; returns whether others could read it.
 
     Raises:
         CodedError: "file_not_private" if that is not possible.

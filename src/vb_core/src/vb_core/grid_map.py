@@ -26,7 +26,7 @@ OCCUPIED_THRESHOLD = 65  # [%] from this occupancy on a cell is an obstacle: map
 
 
 def distance_to(cells: np.ndarray) -> np.ndarray:
-    """Computes the distance (H, W) float32 from each cell's centre to the nearest marked cell's, in cells.
+    """Distance transform: computes the distance (H, W) float32 from each cell's centre to the nearest marked cell's, in cells.
 
     The same mask yields the same bits every time, up to 1400 cells: OpenCV's exact transform uses vector
     instructions for square roots or not, depending on where the rows are in memory, which changes the last

@@ -7,7 +7,7 @@ from typing import Tuple
 
 
 class Limiter:
-    """Token buckets, one for each key: `burst` at once, then `rate` a second. Keeps the newest 1000 keys.
+    """A token bucket per key: `burst` requests at once, then `rate` a second. Keeps the newest 1000 keys.
 
     There is no bucket for all keys together: strangers could empty it for everybody.
     """

@@ -11,8 +11,8 @@ from vb_core.robot_profile import RobotProfile
 
 CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot keeps that distance if it can, and else passes closer
 # [m] beyond the radius that a path keeps from borders and walls. Without it paths lead through gaps in which the
-# controller's footprint touches something as soon as it or the localisation is off by 3 cm; from there DWA finds no
-# path any more, and no recovery frees it.
+# controller's footprint touches something as soon as it or the localisation is off by 3 cm; from there DWA no
+# longer finds a path, and no recovery frees it.
 PATH_MARGIN = 0.04
 SIM_TIME = 2.0  # [s] DWA looks ahead: with less it turns back and forth where a path bends round a border
 

@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
-# codes that make a notice needless, by its code: they say the same of all robots, or give the reason of the same camera
+# for a notice's code, those that make it needless: they say the same of all robots, or give the same camera's reason
 _SAID_BY = {
     "robot_stopped": {"stopped", "stop_state_lost"},
     "camera_no_pose": {

@@ -1,4 +1,4 @@
-"""Derives from what is connected what people are offered, and what holds for each robot. No ROS.
+"""Derives which commands and zones a lab can offer from what is connected to it. No ROS.
 
 The idea: a lab may have cameras or not, and a robot may plan on the map with borders or not, be driven by this stack's
 driver or not, be localised or not. One pure function, `offer`, derives which commands have an effect, which zones a

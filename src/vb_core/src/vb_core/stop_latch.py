@@ -9,12 +9,12 @@ holds even if the latch has never heard of it, or has lost its memory; the robot
 
 >>> latch, robot = StopLatch(), HeldStops()
 >>> robot.hear("1a")                        # a button's stop reaches the robot ...
->>> robot.follow(latch.stopped, latch.stops)
+>>> robot.update_from_latch(latch.stopped, latch.stops)
 >>> robot.stopped                           # ... and holds, although the latch does not know of it yet
 True
 >>> latch.stop("1a", "button"), latch.resume("an older number"), latch.resume(latch.number)
 (True, False, True)
->>> robot.follow(latch.stopped, latch.stops)
+>>> robot.update_from_latch(latch.stopped, latch.stops)
 >>> robot.stopped
 False
 """
@@ -169,8 +169,8 @@ class HeldStops(_Stored):
             if identity not in self.ids:
                 self.ids = (*self.ids, identity) if len(self.ids) < HELD else (new_id(),)
 
-    def follow(self, stopped: bool, stops: Sequence[str]) -> None:
-        """Obeys what the latch says: whether robots are stopped, and which stops it knows, the newest last."""
+    def update_from_latch(self, stopped: bool, stops: Sequence[str]) -> None:
+        """Adopts what the latch says: whether robots are stopped, and which stops it knows, the newest last."""
         if stopped and stops:
             self.hear(stops[-1])
         with self._lock:

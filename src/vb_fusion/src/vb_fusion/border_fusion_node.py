@@ -1,4 +1,4 @@
-"""The node border_fusion: spots of all cameras in, progress and candidate out."""
+"""The node border_fusion: spots of all cameras in, the drawn border out."""
 
 from __future__ import annotations
 
@@ -104,17 +104,11 @@ class BorderFusionNode:
             with self._lock:
                 self._collector.ignore_frame(message.camera)
             return
-        position = message.position
-        spot = FloorSpot(
-            message.header.stamp.to_sec(),
-            position.x,
-            position.y,
-            message.camera,
-            float(message.confidence),
-            bool(message.mobile),
-        )
+        stamp, at = message.header.stamp.to_sec(), message.position
+        spot = FloorSpot(stamp, at.x, at.y, message.camera, float(message.confidence), bool(message.mobile))
         with self._lock:
-            if not self._collector.add(spot, rospy.get_time() or np.inf):
+            ignored = self._collector.add(spot, rospy.get_time() or np.inf)
+            if not ignored:
                 self._new_spots = True
 
     # ------------------------------------------------------------ output
@@ -220,7 +214,7 @@ class BorderFusionNode:
         if seed is not None:
             message.has_seed = True
             message.seed = Point(float(seed[0]), float(seed[1]), 0.0)
-        missing = drawn.no_chain or (drawn.no_seed if self._collector.state == SEED else None)
+        missing = drawn.chain_error or (drawn.seed_error if self._collector.state == SEED else None)
         if missing is not None:
             message.code, message.message = missing.code, missing.message
             message.values = values_from_mapping(missing.values)
@@ -237,7 +231,7 @@ class BorderFusionNode:
             if lost:
                 raise CodedError("drawing_lost")
             drawn = self._live.update(collection, time.monotonic, force=True)
-            missing = drawn.no_chain or drawn.no_seed
+            missing = drawn.chain_error or drawn.seed_error
             if missing is not None:
                 raise missing
             chain, seed = drawn.chain, drawn.seed

@@ -15,7 +15,7 @@ from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 MAX_SPOTS = 60_000  # kept of one state: ten minutes of four cameras at 25 Hz
 STAMP_TOLERANCE = 0.05  # [s] how much older than the state a spot may be and still count: one frame of a camera
 CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more say that its clock was set back
-MAX_CLOCK_ERROR = 60.0  # [s] from which on a clock is off; camera_poses reports smaller ones
+MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is named; camera_poses reports smaller errors
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ class Collector:
     """Collects spots in the states Border and Seed of one interaction.
 
     A change of state arrives late, and so do spots: what counts is the spot's own stamp against the stamps at
-    which states were entered. Time is relative: a clock that is set back while somebody draws goes on as if it was not,
-    and a camera whose clock is off is left out and named.
+    which states were entered. If a clock is set back while somebody draws, the later stamps are corrected; a camera whose
+    clock is off is left out and named.
     """
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class Collector:
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
         self.faults: Set[Tuple[str, str]] = set()  # the code of a fault, and the camera that has it
-        # of each camera in this state [s]: by how much its clock was set back, its last stamp, and that as if it was not
+        # of each camera in this state [s]: by how much its clock was set back, its last stamp, and its last stamp corrected
         self._set_back: Dict[str, float] = {}
         self._previous: Dict[str, float] = {}
         self._newest: Dict[str, float] = {}
@@ -114,7 +114,7 @@ class Collector:
         self._heard_state = True
         if state != self.state or fresh:
             if state == DEFAULT:
-                # every interaction that ends has an outcome, unless the interaction manager was started again in it
+                # every interaction that ends has an outcome, unless the interaction manager restarted during it
                 self.lost = any(self.counts[:2]) and not outcome
             self.to_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
             self.state, self._entered = state, entered
@@ -148,7 +148,7 @@ class Collector:
         return ""
 
     def _find_set_back(self, spot: FloorSpot) -> float:
-        """Returns by how much [s] the clock of a spot's camera has been set back since the state was entered."""
+        """Finds, and keeps, by how much [s] the clock of a spot's camera has been set back since the state was entered."""
         set_back, known = self._set_back.get(spot.camera, 0.0), self._set_back.values()
         if spot.camera in self._newest:
             back = self._newest[spot.camera] - spot.stamp
@@ -156,7 +156,7 @@ class Collector:
                 # clocks of one computer are set back together: the camera that saw the spot last knows by how much
                 set_back = max([back, *(other for other in known if abs(other - back) < CLOCK_STEP)])
         else:
-            # so it is with one that sees the spot only now: if others saw it later than that, its clock was set back too
+            # it sees the spot for the first time: if others have seen it at later times, its clock was set back too
             back = max(self._newest.values(), default=-math.inf) - spot.stamp
             if back - set_back > CLOCK_STEP:
                 set_back = min((other for other in known if other > back - CLOCK_STEP), default=set_back)
@@ -165,6 +165,7 @@ class Collector:
         return set_back
 
     def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
+        """Returns why a spot is ignored, or ""; keeps its stamp for the next one, and notes a clock that is off."""
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return "not_finite"
         if not self.state.collects:

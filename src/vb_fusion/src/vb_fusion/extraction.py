@@ -44,8 +44,8 @@ from vb_fusion.stroke.track import find_clusters, find_strokes
 
 __all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 
-LEAST_DETAIL = 0.005  # [m] vertices that change the chain less are left out: a map's cell is ten times as large
-SMALLEST_FIGURE = 8.0  # tremors across: the smallest curled line that can be told to be open
+MIN_DETAIL = 0.005  # [m] vertices that change the chain less are left out: a map's cell is ten times as large
+MIN_FIGURE_SIZE = 8.0  # tremors across: a smaller line that curls could be open or closed
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
 
 
@@ -69,11 +69,11 @@ class BorderChain:
     Attributes:
         points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
         closed: polygon (True) or separating curve (False).
-        code: why it is closed or open, and its values.
+        code, values: of the sentence that says why it is closed or open.
         length: [m] of the chain, with its closing segment if it is closed.
         gap: [m] between the ends where the drawing left them.
         left_out: (L, 2) [m] drawn spots that belong to no part of the chain.
-        left_out_spots: how many these are.
+        left_out_spots: how many spots that is.
         unseen: [m] the longest piece of the chain between two spots that nobody saw.
     """
 
@@ -159,11 +159,11 @@ def _longest_unseen_gap(stroke: Observations, chain: BorderChain, joined: bool, 
 def _join_strokes(
     seen: Observations, strokes: List[np.ndarray], params: ExtractionParams
 ) -> Tuple[np.ndarray, np.ndarray, bool]:
-    """Joins strokes, each the indices of its observations, to one line.
+    """Joins strokes, each given as the indices of its observations, into one line.
 
     Returns:
         The indices of the line's observations, in the order in which it runs; those of what is left out; whether the line
-        is of several strokes.
+        was joined from several strokes.
     """
     # what could be a line itself, the widest first: moving back and forth explains much floor, but is not a border
     wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
@@ -190,8 +190,8 @@ def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> 
     tremor, size = estimate_tremor(placed), geometry.bounding_diagonal(placed.points)
     stroke = resample_stroke(placed.points, placed.weights, tremor)
     closure = classify_closure(stroke.points, tremor)
-    if closure.code in CURLED and size < SMALLEST_FIGURE * tremor:
-        raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{SMALLEST_FIGURE * tremor:.2f}")
+    if closure.code in CURLED and size < MIN_FIGURE_SIZE * tremor:
+        raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
     # a gap that was crossed unseen may hide a corner; across a wider one that the hand left the line is straight
@@ -213,10 +213,10 @@ def _simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
         CodedError: "line_self_intersects" if what it encloses is not connected.
     """
     if not closed or len(chain) < 3:
-        return np.asarray(LineString(chain).simplify(LEAST_DETAIL).coords) if len(chain) > 2 else chain
+        return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords) if len(chain) > 2 else chain
     polygon = Polygon(chain)
     if not polygon.is_valid:
-        # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point and are joined by a neck
+        # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point, so a neck joins them
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)
@@ -225,4 +225,4 @@ def _simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
         polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
             raise CodedError("line_self_intersects")
-    return np.asarray(Polygon(polygon.exterior).simplify(LEAST_DETAIL).exterior.coords)[:-1]
+    return np.asarray(Polygon(polygon.exterior).simplify(MIN_DETAIL).exterior.coords)[:-1]

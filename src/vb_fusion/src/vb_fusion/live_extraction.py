@@ -1,6 +1,6 @@
 """The border so far, kept up to date while a person draws, within a share of one core.
 
-It is the same extraction as at the end, of all spots: five minutes of drawing take a tenth of a second.
+It is the same extraction as at the end, on all spots so far: five minutes of drawing take a tenth of a second.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to disp
 
 @dataclass(frozen=True)
 class DrawnBorder:
-    """Chain and seed of one interaction, as far as there are any; errors say what is missing."""
+    """Chain and seed of one interaction as far as there are any, else the errors that say why not."""
 
     chain: Optional[BorderChain] = None
     dwells: Sequence[Dwell] = ()
-    no_chain: Optional[CodedError] = None
-    no_seed: Optional[CodedError] = None
+    chain_error: Optional[CodedError] = None
+    seed_error: Optional[CodedError] = None
 
     @property
     def seed(self) -> Optional[np.ndarray]:
@@ -35,11 +35,10 @@ class DrawnBorder:
 
     @property
     def other_dwell(self) -> Optional[Dwell]:
-        """Another place where the pointer dwelt, longer or later, for which the seed may have been meant."""
+        """Another place where the pointer dwelt, longer or later, which may have been meant as the seed."""
         if not self.dwells:
             return None
-        seed, after = choose_seed(self.dwells), False
-        other = None
+        seed, after, other = choose_seed(self.dwells), False, None
         for dwell in self.dwells:
             if dwell is seed:
                 after = True
@@ -111,14 +110,15 @@ class LiveExtractor:
         changes = {}
         if border_new:
             try:
-                changes.update(chain=extract_chain(collection, self._params), no_chain=None)
+                changes.update(chain=extract_chain(collection, self._params), chain_error=None)
             except CodedError as error:
-                changes.update(chain=None, no_chain=error)
+                changes.update(chain=None, chain_error=error)
         if seed_new:
             try:
                 rows, before = collection.seed, collection.border[:, 1:3]
-                changes.update(dwells=find_dwells(rows[:, 1:3], before=before, **_get_attributes(rows)), no_seed=None)
+                dwells = find_dwells(rows[:, 1:3], before=before, **_get_attributes(rows))
+                changes.update(dwells=dwells, seed_error=None)
             except CodedError as error:
-                changes.update(dwells=(), no_seed=error)
+                changes.update(dwells=(), seed_error=error)
         self.drawn = replace(self.drawn, **changes)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total

@@ -212,7 +212,7 @@ def main() -> int:
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:
-        if arguments.run is not _print_board:  # which needs no master
+        if arguments.run is not _print_board:  # it needs no master
             # Ctrl-C ends what is done here and not the node, which sets the camera back first
             rospy.init_node("calibrate_camera", anonymous=True, disable_signals=True)
         return arguments.run(arguments)

@@ -49,7 +49,7 @@ def lens_path(settings: str, camera: str) -> Path:
 
 
 class LensFile:
-    """A camera's lens, from its file; it may come late, and change."""
+    """A camera's lens, from its file, which may come late, and change."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._changed = path, -1
@@ -109,7 +109,7 @@ class CameraFeed:
         """Changes delay, exposure and white balance while images come.
 
         Raises:
-            CodedError: what `controls.apply` raises: then nothing is changed but what the camera took.
+            CodedError: what `controls.apply` raises: then only what the camera has accepted is changed.
         """
         with self._setting:
             if is_device(self._source.address):
@@ -120,7 +120,7 @@ class CameraFeed:
         self._report.clear_refused_setting()
 
     def publish(self, image: ReceivedImage, picture: AnyPicture) -> None:
-        """Publishes an image as far as somebody listens."""
+        """Publishes an image on those topics that somebody listens to."""
         if self._raw.get_num_connections():
             self._raw.publish(message_from_image(picture.pixels, "bgr8", image.stamp, image.frame_id))
         if self._compressed.get_num_connections():
@@ -150,7 +150,7 @@ class CameraFeed:
         self._report.set_source_fault(error or self._apply(), is_silent=error is not None)
 
     def _apply(self) -> Optional[CodedError]:
-        """Sets exposure and white balance of a camera that was opened; returns why not."""
+        """Sets exposure and white balance of a camera that was opened; returns why it failed, or None."""
         try:
             self.set_params(self._source.params)
         except CodedError as error:

@@ -27,7 +27,7 @@ _LOOKUP_PERIOD = 0.5
 _TF_TIMEOUT = 0.15  # [s] odometry comes in after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
 _MAX_DEPTH_AGE = 0.08  # [s] largest time between image and depth image
-_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver takes it to be where nothing else is known
+_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver assumes where nothing else is known
 _MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older may be somewhere else by now, or switched off
 
 
@@ -57,7 +57,7 @@ class InfoTopic:
 
     Args:
         topic: its name.
-        report: called for one that describes no camera.
+        report: of faults, such as one that describes no camera.
         rectified: the images are already undistorted.
     """
 
@@ -88,7 +88,7 @@ class InfoTopic:
         try:
             self._latest = camera_from_info(message, self._rectified), ""
         except CodedError as error:
-            self._report.fault(error)
+            self._report.report_fault(error)
             self._latest = None, error.message
 
 
@@ -120,7 +120,7 @@ class DepthTopic:
                 raise CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame)
             depth = depth_array(best)
         except CodedError as error:
-            self._report.fault(error)
+            self._report.report_fault(error)
             return None, None
         try:
             return depth, self._info.model_for(depth.shape[::-1])
@@ -155,7 +155,7 @@ class CameraGeometry:
     Args:
         mobile: whether the camera moves.
         info, depth: topics; depth None: the floor is a plane.
-        projector: the camera's.
+        floor_projection: the camera's.
         robots: namespaces of those that the camera sees; "/": the one without.
         report: of faults.
     """
@@ -165,12 +165,12 @@ class CameraGeometry:
         mobile: bool,
         info: InfoTopic,
         depth: Optional[DepthTopic],
-        projector: FloorProjection,
+        floor_projection: FloorProjection,
         robots: Sequence[str],
         report: DetectorDiagnostics,
     ) -> None:
-        self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector
-        self._report = report
+        self._mobile, self._info, self._depth = mobile, info, depth
+        self._floor_projection, self._report = floor_projection, report
         self._transforms = TransformLookup()
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
         self._pose: Optional[np.ndarray] = None
@@ -187,7 +187,7 @@ class CameraGeometry:
         """
         now = time.monotonic()
         if self._of != (frame_id, size) or now - self._looked_up >= _LOOKUP_PERIOD:
-            self._looked_up = -math.inf  # what there is not is asked for with each image
+            self._looked_up = -math.inf  # until lens and pose are known, retry with every image
             self._camera = self._info.model_for(size)
             self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
@@ -197,10 +197,10 @@ class CameraGeometry:
         else:
             pose = partial(np.copy, self._pose)
         depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
-        return ImageGeometry(self._camera, pose, self._projector, depth, partial(self.cylinders, stamp))
+        return ImageGeometry(self._camera, pose, self._floor_projection, depth, partial(self.cylinders, stamp))
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
-        """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
+        """Returns the pose (4, 4); for a moving camera only to check that there is one: most images need none."""
         lookup = partial(self._transforms.lookup, names.MAP_FRAME, frame_id)
         try:
             return lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
@@ -213,7 +213,7 @@ class CameraGeometry:
             return self._pose
 
     def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
-        """Returns where the robots were at a time, as cylinders that hide the floor; one that is nowhere hides nothing.
+        """Returns where the robots were at a time, as cylinders that hide the floor; one without a pose hides nothing.
 
         One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
         """

@@ -31,7 +31,7 @@ class CameraPosesParams(Parameters):
 class CameraPosesNode:
     """Publishes the camera poses in calibrate_camera's files, and again whenever these change; watches the cameras.
 
-    Of a file that cannot be used any more the last good pose stays.
+    If a file can no longer be used, its last good pose stays.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus): whether each detector runs, and fits its calibration

@@ -34,8 +34,8 @@ from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_imag
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
 
 _TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] for the next image, and between two looks
-_SETTLED = 0.5  # [s] after which a new exposure time is in the images
-_BLINKS, _SHORTEST, _LONGEST = 40, 0.25, 0.65  # switches of the light, and [s] between two of them
+_SETTLED = 0.5  # [s] until a new exposure time shows in the images
+_BLINKS, _MIN_BLINK, _MAX_BLINK = 40, 0.25, 0.65  # switches of the light, and [s] between two of them
 _SPOT_TIMEOUT = 30.0  # [s]
 _USUAL_WHITE = 4600  # [K] between lamps and daylight: what counts is that it stays
 _WIDTH = 960  # [px] of the live picture
@@ -183,7 +183,7 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
 
 
 def _look_for_board(lens: LensCalibration, board: BoardParams, image: np.ndarray, picture: LivePicture) -> None:
-    """Adds the board if it shows something new, and draws what was covered."""
+    """Adds the board if it shows something new; draws its corners, and what is not covered yet."""
     text = "no board"
     try:
         view = find_board(board, image)
@@ -249,7 +249,7 @@ def _blink() -> List[float]:
             sys.stdout.write("\x1b[40m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
             sys.stdout.flush()
             switched.append(rospy.Time.now().to_sec())
-            time.sleep(random.uniform(_SHORTEST, _LONGEST))
+            time.sleep(random.uniform(_MIN_BLINK, _MAX_BLINK))
         time.sleep(3.0)  # images that are late
     finally:
         sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
@@ -258,7 +258,7 @@ def _blink() -> List[float]:
 
 
 def set_exposure(arguments: argparse.Namespace) -> int:
-    """Finds an exposure time at which the floor is grey, and looks whether the laser is white then."""
+    """Finds an exposure time at which the floor is grey, and checks whether the laser is white then."""
     images = CameraImages(arguments.camera)
 
     def try_exposure(exposure: int) -> Look:

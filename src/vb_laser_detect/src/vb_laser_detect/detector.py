@@ -3,9 +3,9 @@
 Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
 frame, also those without a spot, which show it what the floor looks like.
 
-Four stages, one after the other: `vb_core.image_format` says what the numbers mean, `proposals` where a closer look is worth
-it, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it counts. `projection`
-tells them where that is on the floor.
+Four stages, one after the other: `vb_core.image_format` says what the numbers mean, `proposals` what is worth a closer
+look, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it counts.
+`projection` tells them where that is on the floor.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams())
@@ -43,10 +43,10 @@ from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
-_MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
+_MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, except 3 of 464 in clips darkened artificially
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
-_LATEST = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
+_MAX_LATENESS = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
 # probability from which a spot that stays is kept out of the background; with less, it may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
 
@@ -80,7 +80,7 @@ class SpotDetector:
         self.candidates: List[Spot] = []
         self._stamp: Optional[float] = None
         self._geometry: Optional[ImageGeometry] = None
-        self._measured = False  # whether anything in the last image was worth it
+        self._measured = False  # whether anything in the last image was bright enough to measure
         self._shape: Optional[Tuple[int, ...]] = None
         self._proposer, self._tracker = Proposer(self.params.moving_camera), SpotTracker(self.params)
 
@@ -97,8 +97,8 @@ class SpotDetector:
         Args:
             image: as `PixelReader` made it, a `HalvedPicture`; or (H, W, 3) bgr (or rgb: colours are only compared with each other) or
                 (H, W) grey, uint8.
-            stamp: [s] when it was taken. An image that comes late is left out and counted in `late`; a stamp of more than
-                a second before the last one's is another clock's, and starts again.
+            stamp: [s] when it was taken. An image that comes late is left out and counted in `late`; a stamp more than
+                a second before the last one's means that the clock was set, and the detector starts again.
             geometry: where its pixels are on the floor. None: sizes and speeds are judged in pixels.
 
         Returns:
@@ -110,7 +110,7 @@ class SpotDetector:
         """
         picture = _checked(image)
         early = -math.inf if self._stamp is None else self._stamp - stamp
-        if 0.0 < early <= _LATEST:
+        if 0.0 < early <= _MAX_LATENESS:
             self.late += 1
             self.candidates = []
             return []
@@ -121,7 +121,7 @@ class SpotDetector:
             picture.decode_whole()  # what was measured in the last image is likely to be there still
         pixels = picture.searched
         shape = picture.scale, *pixels.shape
-        if early > _LATEST or self._shape not in (None, shape):
+        if early > _MAX_LATENESS or self._shape not in (None, shape):
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp, self._shape, self._geometry = stamp, shape, geometry
@@ -186,16 +186,8 @@ class SpotDetector:
                     floor_point = self._geometry.point(blob.u, blob.v)
                 except CodedError as error:
                     rejection = error.code
-        return Spot(
-            blob.u,
-            blob.v,
-            blob.diameter,
-            confidence=probability,
-            rejection=rejection,
-            tint=blob.tint,
-            stamp=self._stamp,
-            floor_point=floor_point,
-        )
+        spot = Spot(blob.u, blob.v, blob.diameter, confidence=probability, rejection=rejection, tint=blob.tint)
+        return replace(spot, stamp=self._stamp, floor_point=floor_point)
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
         """Follows the spots; returns those to publish (at most one), and those to keep out of the background.

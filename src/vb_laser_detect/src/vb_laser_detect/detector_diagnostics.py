@@ -24,7 +24,7 @@ _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
 
 
 class DetectorDiagnostics:
-    """Counts what a detector does, and tells people what is wrong with its camera: nobody else observes that.
+    """Counts what a detector does, and tells people what is wrong with its camera: nothing else watches it.
 
     Published topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
@@ -48,7 +48,7 @@ class DetectorDiagnostics:
         self._bright, self._measured = 0.0, float("-inf")  # share of an image that is saturated, and when that was seen
         self._lock = threading.Lock()
         self._counts, self._watch = DetectorCounts(), InputWatch(rospy.get_time())
-        # by code, when each was met last, and whether it is of what images that come are like
+        # by code: its notice, when it last occurred, and whether it is about image quality
         self._faults: Dict[str, Tuple[Notice, rospy.Time, bool]] = {}
         self._source_fault: Optional[Notice] = None  # an error: no images come because of it
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
@@ -67,8 +67,8 @@ class DetectorDiagnostics:
         with self._lock:
             self._counts.count_rejections(code)
 
-    def fault(self, error: CodedError, severe: bool = False) -> None:
-        """Counts a fault of the input, and tells it for some seconds; `severe`: it is a fault of the program."""
+    def report_fault(self, error: CodedError, severe: bool = False) -> None:
+        """Counts a fault of the input, and reports it for some seconds; `severe`: it is a fault of the program."""
         with self._lock:
             self._counts.count_rejections(error.code)
             self._faults[error.code] = self._notice(error, severe), rospy.Time.now(), False
@@ -119,14 +119,18 @@ class DetectorDiagnostics:
             self._counts.count_image(now, stamp.to_sec(), search_s, spots)
 
     def record_detector(self, message: DetectorStatus) -> None:
-        """Records another detector's status."""
-        sender = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
-        if message.camera == self._camera and sender and sender != rospy.get_name():
-            nodes = ", ".join(sorted((sender, rospy.get_name())))
-            self.fault(CodedError("camera_name_twice", camera=self._camera, nodes=nodes))
-        if message.camera != self._camera and not message.mobile and message.frame_id:
+        """Records the frame of another stationary camera, or that another node has this camera's name."""
+        if message.camera == self._camera:
+            self._check_sender((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
+        elif not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
+
+    def _check_sender(self, sender: str) -> None:
+        """Reports a fault if the status of this camera comes from another node."""
+        if sender and sender != rospy.get_name():
+            nodes = ", ".join(sorted((sender, rospy.get_name())))
+            self.report_fault(CodedError("camera_name_twice", camera=self._camera, nodes=nodes))
 
     def require_own_frame(self, frame_id: str) -> None:
         """Checks that the images name a frame, and that no other stationary camera has it: a frame has one pose.
@@ -153,10 +157,10 @@ class DetectorDiagnostics:
         return self._source_fault is not None and self._source_fault.severity is Severity.ERROR
 
     def _tell(self) -> None:
-        """Tells what is wrong now; of a camera that is silent or has no place, not what its images are like."""
+        """Publishes the current faults; image-quality faults are omitted while the camera is silent or has no pose."""
         now = rospy.Time.now()
         with self._lock:
-            missing = None if self._is_silent else self._watch.fault(now.to_sec())
+            missing = None if self._is_silent else self._watch.current_fault(now.to_sec())
             if missing is not None and self._mobile and missing.code == "camera_no_pose":
                 missing = CodedError("camera_robot_lost", **missing.values)
             usable = missing is None and not self._is_silent
@@ -170,7 +174,7 @@ class DetectorDiagnostics:
         self._notices.set(told)
 
     def _quality(self) -> List[CodedError]:
-        """Returns what is wrong with images that come and can be placed; what varies about a limit is reported throughout."""
+        """Returns what is wrong with images that come and can be placed; a value that hovers around its limit is reported continuously."""
         found = self._counts.quality(not self._own_source)
         if self._bright > TOO_BRIGHT:
             found.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))

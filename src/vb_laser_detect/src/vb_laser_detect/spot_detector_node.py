@@ -70,7 +70,7 @@ class SpotDetectorNode:
             raise ParameterError(rospy.resolve_name("~camera"), "the camera's name must be set")
         self._params = params
         self._mobile = params.detector.moving_camera
-        self._projector = FloorProjection(params.projection)
+        self._floor_projection = FloorProjection(params.projection)
         self._detector = SpotDetector(params.detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
         # seconds as a float lose an image's nanoseconds
@@ -81,8 +81,10 @@ class SpotDetectorNode:
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_CONFIRMED, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
-        lens, depth = self._connect()
-        self._camera_geometry = CameraGeometry(self._mobile, lens, depth, self._projector, params.robots, self._report)
+        depth = DepthTopic(rospy.resolve_name(params.depth), self._report) if params.depth else None
+        self._camera_geometry = CameraGeometry(
+            self._mobile, self._connect(), depth, self._floor_projection, params.robots, self._report
+        )
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
@@ -96,18 +98,17 @@ class SpotDetectorNode:
                 ReconfigureServer(params.capture, "~capture", self._feed.set_params, fixed)
             )
 
-    def _connect(self) -> Tuple[Union[InfoTopic, LensFile], Optional[DepthTopic]]:
-        """Begins to take images; returns where their lens and their depth come from."""
+    def _connect(self) -> Union[InfoTopic, LensFile]:
+        """Begins to take images; returns where their lens comes from."""
         params, report = self._params, self._report
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
-        depth = DepthTopic(rospy.resolve_name(params.depth), report) if params.depth else None
         if params.source:
             self._feed = CameraFeed(params, image, self._mailbox, report)
-            return self._feed.lens, depth
+            return self._feed.lens
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), params.camera, image)
         subscribe_images(image, params.image_transport, params.frame, self._mailbox.put)
         # image_rect, image_rect_color: the images are already undistorted
-        return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image)), depth
+        return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image))
 
     def close(self) -> None:
         """Stops the worker, sets the camera free, and withdraws the notices."""
@@ -118,9 +119,9 @@ class SpotDetectorNode:
 
     def _on_map(self, message: Any) -> None:
         try:
-            self._projector.floor = messages.grid_from_message(message)
+            self._floor_projection.floor = messages.grid_from_message(message)
         except CodedError as error:
-            self._report.fault(error)
+            self._report.report_fault(error)
 
     # ------------------------------------------------------------- dynamic_reconfigure
     def _set_detector_params(self, params: DetectorParams) -> None:
@@ -129,7 +130,7 @@ class SpotDetectorNode:
 
     def _set_projection_params(self, params: ProjectionParams) -> None:
         with self._params_lock:
-            self._projector.params = params
+            self._floor_projection.params = params
 
     # ------------------------------------------------------------- the search
     def _search(self, received: ReceivedImage) -> None:
@@ -137,12 +138,12 @@ class SpotDetectorNode:
             with self._params_lock:
                 self._search_image(received)
         except CodedError as error:
-            self._report.fault(error)
+            self._report.report_fault(error)
         except cv2.error as error:
-            self._report.fault(CodedError("bad_image", f"cannot search the image: {error}"))
+            self._report.report_fault(CodedError("bad_image", f"cannot search the image: {error}"))
         except Exception:  # an image that reveals a bug must not silence the camera for good
             rospy.logerr_throttle(60.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-            self._report.fault(CodedError("internal_error"), severe=True)
+            self._report.report_fault(CodedError("internal_error"), severe=True)
 
     def _search_image(self, received: ReceivedImage) -> None:
         stamp, detector = received.stamp, self._detector
@@ -150,7 +151,7 @@ class SpotDetectorNode:
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         picture = received.read()
         self._stamps.append(stamp)
-        geometry, unplaced = self._place(received.frame_id, stamp, picture.size)
+        geometry, pose_error = self._place(received.frame_id, stamp, picture.size)
         late, lamps = detector.late, detector.lamps
         began = time.perf_counter()
         spots = detector.detect(picture, stamp.to_sec(), geometry)
@@ -159,13 +160,13 @@ class SpotDetectorNode:
         for spot in located:
             self._spots.publish(self._message(spot))
         if detector.lamps > lamps:
-            self._report.fault(CodedError("lamp"))
+            self._report.report_fault(CodedError("lamp"))
         if geometry is not None:
-            unplaced = geometry.unplaced  # the pose was asked for and is missing
+            pose_error = geometry.pose_error  # the pose was asked for and is missing
         # what is rejected is an everyday event: counted, but not worth a warning
         rejected = [one.rejection for one in detector.candidates if one.rejection]
         rejected += ["late_image"] * (detector.late - late)
-        self._report.see_image(stamp, received.frame_id, picture, unplaced, took, len(located), rejected)
+        self._report.see_image(stamp, received.frame_id, picture, pose_error, took, len(located), rejected)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, received)
         if self._feed is not None:

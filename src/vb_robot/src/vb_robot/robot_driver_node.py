@@ -188,7 +188,7 @@ class RobotDriverNode:
         self._arbiter.set_state(
             state_of(message.name), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
         )
-        self._stops.follow(message.stopped, message.stops)
+        self._stops.update_from_latch(message.stopped, message.stops)
         self._stops.store()  # in the callbacks: a slow disk does not keep the wheels waiting
 
     def _on_stop(self, message: Stop) -> None:

@@ -197,7 +197,7 @@ class RobotMonitorNode:
         self._cameras[message.camera] = None
 
     def _on_state(self, message: InteractionState) -> None:
-        self._stops.follow(message.stopped, message.stops)
+        self._stops.update_from_latch(message.stopped, message.stops)
         self._obey_stop()
         with self._deciding:
             state = state_of(message.name)

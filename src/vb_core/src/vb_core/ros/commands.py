@@ -30,9 +30,9 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 MANAGER = "$interaction_manager"
 VALIDITY = 5.0  # [s] from when a command was given: if it waits longer for a busy manager, it surprises people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
-_STOP_TIMEOUT = 5.0  # [s] a manager that has not answered a stop by then hangs: who stops a robot is not left to wait
+_STOP_TIMEOUT = 5.0  # [s] a manager that has not answered a stop by then hangs: whoever stops a robot must not wait
 _REPORTED_WITHIN = 1.5  # [s] robots report the stops that they hold at once, and again every second
-_MOST_WAITING = 10  # commands of one person
+_MAX_WAITING = 10  # commands of one person
 
 
 def make_request(
@@ -151,7 +151,7 @@ class CommandSender:
         with self._lock:
             before = self._unanswered.setdefault(source, [])
             # other commands leave room for as many stops
-            if len(before) >= (2 * _MOST_WAITING if command == STOP else _MOST_WAITING):
+            if len(before) >= (2 * _MAX_WAITING if command == STOP else _MAX_WAITING):
                 return False
             waits_for = [] if command == STOP else list(before)
             before.append(answered)

@@ -1,6 +1,6 @@
 """Conversions between image messages and numpy.
 
-cv_bridge would do the same, but it loads a second OpenCV, with video and geography: 48 MiB per process.
+cv_bridge would do the same, but it loads a second OpenCV, including its video and GDAL backends: 48 MiB per process.
 """
 
 from __future__ import annotations

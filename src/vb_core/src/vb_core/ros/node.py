@@ -69,9 +69,9 @@ def _log_without_registering() -> None:
 
 
 def _keep_for_good() -> None:
-    """Excludes the objects made so far, which live as long as the node, from Python's search for garbage.
+    """Excludes the objects made so far, which live as long as the node, from Python's garbage collection.
 
-    All threads stand still while it searches them: 30 to 60 ms of processor time, several times as long on a busy computer.
+    All threads stand still while it goes through them: 30 to 60 ms of processor time, several times as long on a busy computer.
     During that time no stop was answered and no image searched.
     """
     gc.collect()
@@ -118,7 +118,7 @@ def is_gone(master: rosgraph.Master, name: str) -> bool:
 
 
 def keep_private(*paths: Path) -> None:
-    """Takes from others the right to read files, as `files.keep_private`, and logs which ones they could.
+    """Makes files readable by their owner only, as `files.keep_private` does, and logs which ones others could read.
 
     Raises:
         CodedError: "file_not_private".
@@ -285,7 +285,7 @@ class WakeTimer:
 def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
     """Runs work in a separate thread. A fault ends the node, with a traceback; roslaunch then restarts it.
 
-    A thread that had died alone would leave a node that runs on and does not do its work.
+    Otherwise the node would run on without doing its work.
     """
 
     def run() -> None:

@@ -62,17 +62,17 @@ class NoticeListener:
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self._on_change = on_change
         self._lock = threading.Lock()
-        self._book = ActiveNotices()
+        self._active = ActiveNotices()
         self.subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
 
     def current(self) -> List[Notice]:
         """Returns the notices that hold now, most severe first."""
         with self._lock:
-            return self._book.current(rospy.get_time())
+            return self._active.current(rospy.get_time())
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._book.update(message.source, map(notice_from_message, message.notices), rospy.get_time())
+            self._active.update(message.source, map(notice_from_message, message.notices), rospy.get_time())
         self._on_change()
 
 

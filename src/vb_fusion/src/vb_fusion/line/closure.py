@@ -84,7 +84,7 @@ def _values(gap: float, length: float) -> Dict[str, str]:
 def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
     """Finds the points, in the first and the last third of the line, between which it closes, and the opening [m] there.
 
-    What is cut off must bring the ends nearer by half of its length: else the ends stay as they are.
+    What is cut off must bring the ends nearer by at least half of its own length; otherwise the ends stay.
     """
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     head = np.flatnonzero(arc <= length / 3.0)

@@ -1,7 +1,7 @@
 """Stage 5: the line through the stroke, with the fewest straight sides that explain it.
 
 The samples are divided into sides, exactly, by dynamic programming: a corner is worth it if leaving it out would lose
-a detail larger than a hand's tremble, and sooner where the pointer stopped. Then the corners are moved to where the
+a detail larger than the hand's tremor, and sooner where the pointer stopped. Then the corners are moved to where the
 sides fit all samples best (least squares), which puts them where the sides meet, even where no camera saw them.
 """
 
@@ -12,8 +12,8 @@ import numpy as np
 from vb_fusion.line.resampling import ResampledStroke
 
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
-LONGEST_BEND = 1.5  # chords: no curved side is longer; half a circle is 1.57
-LEAST_SPIKE = 2.0  # tremors that the pen goes there and back: what is shorter may be noise
+MAX_BEND = 1.5  # chords: no curved side is longer; half a circle is 1.57
+MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
 HELD = 0.3  # tremors of line that hold a vertex where it is; where its sides turn, the samples outweigh it
 
 
@@ -51,7 +51,7 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
         explained = best[starts] + _misfit(sums[:, end, None] - sums[:, starts])
         # what goes back over itself is two sides
         chord = np.hypot(x[starts] - x[end - 1], y[starts] - y[end - 1])
-        back = arc[end - 1] - arc[starts] > LONGEST_BEND * chord + 2.0 * LEAST_SPIKE * stroke.tremor
+        back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
         cost = np.where(back, np.inf, explained)
         start = int(cost.argmin())
         best[end], before[end] = cost[start] + corner[end - 1], starts[start]

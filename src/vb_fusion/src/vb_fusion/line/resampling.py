@@ -1,6 +1,6 @@
 """Stage 3: the samples of the stroke.
 
-The observations, in the order in which they were drawn, become samples a hand's tremble apart: a spot held still is
+The observations, in the order in which they were drawn, become samples a tremor apart: a spot held still is
 one sample, however long. What is drawn again over the end of the stroke is merged into it.
 """
 
@@ -14,12 +14,12 @@ from scipy.spatial import cKDTree
 
 @dataclass(frozen=True)
 class ResampledStroke:
-    """Stations along a stroke, in the order in which they were drawn.
+    """Samples along a stroke, in the order in which they were drawn.
 
     Attributes:
         points: (K, 2) [m].
         trust: (K,) how many spots each was made of, and how good they are.
-        tremor: [m] smaller details are none.
+        tremor: [m] smaller details are noise.
     """
 
     points: np.ndarray

@@ -29,24 +29,24 @@ def remove_offsets(seen: Observations) -> Observations:
     An observation is the pointer's place in its time bin plus the offset of its camera. The places are eliminated: what
     is left are the differences from the mean of the bin.
     """
-    moment = time_bins(seen.stamps)
+    bins = time_bins(seen.stamps)
     # unknowns exist only where something was seen: second 0 of each camera that stands still, and some of each robot's
-    second = np.where(seen.mobile, 1 + moment // 10 - moment.min() // 10, 0)
+    second = np.where(seen.mobile, 1 + bins // 10 - bins.min() // 10, 0)
     span = int(second.max()) + 1
     unknowns, index = np.unique(seen.cameras * span + second, return_inverse=True)
-    # the observations of a moment follow one another
-    row = np.cumsum(np.append(0, np.diff(moment) != 0))
-    in_moment = csr_matrix((np.ones(len(row)), (row, index)), shape=(int(row[-1]) + 1, len(unknowns)))
-    share = diags(1.0 / np.bincount(row)) @ in_moment
-    # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed, a robot's
-    # as far as it is not the same as in the second before that it saw
+    # the observations of a time bin follow one another
+    row = np.cumsum(np.append(0, np.diff(bins) != 0))
+    in_bin = csr_matrix((np.ones(len(row)), (row, index)), shape=(int(row[-1]) + 1, len(unknowns)))
+    share = diags(1.0 / np.bincount(row)) @ in_bin
+    # each equation is divided by its standard deviation: the hand's tremor for differences, the placement error for a
+    # camera's offset, and for a robot only the part of its error that is new since the previous second in which it saw the spot
     camera, time = np.divmod(unknowns, span)
     again = (np.diff(camera) == 0) & (time[:-1] > 0)
     same = np.where(again, ERROR_CORRELATION ** np.diff(time), 0.0)
     firmness = np.where(time > 0, (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2, 1.0)
     firmness[1:] /= 1.0 - same**2
     change = diags([np.ones(len(time)), -same], [0, -1])
-    equations = diags(np.bincount(index).astype(float)) + change.T @ diags(firmness) @ change - in_moment.T @ share
+    equations = diags(np.bincount(index).astype(float)) + change.T @ diags(firmness) @ change - in_bin.T @ share
     apart = np.column_stack([np.bincount(index, axis) - share.T @ np.bincount(row, axis) for axis in seen.points.T])
     # in tenths of a millimetre: what was placed before stays where it is while more is seen
     offsets = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)

@@ -13,10 +13,10 @@ from typing import Optional, Sequence
 import numpy as np
 
 TREMOR = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
-LOCALIZATION_ERROR = 0.15  # [m] what a robot's pose may be off, differently every second
-BIN_PHASE = 0.031  # of a bin: images come at round intervals, so that a bin must not begin at a round time
+LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently every second
+BIN_PHASE = 0.031  # of a bin: images come at round intervals, so no bin begins at a round time
 TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
-MAX_DROPOUTS = 3.0  # usual intervals between moments within which a moving pointer is seen again
+MAX_DROPOUTS = 3.0  # usual intervals between time bins within which a moving pointer is seen again
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
 
@@ -47,7 +47,7 @@ class Observations:
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def merge(self, group: np.ndarray) -> "Observations":
-        """Merges the observations of each group (N,), numbers from 0: one at their weighted mean, of one of the cameras."""
+        """Merges the observations of each group (N,), numbers from 0, into one at their weighted mean, of one of their cameras."""
         weights = np.bincount(group, self.weights)
         x, y, times = (np.bincount(group, self.weights * one) / weights for one in (*self.points.T, self.stamps))
         cameras = np.empty(len(weights), dtype=int)
@@ -70,7 +70,7 @@ def time_bins(stamps: np.ndarray) -> np.ndarray:
 
 
 def find_dropout(stamps: np.ndarray) -> float:
-    """Finds the time [s] within which a moving pointer is seen again: some of the usual intervals between moments."""
+    """Finds the time [s] within which a moving pointer is seen again: a few of the usual intervals between time bins."""
     pauses = np.diff(np.unique(time_bins(stamps)))
     return MAX_DROPOUTS * TIME_BIN * (float(np.median(pauses)) if len(pauses) else 1.0)
 
@@ -109,18 +109,18 @@ def merge_observations(spots: Observations) -> Observations:
     """Merges spots of one camera, time bin and place into one observation; orders them by time, then by place."""
     if len(spots.points) == 0:
         return spots
-    moment = time_bins(spots.stamps)
+    bins = time_bins(spots.stamps)
     cell = np.floor(spots.points / TREMOR).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
     cameras = int(spots.cameras.max()) + 1
-    key = ((moment - moment.min()) * cameras + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]
+    key = ((bins - bins.min()) * cameras + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]
     merged = spots.merge(np.unique(key, return_inverse=True)[1])
     return merged.select(np.lexsort((*merged.points.T[::-1], merged.stamps)))
 
 
 def estimate_tremor(stroke: Observations) -> float:
-    """Estimates within which distance [m] of a stroke its observations lie: the hand's tremor, and what cameras err.
+    """Estimates the distance [m] from a stroke within which its observations lie: the hand's tremor and the cameras' errors.
 
     It is three standard deviations of the observations from the straight way between those a fifth of a second before
     and after, in steps of a half power of two, so that it seldom changes while a line grows.

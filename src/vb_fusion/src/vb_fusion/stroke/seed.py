@@ -1,8 +1,8 @@
 """The seed point: the last place where the pointer dwelt.
 
 The pointer's track is found as for the border (stroke/track.py): the sequence of clusters that explains most with the
-least effort. What a cluster explains is another thing here: the pointer dwells instead of moving, and may be switched off
-on its way. So what counts is light that is new at its place, and a jump costs a blink of it, or little more.
+least effort. But here the pointer dwells instead of moving, and may be switched off on its way. So a cluster gains by light
+that is new at its place, and a jump costs as much as a blink of such light gains, or little more.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from vb_fusion.stroke.observations import (
     merge_observations,
     time_bins,
 )
-from vb_fusion.stroke.track import find_best_steps, find_clusters, trace_path
+from vb_fusion.stroke.track import find_best_steps, find_clusters, trace_track
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
-SHORTEST_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
-LONGEST_STEP = 0.3  # [m] between two sights of a pointer on its way: three images of ten a second at 1 m/s
-LONGEST_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
+MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
+MAX_STEP = 0.3  # [m] between two sights of a pointer on its way: three images of ten a second at 1 m/s
+MAX_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
 NEW_PLACE_GAIN = 1.0  # weight of a place that was not seen before
 KNOWN_PLACE_GAIN = 0.2  # of one that was: one camera that sees new light counts more than two that see old
@@ -58,8 +58,8 @@ def extract_seed(points: np.ndarray, **columns) -> np.ndarray:
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     """Chooses the last dwell, as the one that is meant, unless it has fewer witnesses than one before.
 
-    The pointer's light is on the floor for every camera, a false one in the images of one; and to a camera that moves,
-    whatever is bright is new. So light that comes up elsewhere is meant only if as many steady cameras see it.
+    The pointer's light on the floor is seen by every camera, a false one by one only; and to a camera that moves, whatever
+    is bright is new. So light that appears elsewhere is meant only if as many stationary cameras see it.
     """
     chosen = dwells[0]
     for dwell in dwells[1:]:
@@ -79,8 +79,8 @@ def find_dwells(
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them; at least one.
 
-    A place that was seen before already counts less: something bright, or the end of the border. The longer light has
-    been at its place [s], the less it counts as new. Cameras that agree confirm each other.
+    A place where light was already seen before counts less: it is something bright, or the end of the border. The longer
+    light has been at its place [s], the less it counts as new. Cameras that agree confirm each other.
 
     Args:
         points: (N, 2) [m], any order.
@@ -98,17 +98,17 @@ def find_dwells(
     seen = merge_observations(seen)
     clusters = find_clusters(seen)
     at = clusters.points
-    spot, earlier = _spots_of_floor(at)
-    # balanced trees take longer to make than to ask
-    floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
-    known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
+    patch, earlier = _floor_patches(at)
+    # a balanced tree takes longer to build than its queries take
+    tree = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
+    known = np.isfinite(tree.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
-    path = trace_path(*find_best_steps(at, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN))
-    way, known = at[path], known[path]
+    track = trace_track(*find_best_steps(at, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN))
+    way, known = at[track], known[track]
     dwells = []
-    for first, last, count in _find_stays(spot[path], time_bins(clusters.stamps)[path]):
+    for first, last, count in _find_stays(patch[track], time_bins(clusters.stamps)[track]):
         point, seconds = _middle(way, last), TIME_BIN * count
-        followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= LONGEST_STEP
+        followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= MAX_STEP
         if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
             # a pointer that comes slowly begins a spot of floor at the edge of the place; part of the dwell counts there
             begun = dwells.pop()
@@ -119,24 +119,24 @@ def find_dwells(
     return dwells
 
 
-def _find_stays(spot: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]]:
-    """Finds where light stayed: flashes that come again at one spot of floor, each for an instant, are not a dwell.
+def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]]:
+    """Finds where light stayed: flashes that come again at one place, each for an instant, are not a dwell.
 
     Args:
-        spot, bins: (P,) the spot of floor and the time bin of each cluster of the pointer's track, in the order of time.
+        patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in the order of time.
 
     Returns:
-        (the first cluster, the last one, how many in the stays) of each spot of floor with a stay of SHORTEST_DWELL, in the
-        order of the last clusters; if there is none, only the longest stay.
+        (the first cluster, the last one, how many in the stays) of each patch with a stay of MIN_DWELL, in the order of
+        the last clusters; if there is none, only the longest stay.
     """
-    order = np.argsort(spot, kind="stable")
-    breaks = (np.diff(spot[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > LONGEST_BLINK)
+    order = np.argsort(patch, kind="stable")
+    breaks = (np.diff(patch[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > MAX_BLINK)
     stays = np.split(order, np.flatnonzero(breaks) + 1)
-    held = [stay for stay in stays if len(stay) * TIME_BIN >= SHORTEST_DWELL] or [max(stays, key=len)]
-    counts = np.bincount(spot[np.concatenate(held)])
-    last = {spot[stay[-1]]: int(stay[-1]) for stay in held}
+    held = [stay for stay in stays if len(stay) * TIME_BIN >= MIN_DWELL] or [max(stays, key=len)]
+    counts = np.bincount(patch[np.concatenate(held)])
+    last = {patch[stay[-1]]: int(stay[-1]) for stay in held}
     return [
-        (int(np.argmax(spot == number)), last[number], int(counts[number])) for number in sorted(last, key=last.get)
+        (int(np.argmax(patch == number)), last[number], int(counts[number])) for number in sorted(last, key=last.get)
     ]
 
 
@@ -148,21 +148,21 @@ def _middle(at: np.ndarray, cluster: int) -> np.ndarray:
     return middle
 
 
-def _spots_of_floor(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Groups clusters (P, 2) [m] into spots of floor of HAND_RADIUS.
+def _floor_patches(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Groups clusters (P, 2) [m] into floor patches of radius HAND_RADIUS.
 
     Returns:
-        (P,) which spot of floor each cluster belongs to; (P,) how many clusters were there before it.
+        (P,) which patch each cluster belongs to; (P,) how many clusters were there before it.
     """
-    spot, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
+    patch, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
     middles, seen = np.full_like(at, np.inf), np.zeros(len(at), dtype=int)  # the next one is nowhere yet
     count = 0
     for cluster, point in enumerate(at):
         away = np.hypot(*(middles[: count + 1] - point).T)
-        spot[cluster] = int(np.argmin(away))
-        if away[spot[cluster]] > HAND_RADIUS:
-            spot[cluster], middles[count] = count, point
+        patch[cluster] = int(np.argmin(away))
+        if away[patch[cluster]] > HAND_RADIUS:
+            patch[cluster], middles[count] = count, point
             count += 1
-        earlier[cluster] = seen[spot[cluster]]
-        seen[spot[cluster]] += 1
-    return spot, earlier
+        earlier[cluster] = seen[patch[cluster]]
+        seen[patch[cluster]] += 1
+    return patch, earlier

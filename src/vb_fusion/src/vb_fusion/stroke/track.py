@@ -1,16 +1,16 @@
 """Stage 1: which spots are the pointer's.
 
-The pointer is one thing that moves through time. What was seen within a moment and close together is one cluster; the
+The pointer is one thing that moves through time. What was seen in one time bin and close together is one cluster; the
 track is the sequence of clusters that explains the most floor with the least effort. In metres:
 
     gain  = the floor that a cluster adds: staying and coming back add nothing more, and what is there for longer than
             MAX_DWELL counts less and less, unless its place has a trend over time: then it is a slow hand. Places that are
-            passed at one speed add the path between them
+            passed at one speed add the floor between them
     cost  = distance^2 / (time * UNSEEN_SPEED) between clusters: a gap that was crossed at the speed of a hand is cheap, a
             pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
             of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
 
-The best track is found by dynamic programming, cluster by cluster in the order of time. It takes its moments and its floor
+The best track is found by dynamic programming, cluster by cluster in the order of time. It takes its time bins and its floor
 with it; the best track of what is left is the next stroke.
 """
 
@@ -32,12 +32,12 @@ from vb_fusion.stroke.observations import (
 )
 
 CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
-UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
+UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
-MAX_CROWD = 3.0  # clusters of one moment that count in full: the pointer, a bright thing and a stray
-# clusters between unseen steps that are more than a stray or a glint, which is seen for a third of a second
-LEAST_SEEN = 5
-MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one moment, the strongest ones
+MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright thing and a stray
+# clusters; fewer between two unseen steps are a stray or a glint, which is seen for a third of a second
+MIN_SEEN = 5
+MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
 # clusters among which a predecessor is looked for: further than a dropout, whatever glitters
 LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
@@ -51,10 +51,10 @@ def find_clusters(seen: Observations) -> Observations:
         new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > CLUSTER_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     clusters = seen.merge(group)
-    y_and_x, moment = clusters.points.T[::-1], time_bins(clusters.stamps)
+    y_and_x, bins = clusters.points.T[::-1], time_bins(clusters.stamps)
     # equal weights are sums in another order elsewhere
-    order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), moment))
-    order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < MAX_SIMULTANEOUS_CLUSTERS]
+    order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), bins))
+    order = order[np.arange(len(order)) - np.searchsorted(bins[order], bins[order]) < MAX_SIMULTANEOUS_CLUSTERS]
     clusters = clusters.select(order)
     return clusters.select(np.lexsort((*clusters.points.T[::-1], clusters.stamps)))
 
@@ -71,46 +71,46 @@ def find_strokes(
 
     Returns:
         The indices of the observations of each stroke, in order of time; and of each glint before and after them, which may
-        have been the drawing's beginning or end, seen too seldom.
+        be the beginning or the end of the drawing, seen too seldom to tell.
     """
     points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
-    moment = time_bins(stamps)
+    bins = time_bins(stamps)
     explained = floor_gains(points, stamps, dropout)
-    # among many things seen at once, each is the less likely the pointer; and a camera that stands still knows better where
-    # it is than one on a robot
-    trust = np.minimum(1.0, MAX_CROWD / np.bincount(moment)[moment])
-    trust[clusters.mobile & (np.bincount(moment, ~clusters.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
-    floor = explained * trust
+    # the more things are seen at once, the less likely each is the pointer; and a stationary camera knows better where it
+    # is than one on a robot
+    trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
+    trust[clusters.mobile & (np.bincount(bins, ~clusters.mobile) > 0)[bins]] *= TREMOR / LOCALIZATION_ERROR
+    gains = explained * trust
     strokes: List[np.ndarray] = []
     ends: List[np.ndarray] = []
     free = np.arange(len(points))
-    while floor[free].sum() >= CLUSTER_WIDTH:
-        gain, previous = find_best_steps(points[free], stamps[free], dropout, floor[free], TREMOR)
-        if gain.max() < CLUSTER_WIDTH:
+    while gains[free].sum() >= CLUSTER_WIDTH:
+        totals, previous = find_best_steps(points[free], stamps[free], dropout, gains[free], TREMOR)
+        if totals.max() < CLUSTER_WIDTH:
             break
-        line = free[trace_path(gain, previous)]
+        line = free[trace_track(totals, previous)]
         pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
         if pieces and not strokes:
             ends = [_beside(seen, clusters, glint) for glint in glints]
         strokes += [_beside(seen, clusters, piece) for piece in pieces]
         # the pointer is at one place at a time, and floor is explained once
-        taken = np.isin(moment[free], moment[line])
+        taken = np.isin(bins[free], bins[line])
         free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
     return strokes, ends
 
 
 def _divide(
-    line: np.ndarray, at: np.ndarray, times: np.ndarray, floor: np.ndarray, dropout: float, widest: float
+    line: np.ndarray, at: np.ndarray, times: np.ndarray, explained: np.ndarray, dropout: float, widest: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Divides a track, the indices of its clusters, into strokes: where nothing was seen over more than `widest` [m].
 
-    A step is seen if the floor that its two clusters explain covers it, within a dropout. What is only a few clusters
-    between an unseen step and one after a pause is a stray or a glint, and no stepping stone; a quick hand's rest is not.
+    A step is seen if the floor that its two clusters explain covers it, within a dropout. A few clusters alone between
+    an unseen step and a pause are a stray or a glint, not a stepping stone; a quick hand's rest is kept.
 
     Returns:
         The strokes, and the glints before the first and after the last of them.
     """
-    covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, floor[:-1] + floor[1:])
+    covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, explained[:-1] + explained[1:])
     unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
     pieces = np.split(np.arange(len(line)), unseen)
     runs: List[List[np.ndarray]] = []  # of pieces, without a pause between them
@@ -119,9 +119,9 @@ def _divide(
             runs.append([])
         runs[-1].append(piece)
     for number, run in enumerate(runs):
-        while number > 0 and run and len(run[0]) < LEAST_SEEN:
+        while number > 0 and run and len(run[0]) < MIN_SEEN:
             del run[0]
-        while number < len(runs) - 1 and run and len(run[-1]) < LEAST_SEEN:
+        while number < len(runs) - 1 and run and len(run[-1]) < MIN_SEEN:
             del run[-1]
     strokes: List[np.ndarray] = []
     for run in filter(None, runs):
@@ -137,7 +137,7 @@ def _divide(
 
 
 def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
-    """Returns the indices of what was seen beside a line, the indices of its clusters, at its own time.
+    """Returns the indices of the observations beside a line, given as the indices of its clusters, at the line's own times.
 
     The pointer is in one place, so a robot's spot that is off by no more than its localisation error is still the pointer.
     """
@@ -152,9 +152,9 @@ def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] that each cluster adds: all that see the same floor share it.
+    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it.
 
-    Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
+    A place counts for the four lattice nodes round it, the nearer the more, so that the gains are continuous in place.
     """
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
@@ -248,9 +248,9 @@ def find_best_steps(
     return best, previous
 
 
-def trace_path(gain: np.ndarray, previous: np.ndarray) -> np.ndarray:
-    """Returns the indices of the clusters of the track that gains most."""
-    path = [int(gain.argmax())]
-    while previous[path[-1]] >= 0:
-        path.append(int(previous[path[-1]]))
-    return np.array(path[::-1])
+def trace_track(totals: np.ndarray, previous: np.ndarray) -> np.ndarray:
+    """Returns the indices of the clusters of the track that gains most, from what `find_best_steps` returned."""
+    track = [int(totals.argmax())]
+    while previous[track[-1]] >= 0:
+        track.append(int(previous[track[-1]]))
+    return np.array(track[::-1])

@@ -107,8 +107,8 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     if found < _MIN_CORNERS:
         raise CodedError("board_hidden", corners=found, least=_MIN_CORNERS)
     ids = ids.ravel()
-    # refined once more: whether the detector counts pixels from their centres or their edges depends on its version
-    # and within the white between corner and markers
+    # refined once more: whether the detector counts pixels from their centres or their edges depends on its version;
+    # only within the white between a corner and the markers
     window = max(2, min(5, int(side * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
     pixels = cv2.cornerSubPix(gray, corners.astype(np.float32), (window, window), (-1, -1), criteria)

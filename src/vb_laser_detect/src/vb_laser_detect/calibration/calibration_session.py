@@ -15,7 +15,7 @@ from vb_laser_detect.calibration.pose import MIN_POINTS, POINT_SIGMA, Correspond
 _HOLD_TIME = 2.0  # [s] a spot is held this long before a point is taken
 _MIN_SIGHTINGS = 5
 _STILL_PX = 3.0
-_SAME_PLACE_PX = 15.0  # what is shown nearer to an earlier place was not moved
+_SAME_PLACE_PX = 15.0  # a spot nearer than this to an earlier place was not moved
 
 
 class HeldSpot:
@@ -49,7 +49,7 @@ class HeldSpot:
 
 
 class CalibrationSession:
-    """Places on the floor on which a camera was shown a spot."""
+    """The places on the floor where a camera was shown a spot."""
 
     def __init__(self, camera: CameraModel, point_sigma: float = POINT_SIGMA) -> None:
         self._camera, self._point_sigma = camera, point_sigma

@@ -1,7 +1,7 @@
 """Watches the ceiling cameras together: whose detector is gone, whose calibration does not fit, which two disagree. No ROS.
 
-What is wrong with one camera's images its own detector tells. This is what shows only beside the calibration files, and
-beside the other cameras.
+Each detector reports what is wrong with its own images. This finds what shows only in comparison with the calibration
+files, and with the other cameras.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _SILENCE_TIMEOUT = 3.0
 _START_TIMEOUT = 60.0  # [s] a lab's nodes start one after the other, on a small computer for a minute
 _CLOCK_REPORTS = 10  # of which the quickest counts: a busy computer delays some, clocks that differ shift all of them
 _MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations of one lens by less
-# [m] the extraction takes cameras to agree within a hand's tremble; calibrated ones differ by one or two centimetres
+# [m] the extraction takes cameras to agree within the hand's tremor; calibrated ones differ by one or two centimetres
 _MAX_DISAGREEMENT = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
 _SIGHTINGS, _SIGHTING_LIFETIME = 200, 300.0
@@ -69,7 +69,7 @@ class CameraWatch:
         self._moved: Dict[str, float] = {}  # [s] when a camera got its present pose
 
     def report(self, camera: str, report: Report) -> None:
-        """Adopts a detector's report; cameras that should not be there do not count."""
+        """Adopts a detector's report; one of a camera that should not be there is ignored."""
         if camera in self._reports:
             self._reports[camera] = report
             self._ages[camera].append(report.age)
@@ -83,7 +83,7 @@ class CameraWatch:
             self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((stamp, x, y))
 
     def forget_spots(self, camera: str, now: float) -> None:
-        """Drops what a camera has seen, because it has another pose since a time [s]."""
+        """Drops what a camera has seen, because it has had another pose since a time [s]."""
         self._sightings.pop(camera, None)
         self._moved[camera] = now
 
@@ -123,7 +123,7 @@ class CameraWatch:
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
             fault = _misfit(camera, file, report, camera in kept)
-            # its detector says that the frame is another one's: it will get its own first, then comes the pose
+            # its detector says that another camera has the same frame: that must be mended before the pose
             if fault is not None and not (report.frame and frames.count(report.frame) > 1):
                 found.append(Notice.from_error(fault, Severity.ERROR, camera))
         return found
@@ -168,7 +168,7 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
-    """Reads the calibration of each camera; one that is shared, or no calibration, is the reason instead."""
+    """Reads the calibration of each camera; the reason instead if there is none, or its frame is also another camera's."""
     found: Dict[str, Union[CameraPose, CodedError]] = {}
     for camera in cameras:
         try:

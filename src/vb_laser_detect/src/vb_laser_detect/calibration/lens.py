@@ -14,8 +14,8 @@ from vb_laser_detect.calibration.board import BoardView
 MIN_VIEWS, MIN_COVERAGE = 12, 0.6
 _MAX_VIEWS = 30  # the newest ones: more make the estimate slow, and hardly better
 _CELLS = (8, 6)  # of the image; each is covered once a corner was seen in it
-_NEW_SHARE = 0.06  # of the image's width by which a view's corners have moved on average
-# far more steps than OpenCV takes, which stops 3 % off a wide lens's focal length
+_NEW_SHARE = 0.06  # of the image's width, by which a new view's corners must have moved on average
+# far more steps than OpenCV's default, which ends 3 % off a wide lens's focal length
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-9)
 _MAX_RMS = 1.0  # [px]
 _MAX_FOCAL_SIGMA = 0.01  # of the focal length: 1 cm at 1 m

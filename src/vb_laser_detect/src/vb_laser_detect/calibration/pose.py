@@ -20,7 +20,7 @@ from vb_core.camera_model import CameraModel, floor_points, intersect_floor, pix
 from vb_core.errors import CodedError
 
 MIN_POINTS = 4
-_MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
+_MAX_SETS = 200  # minimal sets tried; with 40 % wrong points, 50 sets hold one without any in 99.9 % of cases
 _SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
 _SAME_PLACE_DISTANCE = 0.01  # [m]
 _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
@@ -105,7 +105,7 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
             "no_consistent_pose", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}"
         )
     check_points(camera, observed.select(used))
-    # what agrees may change once all that agrees has been used
+    # which points agree may change once all that agree have been used
     for _ in range(5):
         fit = _fit(camera, observed.select(used), point_sigma, start)
         errors = errors_on_floor(fit.T_map_camera, rays, observed.points)
@@ -222,7 +222,7 @@ def _consensus(rays: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Finds the pose T_map_camera that most points agree on; NaN if no points determine one.
 
     The cost of a point grows with its error up to the limit (MSAC; Torr and Zisserman, 2000): counting alone could not
-    tell a good pose from a bad one that the same points just agree with.
+    tell a good pose from a bad one that just agrees with the same points.
     """
     best, least = np.full((4, 4), np.nan), math.inf
     for chosen in _minimal_sets(len(points)):

@@ -40,7 +40,7 @@ def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[i
         image: its width and height [px].
 
     Raises:
-        CodedError: "bad_rectangle" if they are not the corners of such a rectangle that lies on the floor.
+        CodedError: "bad_rectangle" if they cannot be the corners of such a rectangle on the floor.
     """
     pixels = np.asarray(pixels, float).reshape(4, 2)
     hull = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)
@@ -73,7 +73,7 @@ def _view(pixels: np.ndarray, points: np.ndarray, image: Tuple[int, int], focal:
 
 
 def uncertainty(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int], places: np.ndarray) -> float:
-    """Returns by how much [m] a spot may be off its place (rms), at the worst of some places (N, 2) [px], as people click."""
+    """Returns how far [m] a spot may be off (rms) at the worst of some places (N, 2) [px], as people click inexactly."""
     random = np.random.default_rng(1)
     drawn = []
     for _ in range(_DRAWS):

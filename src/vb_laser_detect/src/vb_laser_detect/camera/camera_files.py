@@ -42,7 +42,7 @@ def load_lens(path: Path) -> CameraModel:
     """Reads a lens; inverse of `save_lens`.
 
     Raises:
-        CodedError: "no_camera_info" if there is none, "bad_lens_file" if it says nothing that a camera can have.
+        CodedError: "no_camera_info" if there is none, "bad_lens_file" if no camera can have its values.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -66,7 +66,7 @@ def set_capture(path: Path, values: Mapping[str, Union[int, float]]) -> None:
     """Sets values of the group `capture` in detectors/NAME.yaml, and leaves the rest, comments too, as a person wrote it.
 
     Raises:
-        CodedError: "bad_file" if the file is none that can be changed this way, "cannot_write".
+        CodedError: "bad_file" if the file cannot be changed this way, "cannot_write".
     """
     try:
         text = path.read_text(encoding="utf-8")

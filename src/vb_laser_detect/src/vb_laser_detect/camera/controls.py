@@ -45,7 +45,7 @@ def plan(listing: str, params: CaptureParams) -> List[str]:
             control: which of its values are automatic differs between cameras.
 
     Raises:
-        CodedError: "no_control" if a value is wanted that the camera does not let anybody set.
+        CodedError: "no_control" if the camera has no control for a value that is wanted.
     """
     known: Dict[str, str] = {name: limits for name, _, limits in _CONTROL.findall(listing)}
     steps: List[str] = []

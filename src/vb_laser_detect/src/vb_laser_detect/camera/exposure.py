@@ -13,7 +13,7 @@ TOO_BRIGHT = 0.05  # share of an image that is saturated; no spot can be seen th
 _SATURATED = 250  # [grey levels]
 _STEP = 8  # [px] between the pixels that are read: the share is that of surfaces, not of points
 FLOOR = 90.0  # [grey levels] of the middle of all pixels: a spot rises far above it, and shadows are not black
-_SHORTEST, _LONGEST = 1, 2000  # [0.1 ms]; longer ones smear the spot and slow the camera down
+_MIN_EXPOSURE, _MAX_EXPOSURE = 1, 2000  # [0.1 ms]; longer ones smear the spot and slow the camera down
 _NEAR = 10.0  # [grey levels]
 _STEPS = 12
 _WHITE_SHARE = 0.005  # of the image may be white
@@ -46,9 +46,9 @@ def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], Non
         tell: is called with the words for each step.
 
     Raises:
-        CodedError: "too_dark", "too_bright" if no exposure time does it; "exposure_ignored" if it changes nothing.
+        CodedError: "too_dark", "too_bright" if no exposure time is right; "exposure_ignored" if none changes the image.
     """
-    low, high = math.log(_SHORTEST), math.log(_LONGEST)
+    low, high = math.log(_MIN_EXPOSURE), math.log(_MAX_EXPOSURE)
     seen: List[float] = []
     for _ in range(_STEPS):
         exposure = max(1, round(math.exp((low + high) / 2.0)))

@@ -1,10 +1,10 @@
 """Reads images from a camera at this computer or in the network, or from a video file, until it is closed. No ROS.
 
-One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself and is decoded
-only when it is searched, and only as far: one that comes too late costs nothing. Packets of other codecs build on each
-other, and are decoded as they come; once they are late, or one is damaged, none is until the next that stands by itself.
-A file has no hurry: it waits until its images are taken. Whatever ends the stream, it is said in one sentence, and the
-camera is opened again.
+One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself, and is decoded
+only when it is searched, and only as far as that needs: one that comes too late costs nothing. Packets of other codecs
+build on each other, and are decoded as they come; once they are late, or one is damaged, they are skipped until the next
+that stands by itself. A file waits until its images are taken. Whatever ends the stream is reported in one sentence, and
+the camera is opened again.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from vb_laser_detect.detector_params import CaptureParams
 
 _OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] a phone that sleeps, a cable that was pulled from a switch
 _RETRY_PERIOD = 1.0  # [s]
-_POLL_PERIOD = 0.002  # [s] a device is asked: waiting for it could not be ended
+_POLL_PERIOD = 0.002  # [s] between two questions to a device: waiting for it could not be ended
 _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
 _CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
 _OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
 # [s] a file that is late by less keeps its images' times; a stroke's spots stay as far apart as they were
 _CATCH_UP = 1.0
-_QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
+_QUEUED = 0.5  # [s] images that are read later than that are skipped instead of decoded one by one
 _HALVED_ROWS = 1000  # smaller images cost little, and a spot in them has few pixels
 # a sentence's code to the FFmpeg errors that it stands for; others are reported in FFmpeg's own words
 _REASONS = {

@@ -1,4 +1,4 @@
-"""What a camera's scene looks like without a spot, and what an image changes in it, block of pixels by block.
+"""What a camera's scene looks like without a spot, and what an image changes in it, block by block of pixels.
 
 The whole image is read only in blocks, which must stay cheap.
 """
@@ -14,9 +14,9 @@ import numpy as np
 from vb_core.image_format import AnyPicture
 
 BLOCK = 8  # [px] edge of a block
-_BAND = 160_000  # [bytes] of one row of all blocks in a band: it stays in the cache of the processor's core
-# half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all
-# colours
+_BAND_BYTES = 160_000  # [bytes] of one row of all blocks in a band: it stays in the cache of the processor's core
+# half of a block's rows are read, in half the time: a spot covers several rows, and in a Bayer image two neighbouring
+# rows hold all colours
 _COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
 # [grey levels] the reference brightness stays within them in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
@@ -25,10 +25,10 @@ _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noise is averaged over it
 _WEIGHT = 0.25  # of the image in a stationary camera's keyframe: the mean of some images has less noise
 _ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
-GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] at the latest then what somebody took away is out of it
-_KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
+GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] by then a removed object has left the background
+_KEYFRAME = 6  # [images] for which a moving camera's background is kept: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
-_BANDS = 0.1  # the rows' light differs by this part at least where lamps flicker
+_MIN_FLICKER = 0.1  # where lamps flicker, the light of an image's rows differs by at least this part
 _SQUARE = np.ones((3, 3), np.uint8)
 Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
@@ -83,7 +83,7 @@ class Background:
 
         Returns:
             Each block's largest rise above the background, and by how much a sample of it became darker, (rows, columns)
-            uint8. While the camera moves nothing is called darker: what became so is taken from the image soon.
+            uint8. While the camera moves no block counts as darker: a new keyframe soon shows it as it is.
         """
         self.motion, self.reference, self._gains = motion, self.image, None
         if motion is None:
@@ -102,7 +102,7 @@ class Background:
         """
         now, before = (max_channel(sample).astype(np.float32) + 1.0 for sample in (sample_blocks(image), self._sample))
         gains = np.median(now / before, axis=1)
-        if np.ptp(gains) < _BANDS * gains.mean():
+        if np.ptp(gains) < _MIN_FLICKER * gains.mean():
             return None
         self._gains, self.reference = gains, _in_light(self.image, gains, BLOCK)
         darker = cv2.subtract(sample_blocks(self.reference), sample_blocks(image))
@@ -124,7 +124,7 @@ class Background:
     def foreground_blocks(self, maxima: np.ndarray, threshold: float) -> np.ndarray:
         """Finds the blocks (rows, columns) bool whose rise is at least `threshold` and exceeds the block's own noise."""
         if not self._noise_known:
-            # the second image's: the whole scene's
+            # of the second image: the noise of the whole scene
             middle = float(np.median(maxima))
             self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
             self._limit, self._noise_known = None, True
@@ -148,46 +148,52 @@ class Background:
         Returns:
             Whether the image became the keyframe.
         """
-        image = picture.searched
         self._age, self._images = self._age + dt, self._images + 1
-        if self.motion is None:
-            self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
-            self._learn_noise(rise, ~(changed | spots), dt)
-            if self._age < _PERIOD:
-                return False
-            lasting = self._changed_s > _ABSORPTION_TIME
-            kept = (changed | spots) & ~lasting
-            self._changed_s[lasting] = 0.0
-            if self.whole is not None:
-                self.whole = self._renewed(self.whole, picture.pixels, lasting, kept)
-            self._adopt(self._renewed(self.image, image, lasting, kept))
-            return True
+        if self.motion is not None:
+            return self._update_moving(picture.searched, spots)
+        self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
+        self._learn_noise(rise, ~(changed | spots), dt)
+        return self._update_stationary(picture, changed | spots)
+
+    def _update_stationary(self, picture: AnyPicture, unsteady: np.ndarray) -> bool:
+        """Averages the image into the keyframe once a period, except blocks that show a spot or changed only just now."""
+        if self._age < _PERIOD:
+            return False
+        lasting = self._changed_s > _ABSORPTION_TIME
+        kept = unsteady & ~lasting
+        self._changed_s[lasting] = 0.0
+        if self.whole is not None:
+            self.whole = self._renewed(self.whole, picture.pixels, lasting, kept)
+        self._adopt(self._renewed(self.image, picture.searched, lasting, kept))
+        return True
+
+    def _update_moving(self, image: np.ndarray, spots: np.ndarray) -> bool:
+        """Makes the image the keyframe after some images or much motion; where it shows a spot, the background stays."""
         middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
         far = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
         if not far and self._images < _KEYFRAME:
             return False
-        floor = image.copy()
+        keyframe = image.copy()
         self._changed_s[:] = 0.0
         # a block's noise belongs to the edges that it showed
         self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
         left, top, wide, high = cv2.boundingRect(spots.view(np.uint8))
         if wide:
             part = slice(BLOCK * top, BLOCK * (top + high)), slice(BLOCK * left, BLOCK * (left + wide))
-            mask = mask_of_blocks(
-                np.ascontiguousarray(spots[top : top + high, left : left + wide]), *floor[part].shape[:2]
-            )
-            cv2.copyTo(self.moved_part(part, image), mask, floor[part])
-        self._adopt(floor)
+            blocks = np.ascontiguousarray(spots[top : top + high, left : left + wide])
+            mask = mask_of_blocks(blocks, *keyframe[part].shape[:2])
+            cv2.copyTo(self.moved_part(part, image), mask, keyframe[part])
+        self._adopt(keyframe)
         return True
 
-    def _renewed(self, floor: np.ndarray, image: np.ndarray, lasting: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    def _renewed(self, keyframe: np.ndarray, image: np.ndarray, lasting: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Returns a stationary camera's keyframe, at the size that is searched or the camera's own, with an image added.
 
         Args:
             lasting, kept: (rows, columns) bool, blocks that become as the image is, and that stay as they are.
         """
-        result = cv2.addWeighted(image, _WEIGHT, floor, 1.0 - _WEIGHT, 0.0)
-        for blocks, source in ((lasting, image), (kept, floor)):
+        result = cv2.addWeighted(image, _WEIGHT, keyframe, 1.0 - _WEIGHT, 0.0)
+        for blocks, source in ((lasting, image), (kept, keyframe)):
             if blocks.any():
                 mask = mask_of_blocks(blocks, *self.image.shape[:2])
                 cv2.copyTo(source, cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST), result)
@@ -205,7 +211,7 @@ class Background:
 
 
 def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
-    """Returns a background in the light of an image, of which nothing is taken that is narrower than `max_width` [px]."""
+    """Returns a background as lit in an image; light in it that is narrower than `max_width` [px] does not count."""
     half = 2 * math.ceil(max_width / 4)
     kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
     # the places in a Bayer image's pattern are not mixed
@@ -217,7 +223,7 @@ def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.n
 
 
 def _warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
-    """Moves an image by a motion (3, 3), in place of all pixels of another one that it covers."""
+    """Moves an image by a motion (3, 3), over another image, which stays where nothing covers it."""
     return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
 
 
@@ -240,7 +246,7 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     Returns:
         (H // BLOCK, W // BLOCK) uint8.
     """
-    high = BLOCK * max(1, _BAND // image[0].nbytes)
+    high = BLOCK * max(1, _BAND_BYTES // image[0].nbytes)
     bands = [
         _band_maxima(image[top : top + high], background[top : top + high])
         for top in range(0, image.shape[0] - BLOCK + 1, high)

@@ -10,8 +10,8 @@ import numpy as np
 from vb_core.errors import CodedError
 
 _WINDOW = 5.0  # [s]
-# [s] what was there is missed after the first; what never was after the others: cameras and poses start one by one, on
-# a small computer for a minute
+# [s] until something counts as missing: what was there before; poses, and cameras, that have not come yet: they start one
+# by one, which takes a minute on a small computer
 _SILENCE, _POSES_START, _CAMERAS_START = 3.0, 30.0, 60.0
 _FAULTS = {"no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}  # by what an image lacks
 SLOW_RATE = 5.0  # [1/s] a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
@@ -22,7 +22,7 @@ class InputWatch:
     """Finds what a detector lacks, by its images. Not thread safe.
 
     Args:
-        now: [s] when the detector was started; 0: simulated time has not begun, the first time that is asked for counts.
+        now: [s] when the detector was started; 0: simulated time has not begun, and the first time given counts.
     """
 
     def __init__(self, now: float) -> None:
@@ -38,7 +38,7 @@ class InputWatch:
         self._missing = missing, since if same else now
         self._complete |= missing is None
 
-    def fault(self, now: float) -> Optional[CodedError]:
+    def current_fault(self, now: float) -> Optional[CodedError]:
         """Returns what people should know at a time [s]: that no images come, or what they lack; `why` in detail."""
         self._started = self._started or now
         if self._image_at is None:

@@ -1,7 +1,7 @@
 """Measures a region in numbers, and judges by them whether it shows a laser spot.
 
 `measure` cuts a blob out of the rise over the reference and describes it. Light is brightest in its middle, ends within
-some pixels and darkens nothing; each number tells one of these. An additive logistic model weighs them: each has a curve,
+some pixels and darkens nothing; each number measures one of these. An additive logistic model weighs them: each has a curve,
 linear between knots, whose value is what it adds to the logarithm of the odds. It is 0 for a usual spot, so the number
 that lowers it most is the reason for a rejection. bench/detection/training.py makes the curves.
 """
@@ -43,7 +43,7 @@ class Blob:
         diameter: [px] of a disc of the same area.
         problem: "too_large" or "too_faint" if only the place was measured.
         tint: (C,) each channel's part in its light, see `tint_of`; None for grey images.
-        features: those by name; NaN where one says nothing.
+        features: values of FEATURES by name; NaN where one says nothing.
     """
 
     u: float
@@ -60,8 +60,7 @@ class ImageTraits(NamedTuple):
     Attributes:
         diagonal: [px]
         mosaic: whether they are Bayer images.
-        bright: [grey levels] what is bright in the room that it shows, at the exposure that it has: a spot's brightness is
-            measured by that.
+        bright: [grey levels] of the room's bright surfaces, at the present exposure: a spot's brightness is relative to it.
     """
 
     diagonal: float
@@ -140,17 +139,17 @@ def _light_of(
         light: (H, W) the rise of the brightest channel, smoothed.
         now, before: image and reference.
     """
-    levels, floor = means_over(mask, traits.mosaic, now, before)
-    tint = tint_of(mask, light, now, before, levels, floor) if len(levels) > 1 else None
-    channel = int(np.argmax(levels - floor)) if now.ndim == 3 else 0
+    levels, reference_levels = means_over(mask, traits.mosaic, now, before)
+    tint = tint_of(mask, light, now, before, levels, reference_levels) if len(levels) > 1 else None
+    channel = int(np.argmax(levels - reference_levels)) if now.ndim == 3 else 0
     return tint, {
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / traits.bright),
         "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / traits.bright),
         "edge": _edge(mask, _plane(now, channel), _plane(before, channel)),
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((floor - levels).max())) / traits.bright,
+        "fall": max(0.0, float((reference_levels - levels).max())) / traits.bright,
         "diameter": math.log(diameter / traits.diagonal),
-        # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
+        # many webcams show a spot as white, mosaics show its colour: only there does one blob's colour say something
         "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if traits.mosaic else math.nan,
     }
 

@@ -32,7 +32,7 @@ _MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an erro
 _MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
-_MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
+_MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings count as holes, for every camera of this kind
 _CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel, the one beside it and the one below
 
 
@@ -198,12 +198,12 @@ class ImageGeometry:
     """Places the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
 
     Attributes:
-        unplaced: why the requested pose is not known; None while all is well.
+        pose_error: why the requested pose is not known; None while all is well.
 
     Args:
         camera: of the image.
         pose: returns (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
-        projector: the camera's.
+        floor_projection: the camera's.
         depth: returns the depth image of that time; None: the floor is a plane.
         cylinders: returns what stood on the floor at that time; asked at most once, and only for a candidate.
     """
@@ -212,12 +212,12 @@ class ImageGeometry:
         self,
         camera: CameraModel,
         pose: Callable[[], np.ndarray],
-        projector: FloorProjection,
+        floor_projection: FloorProjection,
         depth: Optional[DepthAt] = None,
         cylinders: Callable[[], Sequence[RobotCylinder]] = tuple,
     ) -> None:
-        self.unplaced: Optional[CodedError] = None
-        self._camera, self._projector = camera, projector
+        self.pose_error: Optional[CodedError] = None
+        self._camera, self._floor_projection = camera, floor_projection
         self._ask_pose, self._depth, self._ask_cylinders = pose, depth, cylinders
 
     @cached_property
@@ -231,16 +231,16 @@ class ImageGeometry:
         return self._ask_cylinders()
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or without a pose, see `unplaced`."""
-        if self.unplaced is None:
+        """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or without a pose, see `pose_error`."""
+        if self.pose_error is None:
             try:
                 corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
-                floor = floor_points(self._camera, self.pose, corners, self._projector.params.floor_height)
+                floor = floor_points(self._camera, self.pose, corners, self._floor_projection.params.floor_height)
                 return _scales(floor.reshape(-1, 3, 3))
             except CodedError as error:
                 if error.code not in ("no_transform", "bad_transform"):
                     raise
-                self.unplaced = error.without_traceback()
+                self.pose_error = error.without_traceback()
         return np.full(len(pixels), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
@@ -250,9 +250,9 @@ class ImageGeometry:
             CodedError: where there is no floor point; "on_robot" if a body hides it.
         """
         if self._depth is None:
-            point = self._projector.on_plane(self._camera, self.pose, u, v)
+            point = self._floor_projection.on_plane(self._camera, self.pose, u, v)
         else:
-            point = self._projector.with_depth(self._camera, self.pose, u, v, *self._depth())
+            point = self._floor_projection.with_depth(self._camera, self.pose, u, v, *self._depth())
         if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
             raise CodedError("on_robot")
         return point

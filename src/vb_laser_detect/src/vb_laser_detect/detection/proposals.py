@@ -23,17 +23,17 @@ from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, 
 from vb_laser_detect.detection.tracking import Expected, Spot
 
 _MIN_CHANGE = 0.15  # of what is bright in the room; what differs by less from the background becomes part of it
-_HALF_LEVEL = 0.8  # of its level, at least, a spot of few pixels has left in the half of an image
-_STILL = 0.02  # of what is `busy` in an image; where more is, ghosts may be left
-_UNSEEN = 1.0  # [s] between two images, in which a hand takes something away
+_HALF_LEVEL = 0.8  # at least this part of its level is left of a spot of few pixels in the halved image
+_MIN_BUSY = 0.02  # from here on so much of an image is `busy` that ghosts may be left
+_UNSEEN = 1.0  # [s] between two images: long enough for a hand to take something away
 _MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
 _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
-_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts again
+_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts anew
 _WIDTH = 240  # [px] at least, of the images in which corners are followed
-_CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
+_MAX_CORNERS, _MIN_CORNERS = 48, 12  # looked for; needed to know a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
-_SHARE = 0.35  # of the corners have to agree
-_STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
+_MIN_AGREEING = 0.35  # of the corners have to agree
+_MIN_MOTION_PX = 0.35  # [px] where no place of the image has moved as far, the camera is stationary
 _FLOW = dict(
     winSize=(11, 11),
     maxLevel=2,
@@ -60,8 +60,8 @@ class SearchedImage(NamedTuple):
     restless: np.ndarray
 
     @property
-    def edge(self) -> int:
-        """Of a block [px]."""
+    def block_px(self) -> int:
+        """Edge of a block [px]."""
         return BLOCK * self.picture.scale
 
     def brightest(self, region: Region) -> float:
@@ -73,22 +73,21 @@ class SearchedImage(NamedTuple):
     def surroundings(self, u: float, v: float, diameter: float) -> Dict[str, float]:
         """Returns what a blob's surroundings say of it, by the names of `features.FEATURES`.
 
-        "busy" is how much else changed in the image, apart from the blob and its own light. "edge" is NaN where the blob is
-        no ghost, whose outline is in the background alone and which is left by something that moved: where the camera did
-        not, less else changes, and nothing passed beside it while a ghost lasts, there is none, and a spot on the edge of a
-        white sheet has such an outline too.
+        "busy" is how much else changed in the image, apart from the blob and its own light. "edge" is NaN where the blob
+        cannot be a ghost (the trace of an object that moved away): the camera stands still, little else changes, and nothing
+        passed by recently. A real spot on the edge of a white sheet could otherwise look like one.
         """
-        reach = 1.25 * diameter + self.edge
-        own, around = (blocks_around(self.changed.shape, u, v, size, self.edge) for size in (reach, 2.0 * reach))
+        reach = 1.25 * diameter + self.block_px
+        own, around = (blocks_around(self.changed.shape, u, v, size, self.block_px) for size in (reach, 2.0 * reach))
         elsewhere = np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])
         busy = math.sqrt(elsewhere / self.changed.size)
         passed = np.count_nonzero(self.restless[around]) > np.count_nonzero(self.restless[own])
-        is_ghost = busy >= _STILL or passed or self.background.motion is not None
+        is_ghost = busy >= _MIN_BUSY or passed or self.background.motion is not None
         return {"busy": busy} if is_ghost else {"busy": busy, "edge": math.nan}
 
 
 class ImageRegistration:
-    """Estimates how one camera moved since a keyframe: shift, turn and scale, which for some images describe any motion.
+    """Estimates how one camera moved since a keyframe: shift, turn and scale, which describe any motion over a few images.
 
     Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what
     moves by itself, people and the laser spot, does not agree and is left out (RANSAC).
@@ -124,7 +123,7 @@ class ImageRegistration:
         motion = cv2.invert(shrink)[1] @ motion @ shrink
         height, width = image.shape[:2]
         corners = np.array([[(0, 0), (width, 0), (0, height), (width, height)]], float)
-        still = np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _STILL_PX
+        still = np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _MIN_MOTION_PX
         return np.eye(3) if still else motion
 
     def set_keyframe(self) -> None:
@@ -132,29 +131,29 @@ class ImageRegistration:
         self._keyframe = self._latest
         # where exactly a corner is does not matter
         half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        found = cv2.goodFeaturesToTrack(half, _CORNERS, 0.01, 4)
+        found = cv2.goodFeaturesToTrack(half, _MAX_CORNERS, 0.01, 4)
         self._corners = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
         self._motion = np.eye(3)
 
     def _follow(self) -> Optional[np.ndarray]:
         """Finds the motion since the keyframe on which most corners agree; None if too few do."""
-        if len(self._corners) < _FEWEST:
+        if len(self._corners) < _MIN_CORNERS:
             return None
         ahead = cv2.perspectiveTransform(self._corners, self._motion)
         found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, ahead, **_FLOW)
         good = good.ravel() > 0
-        if good.sum() < _FEWEST:
+        if good.sum() < _MIN_CORNERS:
             return None
         # RANSAC, by default
         motion, agree = cv2.estimateAffinePartial2D(self._corners[good], found[good], ransacReprojThreshold=_AGREE_PX)
-        if motion is None or agree.sum() < max(_FEWEST, _SHARE * good.sum()):
+        if motion is None or agree.sum() < max(_MIN_CORNERS, _MIN_AGREEING * good.sum()):
             return None
         self._motion = np.vstack([motion, (0.0, 0.0, 1.0)])
         return self._motion
 
 
 class Proposer:
-    """Finds regions in one camera's images, and keeps its background; if the camera may move its motion is found in them."""
+    """Finds regions in one camera's images, and keeps its background; estimates the camera's motion if it may move."""
 
     def __init__(self, moving_camera: bool) -> None:
         self._registration = ImageRegistration() if moving_camera else None
@@ -204,16 +203,16 @@ class Proposer:
 
     def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> None:
         """Begins a background. A spot is not floor: where one is expected, the previous background is used, in the new light."""
-        edge, before = BLOCK * picture.scale, self._background
-        floors = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
+        block, before = BLOCK * picture.scale, self._background
+        keyframes = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
         for one in expected:
-            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.max_width, edge)
-            for size, floor in zip((picture.scale, 1), floors):
-                part = tuple(slice(edge // size * side.start, edge // size * side.stop) for side in (rows, columns))
-                if floor[part].size:
-                    old = before.moved_part(part, floor) if floor is floors[0] else before.whole[part]
-                    floor[part] = relight(old, floor[part], one.max_width / size)
-        self._background = Background(*floors)
+            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.max_width, block)
+            for size, keyframe in zip((picture.scale, 1), keyframes):
+                part = tuple(slice(block // size * side.start, block // size * side.stop) for side in (rows, columns))
+                if keyframe[part].size:
+                    old = before.moved_part(part, keyframe) if keyframe is keyframes[0] else before.whole[part]
+                    keyframe[part] = relight(old, keyframe[part], one.max_width / size)
+        self._background = Background(*keyframes)
         self._restless_s = np.zeros(self._background.blocks, np.float32)  # for how long each block will count as that
         self._begin()
 
@@ -229,15 +228,15 @@ class Proposer:
         return _MIN_CHANGE * self._background.bright
 
     def update_background(self, view: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
-        """Adds an image, except some spots.
+        """Adds an image to the background, except where it shows these spots.
 
         Args:
             elapsed: [s] since the last image.
         """
         held = np.zeros_like(view.changed)
         for spot in spots:
-            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.edge, view.edge)] = True
-        # of what happened between images far apart nothing is known
+            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.block_px, view.block_px)] = True
+        # nothing is known of what happened between images far apart
         moved = (view.changed & ~held) | (elapsed >= _UNSEEN)
         self._restless_s = np.where(moved, GHOST_TIME, self._restless_s - elapsed)
         if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
@@ -248,12 +247,12 @@ def _in_picture(region: Region, picture: AnyPicture) -> Region:
     """Returns a region of what is searched in the picture's own pixels; what is left at the edges belongs to the last blocks."""
     left, top, right, bottom = (picture.scale * side for side in region)
     width, height = picture.size
-    edge = BLOCK * picture.scale
-    return left, top, width if width - right < edge else right, height if height - bottom < edge else bottom
+    block = BLOCK * picture.scale
+    return left, top, width if width - right < block else right, height if height - bottom < block else bottom
 
 
 def _much(hot: np.ndarray, darker: np.ndarray) -> bool:
-    """Returns whether so much changed that nothing known holds any more.
+    """Returns whether so much changed that what is known of the scene no longer holds.
 
     A person close to the camera darkens much of the image too, and must not become its background.
     """
@@ -268,10 +267,10 @@ def brightest(image: np.ndarray, region: Region) -> float:
     return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
 
 
-def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, edge: int = BLOCK) -> Tuple[slice, slice]:
-    """Returns the rows and columns of a grid (rows, columns) of blocks of an edge within `reach` of a place [px]."""
-    top, bottom = int(max(0.0, v - reach)) // edge, int(max(-1.0, v + reach)) // edge + 1
-    left, right = int(max(0.0, u - reach)) // edge, int(max(-1.0, u + reach)) // edge + 1
+def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, block: int = BLOCK) -> Tuple[slice, slice]:
+    """Returns the rows and columns of a grid (rows, columns) of blocks, `block` wide, within `reach` of a place [px]."""
+    top, bottom = int(max(0.0, v - reach)) // block, int(max(-1.0, v + reach)) // block + 1
+    left, right = int(max(0.0, u - reach)) // block, int(max(-1.0, u + reach)) // block + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
 
 

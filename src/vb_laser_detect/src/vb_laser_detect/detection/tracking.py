@@ -26,8 +26,8 @@ from vb_laser_detect.detection.projection import FloorPoint
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
 
-_SLACK_PX = 12.0  # [px] what noise alone may move a spot between two images
-_BLINK = 1.5  # [s] a light that is away from its place for no longer counts as having been there all the time
+_SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
+_BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
 _MEMORY = 10.0  # a place is forgotten after ten times the time for which it was lit
 _MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
 # [s], [images] a track survives the longer of them without a sighting: while a leg passes, or in the dark half of a
@@ -176,7 +176,7 @@ class SpotTracker:
 
     def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each, None for lamps."""
-        lit_s = [self._light(spot) for spot in spots]
+        lit_s = [self._record_light(spot) for spot in spots]
         lamps = [number for number, seconds in enumerate(lit_s) if seconds > self.params.max_dwell_time]
         self._end_tracks([spots[number] for number in lamps])
         followed = [number for number in range(len(spots)) if number not in lamps]
@@ -191,7 +191,7 @@ class SpotTracker:
         self._choose(list(track_of.values()))
         return [track_of.get(number) for number in range(len(spots))]
 
-    def _light(self, spot: Spot) -> float:
+    def _record_light(self, spot: Spot) -> float:
         """Records the light at a spot's place; returns for how long [s] it has been lit by now."""
         away = np.hypot(self._lit[:, 0] - spot.u, self._lit[:, 1] - spot.v)
         if not (away <= _SLACK_PX).any():
@@ -246,8 +246,8 @@ class SpotTracker:
             track.light = spot.tint if track.light is None else track.light + spot.tint
         if track.hits < self.params.confirm_frames or track.confirmed:
             return
-        # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour;
-        # in the mean over several images it does not
+        # a white glint hardly larger than a pixel falls mostly on one place of a Bayer pattern, which looks like a colour;
+        # the mean over several images does not
         shown = 0.0 if track.light is None else chroma(track.light)
         if self._stamp - track.created < _STEP_TIME:
             least = _VIVID
