@@ -83,16 +83,16 @@ class InForce:
 
     @cached_property
     def map_with_borders(self) -> GridMap:
-        """The map with all borders that act on it."""
+        """The map with all borders in force."""
         return put_on_map(self.physical, self.regions())
 
     def regions(self, without: Iterable[str] = ()) -> List[Region]:
-        """Returns the regions of the borders that act, without some; those of slow zones have the value 0."""
+        """Returns the regions of the borders in force, without some; those of slow zones have the value 0."""
         return [one.region for key, one in self.verdicts.items() if one.region is not None and key not in without]
 
     @property
     def slow_zones(self) -> Tuple[Verdict, ...]:
-        """The slow zones that act."""
+        """The slow zones in force."""
         return tuple(one for one in self.verdicts.values() if one.region is not None and one.border.zone.limits_speed)
 
     def area_m2(self, border_id: str) -> float:
@@ -165,10 +165,10 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
     # what a closed line or a wall closes off, the line alone decides, wherever it is: the same as before
     before = now if border.closed or border.wall else place.region_before(grid)
     why = error
-    if not why and place.is_seen and not place.is_shown:
+    if not why and place.floor_is_known and not place.walls_agree:
         why = PLACE
     # they are one object if the line alone decides: then there is nothing to compare
-    if not why and before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
+    if not why and before is not now and (before is None or before.iou(now) < _SAME_EFFECT):
         why = EFFECT
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if not why:

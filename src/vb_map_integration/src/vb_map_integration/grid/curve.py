@@ -47,7 +47,7 @@ class Cut:
         stops: for each end, the (row, column) of the blocked cell where it ends; may be one beyond the map's rim.
     """
 
-    window: raster.Window
+    window: raster.CellWindow
     region: np.ndarray
     line: np.ndarray
     stops: Tuple[Tuple[int, int], Tuple[int, int]]

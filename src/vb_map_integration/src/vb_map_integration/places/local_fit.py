@@ -24,7 +24,7 @@ WIDER = 4.5  # [m] the same, where those leave it open
 _SPAN, _STEP, _YAWS = 1.0, 0.1, np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # what is searched: [m], [m], [rad]
 _NEAR = 0.25  # [m] a wall this far from the next one counts nothing
 _APART = 0.35  # [m] places farther apart are different ones
-_POINTS, _LEAST = 300, 10  # wall cells that are compared, at most and at least
+_MAX_POINTS, _MIN_POINTS = 300, 10  # wall cells that are compared, at most and at least
 _LOCAL_REACH = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] as `registration.refine` has it
 _SURE = 0.97  # share of walls found again with which no other place is searched
 # what a border's place needs where it is expected, and what it needs elsewhere
@@ -89,9 +89,9 @@ def fit_locally(old: WallMap, new: WallMap, start: Transform, outline: np.ndarra
 
 def _fit_within(reach: float, old: WallMap, new: WallMap, start: Transform, outline: np.ndarray) -> Optional[LocalFit]:
     walls = old.walls_near(outline, reach)
-    if len(walls) < _LEAST:
+    if len(walls) < _MIN_POINTS:
         return None
-    sample = thin(walls, _POINTS)
+    sample = thin(walls, _MAX_POINTS)
     center = outline.mean(axis=0)
     expected = start.apply(center)[0]
 

@@ -1,4 +1,4 @@
-"""Which place a map shows, and where that place's borders are in it: the keeper of all questions about the place.
+"""Recognises which place a map shows, and locates that place's borders on it.
 
 The idea: fail closed. A map is recognised by its exact fingerprint; else by the name that a person gave it, and by
 registration against the maps at which the borders were drawn, never against the last one seen. What is proposed is the
@@ -26,9 +26,9 @@ from vb_map_integration.storage.database import Database, KnownMap
 
 # this many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
-# below it a registration says nothing about where the borders are
+# agreement below which a registration says nothing about where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
-# above it borders may be there, for all that the maps say
+# agreement above which borders may be there, as far as the maps tell
 _POSSIBLE_AGREEMENT = 0.5
 # share of a border's line that the map has to know before anybody is asked about it
 _SEEN = 0.5
@@ -36,7 +36,7 @@ _SEEN = 0.5
 _DOUBT = 0.15
 # a map continues the one before if this share of its obstacles are in the same cells
 _CONTINUED = 0.95
-# a map of which nothing is sure is registered again once this much more floor is known
+# a map of which nothing is certain is registered again once this many times as much floor is known
 _GROWN = 1.25
 
 
@@ -67,17 +67,17 @@ class BorderPlace:
 
     Attributes:
         border: there.
-        is_shown: whether the walls round it say so.
-        is_seen: whether the map knows the floor there; there is nothing to ask about before it does.
-        others: at other places where it may be, until somebody says where it is.
-        accepted: as it was accepted, on that map; None if that is the current one.
-        accepted_on: that map.
-        transform: from there to here.
+        walls_agree: whether the walls round it say so.
+        floor_is_known: whether the map knows the floor there; before it does, there is nothing to ask about.
+        others: the border at other places where it may be, until somebody says where it is.
+        accepted: the border as a person accepted it, on `accepted_on`; None if that is the current map.
+        accepted_on: the map on which it was accepted.
+        transform: from that map's frame to the current one's.
     """
 
     border: VirtualBorder
-    is_shown: bool = True
-    is_seen: bool = True
+    walls_agree: bool = True
+    floor_is_known: bool = True
     others: Tuple[VirtualBorder, ...] = ()
     accepted: Optional[VirtualBorder] = None
     accepted_on: Optional[GridMap] = None
@@ -144,14 +144,14 @@ class PlaceRecognizer:
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.likely:
             self.start_map(grid, map_id, recognition)
-            recognition = replace(recognition, certain=self._is_shown_by_borders())
+            recognition = replace(recognition, certain=self._walls_round_borders_agree())
         return recognition
 
-    def _is_shown_by_borders(self) -> bool:
-        """Returns whether the walls round most borders, of those on floor that the map knows, are where they should be."""
+    def _walls_round_borders_agree(self) -> bool:
+        """Returns whether, of the borders on floor that the map knows, most have walls where they should be."""
         places = [self.locate(border) for border in self._database.borders(self._recognition.place)]
-        seen = [place for place in places if place.is_seen]
-        return 2 * sum(place.is_shown for place in seen) > len(seen)
+        seen = [place for place in places if place.floor_is_known]
+        return 2 * sum(place.walls_agree for place in seen) > len(seen)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
         """Returns the maps of each place with borders that it may be."""
@@ -244,13 +244,13 @@ class PlaceRecognizer:
             self._current_walls = WallMap(self._current)
         fit = fit_locally(self._wall_map_of(stored), self._current_walls, start, accepted.points)
         here = start.apply(np.concatenate([accepted.points, [accepted.seed]]))
-        is_seen = float(self._current_walls.is_known(here).mean()) >= _SEEN
-        is_shown = fit is not None and fit.is_certain
-        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not is_shown else []
+        floor_is_known = float(self._current_walls.is_known(here).mean()) >= _SEEN
+        walls_agree = fit is not None and fit.is_certain
+        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
         others += [border.moved(recognition.other)] if recognition.other is not None else []
-        transform = fit.transform if fit is not None and is_shown else start
+        transform = fit.transform if fit is not None and walls_agree else start
         return BorderPlace(
-            accepted.moved(transform), is_shown, is_seen, tuple(others), accepted, stored.grid, transform
+            accepted.moved(transform), walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform
         )
 
 
