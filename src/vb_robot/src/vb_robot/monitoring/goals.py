@@ -15,7 +15,7 @@ import numpy as np
 from vb_core.grid_layers import clearance_grid, nearest_cell, sample
 from vb_core.grid_map import GridMap
 from vb_robot.clearance_map import START_TOLERANCE
-from vb_robot.grid_ways import GridWays
+from vb_robot.grid_paths import ShortestPaths
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
 
 NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps
@@ -62,8 +62,8 @@ def quoted(name: str) -> str:
     return f"'{name}'" if name else "$border_without_name"
 
 
-class GoalReview:
-    """Reviews goals on one pair of maps.
+class GoalChecker:
+    """Checks goals on one pair of maps.
 
     Args:
         borders: the map with borders, to plan on; physical: the one without, of the same geometry.
@@ -82,7 +82,7 @@ class GoalReview:
         """Returns the name of the border that a place (2,) [m] is in, or has no room because of."""
         return name_of(self._known, nearest_cell(self.borders, self._barred, place, 2.0 * self._radius + NEAR)[1])
 
-    def review(self, start, goal) -> Optional[Tuple[str, str]]:
+    def check(self, start, goal) -> Optional[Tuple[str, str]]:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m] or None: (code, border's name).
 
         Codes: "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border", "goal_out_of_reach". None if
@@ -128,7 +128,7 @@ class GoalReview:
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
         passable[tuple(ends.T)] = True  # between two blocks that have room
         cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
-        for row, column in GridWays(cost, ends[:1], np.zeros(1)).way_to(ends[1]):
+        for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
             if not allowed[row, column]:
                 middle = (np.array([row, column]) + 0.5) * step - 0.5
                 return self.name_at(self.borders.cell_to_world(middle[None])[0])
