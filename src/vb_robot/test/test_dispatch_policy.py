@@ -8,7 +8,7 @@ import pytest
 from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
-from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, Fleet, DispatchStatus, SentGoalState
+from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchStatus, Fleet, SentGoalState
 from vb_robot.dispatching.dispatched_robot import follow
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spots import Sighting, Sightings

@@ -12,7 +12,7 @@ from vb_core.grid_map import GridMap
 from vb_core.geometry import to_base
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
-from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, DispatchStatus
+from vb_robot.dispatching.dispatcher import Dispatcher, DispatchStatus, RobotMap
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.spots import Sighting
 

@@ -67,7 +67,7 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
         ("ada", ["/bob/virtual_borders/map"], {}, False),
     ],
 )
-def test_a_robot_plans_round_borders_if_its_costmaps_get_them(robot, maps, parameters, plans):
+def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, parameters, plans):
     seen, node = wiring.observe(graph(maps, robot), robot, parameters), wiring.within(robot, "move_base")
     paths = f"{node}/NavfnROS/plan"
     assert seen == Wiring(node, tuple(sorted(maps)), (), (), plans, paths, "DWAPlannerROS")
@@ -136,7 +136,7 @@ START, FAR = (0.5, 0.5), (7.0, 2.0)
         (HALL, None, (3.1, 2.0), ("goal_in_border", "hall")),
     ],
 )
-def test_the_reason_for_refusing_a_goal_is_known_at_once(areas, start, goal, why):
+def test_a_goal_is_refused_with_the_reason_and_the_borders_name(areas, start, goal, why):
     assert make_checker(areas).check(start, np.array(goal)) == why
 
 

@@ -1,7 +1,7 @@
 """Physical map, borders, their database and the map with borders, kept together.
 
-Borders are kept in the frame of the map on which their place's first border was drawn. What of them is in force on the
-current map is one value, `InForce`, which `put_in_force` computes; where they are there, `PlaceRecognizer` knows.
+Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds where they
+are on the current map, and `put_in_force` computes what of them is in force there, as one value, `InForce`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class MapIntegrator:
 
     Args:
         root: folder of the database; None keeps borders in memory only.
-        map_name: of the place that the map shows; empty: it is recognised by its map.
+        map_name: of the place that the map shows; empty: the map alone tells which place that is.
         robots: names that borders may name; empty: any.
         robot_radius: [m] for what a robot can reach.
 
@@ -143,7 +143,7 @@ class MapIntegrator:
 
     @property
     def notices(self) -> List[Notice]:
-        """What people should know: about the files, the map, and borders that are not what they were on it."""
+        """What people should know: about the files, the map, and borders that are no longer what they were."""
         verdicts = list(self._in_force.verdicts.values()) if self._in_force else []
         return [
             *self._database.notices,
@@ -189,8 +189,8 @@ class MapIntegrator:
         """Adopts a person's answer about what the current map shows.
 
         Args:
-            same: the place whose borders are in force, as they are shown now; else a new place, without borders.
-            name: for the place; empty: as it is.
+            same: it is the place whose borders are in force, and they are right as shown; else a new place, without borders.
+            name: for the place; empty: the name stays as it is.
             map_id: of the map that the answer is about; empty: whichever is current.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Node: virtual borders into the map that navigation uses."""
+"""Node: integrates virtual borders into the map that navigation uses."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ class RobotMonitorNode:
         self._lock = threading.RLock()
         self._stops = HeldStops()  # in memory: the manager keeps a stop, and its state says so
         self._speed_limits: Optional[GridMap] = None
-        self._slow_zones: Optional[bool] = None  # whether there are any, whose map is to come; None: not heard of yet
+        self._slow_zones: Optional[bool] = None  # whether there are any, even before their map; None: not known yet
         self._cameras: Dict[str, None] = {}
         self._offer = offer.offer(offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -167,7 +167,7 @@ class RobotMonitorNode:
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
-        """Gives planners their usual speed back, and cancels where robots look from: nothing would supervise it any more."""
+        """Gives planners their usual speed back, and cancels the goals of robots sent to look, which nothing supervises any more."""
         for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
         for sent in self._dispatched.values():

@@ -300,7 +300,7 @@ class Interaction:
         return result
 
     def advance(self, now: float) -> None:
-        """Counts the time up to now. Time that jumped back is counted from there on, nothing is taken off."""
+        """Counts the time up to now. After a jump back in time it counts on from there, and takes nothing off."""
         self._durations = self.durations(now)
         self._counted_until = now
         self.started, self.entered = min(self.started, now), min(self.entered, now)

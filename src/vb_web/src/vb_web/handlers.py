@@ -204,7 +204,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
     async def _send_view(self) -> None:
         """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid.
 
-        Viewers get it in turns within that time, for an operator's answer would wait for all of them.
+        Viewers get it at different moments within that time: otherwise an operator's answer would wait for all of them.
         """
         sent, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
@@ -226,7 +226,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
-        request_id = ""  # also a request that is refused is named, if it has a usable id
+        request_id = ""  # a refused request is named too, if it has a usable id
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")

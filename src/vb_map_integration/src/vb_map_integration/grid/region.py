@@ -70,7 +70,7 @@ def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:
 
 
 def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
-    """Returns the region of all cells of those that are not None, with the value of the first; None if there is none."""
+    """Joins the regions that are not None into one, with the value of the first; returns None if there is none."""
     regions = [one for one in possible if one is not None]
     if len(regions) < 2:
         return regions[0] if regions else None

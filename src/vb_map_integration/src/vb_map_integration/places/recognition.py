@@ -32,7 +32,7 @@ _PLAUSIBLE_AGREEMENT = 0.8
 _POSSIBLE_AGREEMENT = 0.5
 # share of a border's line that the map has to know before anybody is asked about it
 _SEEN = 0.5
-# shares of agreement that mean nothing between hypotheses none of which is sure
+# difference in agreement that means nothing between hypotheses none of which is certain
 _DOUBT = 0.15
 # a map continues the one before if this share of its obstacles are in the same cells
 _CONTINUED = 0.95
@@ -122,11 +122,11 @@ class PlaceRecognizer:
         """Recognises what a map shows.
 
         Args:
-            before: the map before it, while this program has been running.
-            recognition: what that was recognised as; decides only where to look first.
+            before: the map before it, since this program was started.
+            recognition: what that was recognised as; it decides only where to look first.
         """
         stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
-        # one without borders may be the named place, at which there are some
+        # where the stored place has no borders, the map may still show the named one, which has some
         if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
             name = self._database.get_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
@@ -154,7 +154,7 @@ class PlaceRecognizer:
         return 2 * sum(place.walls_agree for place in seen) > len(seen)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
-        """Returns the maps of each place with borders that it may be."""
+        """Returns the maps of each place with borders that the current map may show."""
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
             if self._database.borders(one.place):
@@ -170,7 +170,7 @@ class PlaceRecognizer:
         return self._wall_maps[one.fingerprint]
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
-        """Returns whether a map fits one at which borders were drawn, where it is expected to be."""
+        """Returns whether a map, where it is expected to be, fits one on which borders were drawn."""
         starts = ((self._wall_map_of(one), transform.after(one.transform.inverse)) for one in maps)
         return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
@@ -196,7 +196,7 @@ class PlaceRecognizer:
         certain = [one for one, _ in best.values() if one.certain]
         if len(certain) == 1:
             return certain[0]
-        # several floors may have the same walls: then nothing is sure either
+        # several floors may have the same walls: then nothing is certain either
         plausible = [one for one in best.values() if one[1].is_unique or one[1].agreement >= _PLAUSIBLE_AGREEMENT]
         if plausible:
             likeliest, found = max(plausible, key=_rank)
@@ -279,5 +279,5 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
 
 
 def _rank(one: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
-    """Ranks what a map may show, and what that rests on."""
+    """Ranks what a map may show, with the registration that it rests on."""
     return one[0].certain, one[1].is_unique, one[1].score

@@ -3,7 +3,7 @@
 The idea: one robot serves, and its place stays as long as it shows the target. When it does not for a while, or has failed,
 each robot bids the cheapest place from which it would see the target, its present place at no cost, and the best bid
 wins: that of the robot with the fewest failures; among equals, the cheapest. A place fails if navigation does not accept
-it, the robot makes no progress, or no camera sees the spot from there in time; then nobody bids it again for a
+it, the robot makes no progress, or no camera sees the spot from there in time; then it is not bid again for a
 while. The bid of the robot that serves counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
 """
 

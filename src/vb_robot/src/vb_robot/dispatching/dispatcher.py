@@ -11,7 +11,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
-from vb_robot.dispatching.dispatch_policy import Fleet, DispatchStatus
+from vb_robot.dispatching.dispatch_policy import DispatchStatus, Fleet
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.floor_view import FloorView

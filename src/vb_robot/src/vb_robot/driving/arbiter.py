@@ -181,7 +181,7 @@ class Arbiter:
         pose, workspace = self.gate.pose(now), self.gate.workspace
         if pose is None or workspace is None:
             return None
-        # what the gate ends, at a border or beside a wall, moves nothing, whatever navigation believes
+        # a command that the gate has stopped, at a border or beside a wall, moves nothing, whatever navigation believes
         granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = granted and self._command(NAVIGATION, now) is not None
         return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)

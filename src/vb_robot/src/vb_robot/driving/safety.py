@@ -145,7 +145,7 @@ class Fix:
 def pose_jump(before: Fix, after: Fix) -> float:
     """Measures by how much [m] the pose changed beyond what the odometry tells; a turn of 1 rad counts as 0.5 m.
 
-    Without odometry it is what no robot can drive (1 m/s, 3 rad/s) since then.
+    Without odometry it is the change beyond what any robot can have driven since then (1 m/s, 3 rad/s).
     """
     expected, spare = before.pose, after.stamp - before.stamp
     if before.odometry is not None and after.odometry is not None:
