@@ -193,10 +193,9 @@ def calls(source):
 def own_sentences(source):
     """Lists the codes of the catalogue that a file raises, or reports, with a sentence of its own."""
     raised = [given[0] for name, given in calls(source) if name.endswith("Error") and len(given) > 1]
-    reported = [given[1] for name, given in calls(source) if name == "Issue" and len(given) > 2]
-    return [
-        code.value for code in raised + reported if isinstance(code, ast.Constant) and code.value in sentences.catalog()
-    ]
+    reported = re.findall(r"""Notice\(\s*["'](\w+)["'][^()]*\bmessage=f?["']""", source)
+    codes = [code.value for code in raised if isinstance(code, ast.Constant)] + reported
+    return [code for code in codes if code in sentences.catalog()]
 
 
 def test_a_code_has_one_sentence():
@@ -206,7 +205,7 @@ def test_a_code_has_one_sentence():
     ]
     assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
     assert own_sentences("raise CodedError('no_map', f'no map in {folder}')") == ["no_map"]
-    assert own_sentences("Issue(WARNING, 'robot_inside', 'it is in it')") == ["robot_inside"]
+    assert own_sentences("Notice('robot_inside', message=f'{robot} is in it')") == ["robot_inside"]
 
 
 def test_every_code_has_a_sentence_in_the_catalogue():
@@ -223,7 +222,7 @@ def test_every_code_has_a_sentence_in_the_catalogue():
 
 
 def texts():
-    """Yields what people read: code, interfaces, documentation, messages."""
+    """Lists the files that people read: code, interfaces, documentation, messages."""
     kinds = ("*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "*.js")
     return [
         TOP / name

@@ -146,7 +146,7 @@ def test_an_interval_is_written_with_what_is_known_of_it(values, text):
     assert written == text or (text == "-" and "[" not in written)
 
 
-def test_few_participants():
+def test_a_comparison_of_few_participants_claims_no_more_than_they_show():
     three = statistics.compare_paired([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
     assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25
     one = statistics.compare_paired([2.0], [1.0])
@@ -160,12 +160,12 @@ def test_few_participants():
 
 
 @pytest.mark.parametrize("first, second", [([1.0], [1.0, 2.0]), ([math.nan], [1.0]), ([[1.0]], [[1.0]])])
-def test_bad_samples(first, second):
+def test_samples_that_do_not_pair_are_refused(first, second):
     with refused("bad_sample"):
         statistics.compare_paired(first, second)
 
 
-def test_bootstrap_intervals():
+def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
     slow, fast = np.array([52.0, 61, 48, 75, 66, 58]), np.array([21.0, 25, 22, 30, 24, 26])
     found = statistics.ratio_of_means(slow, fast)
     assert found.estimate == pytest.approx(slow.mean() / fast.mean()) and found.low < found.estimate < found.high
@@ -196,7 +196,7 @@ def test_many_people_have_the_interval_of_the_normal_distribution():
     )
 
 
-def test_the_difference_of_two_shares():
+def test_a_difference_of_two_shares_has_newcombes_interval():
     # Newcombe (1998), Statistics in Medicine 17, 873-890, Table II, method 10: 56 of 70 and 48 of 80, 98 of 98 and none
     def shares(a, n, b, m, **given):
         return statistics.difference_of_shares(np.arange(n) < a, np.arange(m) < b, **given)
@@ -208,7 +208,7 @@ def test_the_difference_of_two_shares():
     assert math.isnan(shares(0, 0, 1, 1).estimate)
 
 
-def test_success_rates():
+def test_a_success_rate_has_newcombes_interval():
     assert math.isnan(statistics.proportion(0, 0).estimate)
     # Newcombe (1998), Statistics in Medicine 17, Table I, method 3: 15 of 148
     found = statistics.proportion(15, 148)
@@ -216,7 +216,7 @@ def test_success_rates():
 
 
 @pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
-def test_p_as_the_paper_writes_it(p, text):
+def test_p_is_written_as_in_the_paper(p, text):
     assert statistics.format_p(p) == text
 
 

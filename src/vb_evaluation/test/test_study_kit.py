@@ -424,7 +424,7 @@ def test_every_mishap_is_what_it_is_in_every_table(mishaps):
     assert "M = 41.5, SD = 19.1, 28 to 55" in page
 
 
-def test_a_copy_tells_nobody_and_who_asks_is_deleted(mishaps):
+def test_an_export_identifies_nobody_and_data_is_deleted_on_request(mishaps):
     rows_of(mishaps)
     assert main(["export", str(mishaps / "out"), "--out", str(mishaps / "shared")]) == 0
     shared = read_sheet(mishaps / "shared" / "runs.csv", ())

@@ -174,7 +174,7 @@ def test_regions_with_different_windows_compare_and_join_by_cell(seed):
         regions.append(Region((slice(top, top + height), slice(left, left + width)), mask, 100, True, 1.0))
     one, other = np.zeros((2, 20, 20), bool)
     one[regions[0].window], other[regions[1].window] = regions[0].mask, regions[1].mask
-    assert regions[0].shared(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
+    assert regions[0].iou(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
     grid = GridMap(np.full((20, 20), -1, np.int8), 0.05)
     for joined in (regions, [join_regions(regions)]):
         assert np.array_equal(put_on_map(grid, joined).data == 100, one | other) and (grid.data == -1).all()

@@ -8,7 +8,7 @@ import pytest
 from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
-from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, Fleet, RobotStatus, SentGoalState
+from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchStatus, Fleet, SentGoalState
 from vb_robot.dispatching.dispatched_robot import follow
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spots import Sighting, Sightings
@@ -59,7 +59,7 @@ class Bench:
         self.now += 0.25
         fleet = {}
         for name, robot in self.robots.items():
-            status = RobotStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
+            status = DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             fleet[name] = (status, robot if robot.has_map else None)
         goals = self.fleet.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
@@ -144,7 +144,7 @@ AFTERWARDS = {
 
 
 @pytest.mark.parametrize("phases", AFTERWARDS.values(), ids=AFTERWARDS)
-def test_when_a_robot_is_sent_again(phases):
+def test_a_robot_is_sent_again_once_what_kept_it_is_over(phases):
     ada = Robot(place(1), sees=at(1))
     bench = Bench(ada=ada)
     assert bench.step() == 1

@@ -12,7 +12,7 @@ from vb_core.grid_map import GridMap
 from vb_core.geometry import to_base
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
-from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
+from vb_robot.dispatching.dispatcher import Dispatcher, DispatchStatus, RobotMap
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.spots import Sighting
 
@@ -43,7 +43,7 @@ class Lab:
                 self.see("red", self.spot)
             if robot_sees and self.robot_views(self.spot):
                 self.see("robot", self.spot, mobile=True)
-        status = RobotStatus(self.robot, True, self.goal)
+        status = DispatchStatus(self.robot, True, self.goal)
         goal = self.dispatcher.decide(self.now, {"": status})[""]
         if goal is not None and goal is not self.given:
             self.robot, self.goal = goal.pose, SentGoalState.REACHED
@@ -155,7 +155,7 @@ def look(cells, drawing, robot):
     grid = GridMap(np.zeros((cells, cells), np.int8), 0.05, (-0.025 * cells, -0.025 * cells, 0.0))
     grounds = RobotMap(0.18)
     grounds.update(VIEW, grid, None)
-    return grounds.make_planner(drawing, RobotStatus(robot), [])
+    return grounds.make_planner(drawing, DispatchStatus(robot), [])
 
 
 def test_choosing_a_place_costs_the_same_in_a_hotel():
@@ -189,6 +189,6 @@ def test_the_small_robot_goes_where_the_large_one_does_not_fit():
     dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):
         dispatcher.sightings.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))
-    robots = {"large": RobotStatus((5.0, 1.0, 1.5)), "small": RobotStatus((7.0, 1.0, 3.1))}
+    robots = {"large": DispatchStatus((5.0, 1.0, 1.5)), "small": DispatchStatus((7.0, 1.0, 3.1))}
     decisions = dispatcher.decide(101.0, robots)
     assert decisions["small"] is not None and decisions["large"] is None

@@ -21,7 +21,7 @@ from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_robot.inputs import borders_for
 from vb_robot.monitoring import navigation_limits, wiring
-from vb_robot.monitoring.goals import GoalReview, KnownBorder, is_inside, name_of
+from vb_robot.monitoring.goals import GoalChecker, KnownBorder, is_inside, name_of
 from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import Wiring
@@ -67,7 +67,7 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
         ("ada", ["/bob/virtual_borders/map"], {}, False),
     ],
 )
-def test_whether_a_robot_plans_round_borders(robot, maps, parameters, plans):
+def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, parameters, plans):
     seen, node = wiring.observe(graph(maps, robot), robot, parameters), wiring.within(robot, "move_base")
     paths = f"{node}/NavfnROS/plan"
     assert seen == Wiring(node, tuple(sorted(maps)), (), (), plans, paths, "DWAPlannerROS")
@@ -101,13 +101,13 @@ def known_border(name, x0, y0, x1, y1):
     return KnownBorder(name, corners, corners.mean(axis=0), True)
 
 
-def reviewed(areas, radius=0.2, physical=None):
-    """A review with borders that restrict rectangles (x0, y0, x1, y1) [m] by name."""
+def make_checker(areas, radius=0.2, physical=None):
+    """A checker with borders that restrict rectangles (x0, y0, x1, y1) [m] by name."""
     physical = physical or room(8.0, 4.0)
     borders = physical
     for area in areas.values():
         borders = with_border(borders, *area)
-    return GoalReview(borders, physical, radius, [known_border(name, *area) for name, area in areas.items()])
+    return GoalChecker(borders, physical, radius, [known_border(name, *area) for name, area in areas.items()])
 
 
 WALLED = room(8.0, 4.0)
@@ -136,12 +136,12 @@ START, FAR = (0.5, 0.5), (7.0, 2.0)
         (HALL, None, (3.1, 2.0), ("goal_in_border", "hall")),
     ],
 )
-def test_why_a_goal_will_be_refused(areas, start, goal, why):
-    assert reviewed(areas).review(start, np.array(goal)) == why
+def test_a_goal_is_refused_with_the_reason_and_the_borders_name(areas, start, goal, why):
+    assert make_checker(areas).check(start, np.array(goal)) == why
 
 
 def test_a_border_is_not_blamed_for_what_walls_cut_off():
-    assert reviewed(RUG, physical=WALLED).review(START, np.array(FAR)) == ("goal_out_of_reach", "")
+    assert make_checker(RUG, physical=WALLED).check(START, np.array(FAR)) == ("goal_out_of_reach", "")
 
 
 def test_the_border_that_encloses_a_place_is_named_else_a_curve():
@@ -165,15 +165,15 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
     robot = WatchedRobot("", "base_link", None, None)
     robot.wiring = Wiring(move_base="/move_base", maps=("/robot_driver/keep_out",), radius=0.2)
     robot.pose = (2.5, 1.5, 0.0)
-    review = reviewed(RUG)
-    maps = {"physical": review.physical, "borders": review.borders, "keep_out": review.borders}
+    checker = make_checker(RUG)
+    maps = {"physical": checker.physical, "borders": checker.borders, "keep_out": checker.borders}
     for which in order:
         robot.set_map(which, maps[which])
         told = [notice.code for notice in robot.notices(0.0)]
         complete = robot._maps.keys() >= {"physical", "borders"}
         assert told == ["robot_caught_in_border"] * complete
-    before, robot.wiring = robot.review(), replace(robot.wiring, radius=0.3)
-    assert robot.review() is not before and robot.review() is robot.review()
+    before, robot.wiring = robot.goal_checker(), replace(robot.wiring, radius=0.3)
+    assert robot.goal_checker() is not before and robot.goal_checker() is robot.goal_checker()
 
 
 def test_only_what_forbids_a_place_lends_its_name():
@@ -193,17 +193,17 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
     for name in "abc":
         x, y = rng.uniform(0.3, 6.5), rng.uniform(0.0, 3.0)
         areas[name] = (x, y, min(x + rng.uniform(0.1, 1.0), 7.9), min(y + rng.uniform(0.5, 4.0), 3.95))
-    review = reviewed(areas, radius=0.15)
-    cells, blocked = np.indices(review.borders.shape).reshape(2, -1).T, np.argwhere(review.borders.data >= 99)
-    fits = cKDTree(blocked).query(cells)[0].reshape(review.borders.shape) * 0.05 >= 0.15
+    checker = make_checker(areas, radius=0.15)
+    cells, blocked = np.indices(checker.borders.shape).reshape(2, -1).T, np.argwhere(checker.borders.data >= 99)
+    fits = cKDTree(blocked).query(cells)[0].reshape(checker.borders.shape) * 0.05 >= 0.15
     floors = label(fits)[0]
     start, goal = np.argwhere(fits)[rng.integers(0, fits.sum(), 2)]
-    places = review.borders.cell_to_world(np.array([start, goal]))
+    places = checker.borders.cell_to_world(np.array([start, goal]))
     joined = floors[tuple(start)] == floors[tuple(goal)]
     # by a cell it is generous, so that it never calls a goal out of reach that is not
-    why = review.review(*places)
+    why = checker.check(*places)
     assert why is None or not joined
-    assert joined or (why or reviewed(areas, radius=0.25).review(*places)) is not None
+    assert joined or (why or make_checker(areas, radius=0.25).check(*places)) is not None
 
 
 # ------------------------------------------------------------ slow zones
@@ -307,9 +307,9 @@ def test_a_higher_speed_set_in_a_slow_zone_is_limited_again(planner):
 def test_a_planner_that_hangs_blocks_nobody_and_does_not_obey(planner):
     planner.answers.clear()
     speed = planner.speed()
-    speed.ask(0.2)
+    speed.request_limit(0.2)
     wait_until(lambda: planner.asked == 1, "the planner to be asked")
-    speed.ask(0.1)  # returns while the planner hangs
+    speed.request_limit(0.1)  # returns while the planner hangs
     assert not speed.obeys and planner.values["max_vel_x"] == 0.5
     planner.answers.set()
     wait_until(lambda: planner.values["max_vel_x"] == 0.1 and speed.obeys, "the newest limit")

@@ -140,7 +140,7 @@ def test_straight_lines_are_straight():
         ((0.0, 0.0), (4.5, 0.0), 0.5, "no_path"),
     ],
 )
-def test_why_there_is_no_path(start, goal, tolerance, code):
+def test_a_plan_without_a_path_is_refused_with_the_reason(start, goal, tolerance, code):
     planner = Planner(Costmap(with_wall(gap=False), RADIUS))
     with refused(code):
         planner.plan(np.array(start), np.array(goal), tolerance)

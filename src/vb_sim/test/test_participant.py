@@ -90,7 +90,7 @@ def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
     check_drawing("corner", sim)
 
 
-def test_nobody_sees_anything():
+def test_a_person_gives_up_where_no_camera_sees_the_spot():
     sim = system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
     assert sim.run(60.0) == "gave_up"
     assert sim.commands[-1] == "cancel" and sim.percept.state == "default"
@@ -100,7 +100,7 @@ def test_nobody_sees_anything():
 @pytest.mark.parametrize(
     "refusal, then", [("no_seed", DRAWN[1:]), ("no_separation", ["cancel", *DRAWN]), ("confirm_save", ["save"])]
 )
-def test_what_follows_a_refusal(refusal, then):
+def test_a_person_mends_what_a_refusal_names_and_saves_again(refusal, then):
     sim = system("room", refuse_saves=[refusal])
     sim.percept.state = "border"  # somebody else's
     assert sim.run(120.0) == "saved"

@@ -137,7 +137,7 @@ def shown(
         (shown(answered=False), DRAWN, 103.0, 0.0),
     ],
 )
-def test_when_a_preview_is_due(pace, now, at, delay):
+def test_a_preview_is_due_at_first_for_another_interaction_and_for_a_retry(pace, now, at, delay):
     assert pace.delay(now, at) == (delay and pytest.approx(delay))
 
 

@@ -360,7 +360,7 @@ def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, c
     interaction.unanswered_save = before
     interaction.command(SAVE, "a", 3.0)
     if sent:
-        interaction.send_save()
+        interaction.mark_save_sent()
         assert interaction.unanswered_save, "while it is under way"
     answer = interaction.finish(Answer(False, code, {"who": "$map_integrator"}), 4.0)
     assert (interaction.unanswered_save, answer.code, answer.success) == (in_doubt, told, False)

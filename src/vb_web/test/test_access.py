@@ -16,7 +16,7 @@ from vb_web.access import Places, Role, Sessions
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 
 
-def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
+def test_codes_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     path = tmp_path / "folder" / "codes.yaml"
     first = access.load_codes(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600

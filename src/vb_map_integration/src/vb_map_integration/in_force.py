@@ -2,8 +2,8 @@
 
 The idea: a border is what it closed off, not only where it was drawn. On the map on which a person accepted it, it is what
 was drawn. On any other map it is the same if the walls round it are where they should be and it closes off the same floor;
-else it waits for a person. While it waits it is in force to the safe side: on what it closed off, on what the line closes
-off now unless that is much more, and at its second possible place. If nothing of that is on the map, it does not fit.
+else it waits for a person. Meanwhile it errs on the safe side, and is in force on what it closed off, on what the line
+closes off now unless that is much more, and at its second possible place. If nothing of that is on the map, it does not fit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vb_map_integration.places.recognition import BorderPlace
 
 # why a border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
-# what waits for which reason, besides the codes of `IntegrationError`
+# reasons why it waits, besides the codes of `IntegrationError`
 PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
 # a border closes off the same if this share of all that it closes off, before or now, is in both
 _SAME_EFFECT = 0.5
@@ -44,7 +44,7 @@ class Verdict:
         code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is the same.
         why: PLACE, EFFECT, or the code of the error; "" if it is the same.
         region: what is in force; None if nothing is.
-        before: what it restricted when it was accepted, at its place on this map; None if nobody needs it.
+        before: what it restricted when it was accepted, at its place on this map; None if it is not needed.
         after: what it will restrict once confirmed; None if nothing.
     """
 
@@ -83,16 +83,16 @@ class InForce:
 
     @cached_property
     def map_with_borders(self) -> GridMap:
-        """The map with all borders that act on it."""
+        """The map with all borders in force."""
         return put_on_map(self.physical, self.regions())
 
     def regions(self, without: Iterable[str] = ()) -> List[Region]:
-        """Returns the regions of the borders that act, without some; those of slow zones have the value 0."""
+        """Returns the regions of the borders in force, without some; those of slow zones have the value 0."""
         return [one.region for key, one in self.verdicts.items() if one.region is not None and key not in without]
 
     @property
     def slow_zones(self) -> Tuple[Verdict, ...]:
-        """The slow zones that act."""
+        """The slow zones in force."""
         return tuple(one for one in self.verdicts.values() if one.region is not None and one.border.zone.limits_speed)
 
     def area_m2(self, border_id: str) -> float:
@@ -162,13 +162,13 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
     now, error = _region(grid, border)
     if place.accepted is None:
         return Verdict(stored, border, "" if now else DOES_NOT_FIT, error, now, after=now)
-    # what a closed line or a wall closes off, the line alone decides, wherever it is: the same as before
+    # the line alone decides what a closed line or a wall closes off, wherever it is: the same as before
     before = now if border.closed or border.wall else place.region_before(grid)
     why = error
-    if not why and place.is_seen and not place.is_shown:
+    if not why and place.floor_is_known and not place.walls_agree:
         why = PLACE
     # they are one object if the line alone decides: then there is nothing to compare
-    if not why and before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
+    if not why and before is not now and (before is None or before.iou(now) < _SAME_EFFECT):
         why = EFFECT
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if not why:
@@ -194,7 +194,7 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
 
 
 def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place: str) -> List[Notice]:
-    """Finds what people should know about a map, and about borders that are not what they were on it.
+    """Finds what people should know about a map, and about borders that are no longer what they were.
 
     Args:
         is_certain: whether it is known which place the map shows.

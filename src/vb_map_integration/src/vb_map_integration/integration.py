@@ -36,7 +36,7 @@ EXTENSION_FIT_LENGTH = 0.3
 WALL_SNAP_DISTANCE = 0.2
 # [m] how far a seed on an obstacle or on the line is moved to free floor
 MAX_SEED_SHIFT = 0.2
-# of the free space; a border that leaves a corner for spot cleaning restricts over 0.9 of a room
+# of the free space; a border that leaves only a corner for spot cleaning restricts over 0.9 of a room
 MAX_AREA_SHARE = 0.98
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
 WALL_WIDTH = 0.1
@@ -82,23 +82,23 @@ def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[f
     by a value that counts as an obstacle: a soft one would make them look freer than they were.
 
     Args:
-        prior, border: the map, and what is to be put on it.
+        prior, border: the map, and what to put on it.
         robots: (N, 2) [m] where robots are, to warn when one is inside.
 
     Raises:
         IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
             "seed_outside_map", "seed_on_obstacle", "too_complex".
     """
-    task = _Task(prior, border)
+    on_grid = _BorderOnGrid(prior, border)
     try:
-        return task.integrate(robots)
+        return on_grid.integrate(robots)
     except IntegrationError as error:
-        error.warnings = tuple(task.issues)
+        error.warnings = tuple(on_grid.issues)
         raise
 
 
-class _Task:
-    """A border to be put on a map, and what was found to warn of.
+class _BorderOnGrid:
+    """A border in the cells of a map, and the warnings found so far.
 
     Attributes:
         points, seed: (N, 2), (2,) [cells] of the border, column first.
@@ -159,7 +159,7 @@ class _Task:
         if not border.wall and not shapely.linestrings(chain).is_simple:
             self.warn("border_self_intersects")
 
-    def polygon(self) -> Tuple[raster.Window, np.ndarray]:
+    def polygon(self) -> Tuple[raster.CellWindow, np.ndarray]:
         """Returns the area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
         cells, threshold = self.cells, OCCUPIED_THRESHOLD
         window, inner = raster.polygon_mask(self.points, cells.shape)
@@ -193,7 +193,7 @@ class _Task:
         outer = slice(top, top + depth), slice(left, left + width)
         return outer, cv2.inRange(blocked[outer], _FILLED, _FILLED)
 
-    def wall(self) -> Tuple[raster.Window, np.ndarray]:
+    def wall(self) -> Tuple[raster.CellWindow, np.ndarray]:
         """Returns the free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
         cells = self.cells
         trace = raster.trace_chain(self.points, cells.shape)
@@ -212,7 +212,7 @@ class _Task:
         free = cv2.inRange(cells[window], 0, OCCUPIED_THRESHOLD - 1)
         return window, cv2.bitwise_and(mask, free)
 
-    def curve(self) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
+    def curve(self) -> Tuple[raster.CellWindow, np.ndarray, np.ndarray]:
         """Returns the area on the seed's side of a separating curve: a window, its (h, w) uint8 mask, and the line [m]."""
         prior = self.prior
         fit, tolerance = EXTENSION_FIT_LENGTH / prior.resolution, WALL_SNAP_DISTANCE / prior.resolution

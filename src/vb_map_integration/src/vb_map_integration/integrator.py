@@ -1,7 +1,7 @@
 """Physical map, borders, their database and the map with borders, kept together.
 
-Borders are kept in the frame of the map on which their place's first border was drawn. What of them is in force on the
-current map is one value, `InForce`, which `put_in_force` computes; where they are there, `PlaceRecognizer` knows.
+Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds where they
+are on the current map, and `put_in_force` computes what of them is in force there, as one value, `InForce`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class MapIntegrator:
 
     Args:
         root: folder of the database; None keeps borders in memory only.
-        map_name: of the place that the map shows; empty: it is recognised by its map.
+        map_name: of the place that the map shows; empty: the map alone tells which place that is.
         robots: names that borders may name; empty: any.
         robot_radius: [m] for what a robot can reach.
 
@@ -82,7 +82,7 @@ class MapIntegrator:
         self._in_force: Optional[InForce] = None
         self.map_id = ""
         self._free_parts: Optional[int] = None  # of the map with borders, once they were counted
-        self._not_kept: List[Notice] = []  # why the map's place could not be noted
+        self._place_notices: List[Notice] = []  # why the map's place could not be recorded
 
     def close(self) -> None:
         """Releases the database."""
@@ -108,7 +108,7 @@ class MapIntegrator:
 
     @property
     def map_with_borders(self) -> GridMap:
-        """The physical map with all borders that act; CodedError "no_map" before there is a map."""
+        """The physical map with all borders in force; CodedError "no_map" before there is a map."""
         return self.in_force.map_with_borders
 
     def map_with_borders_for(self, robot: str) -> GridMap:
@@ -143,11 +143,11 @@ class MapIntegrator:
 
     @property
     def notices(self) -> List[Notice]:
-        """What people should know: about the files, the map, and borders that are not what they were on it."""
+        """What people should know: about the files, the map, and borders that are no longer what they were."""
         verdicts = list(self._in_force.verdicts.values()) if self._in_force else []
         return [
             *self._database.notices,
-            *self._not_kept,
+            *self._place_notices,
             *find_notices(verdicts, self._recognition.certain, self.map_name),
         ]
 
@@ -167,9 +167,9 @@ class MapIntegrator:
                 self._database.remember_place(recognition.place)
                 if name and recognition.certain and not self.map_name:
                     self._database.rename_place(recognition.place, name)
-                self._not_kept = []
+                self._place_notices = []
             except CodedError as error:
-                self._not_kept = [Notice.from_error(error, Severity.WARNING)]
+                self._place_notices = [Notice.from_error(error, Severity.WARNING)]
         return True
 
     def _use(self, grid: GridMap, recognition: PlaceRecognition) -> None:
@@ -189,8 +189,8 @@ class MapIntegrator:
         """Adopts a person's answer about what the current map shows.
 
         Args:
-            same: the place whose borders are in force, as they are shown now; else a new place, without borders.
-            name: for the place; empty: as it is.
+            same: it is the place whose borders are in force, and they are right as shown; else a new place, without borders.
+            name: for the place; empty: the name stays as it is.
             map_id: of the map that the answer is about; empty: whichever is current.
 
         Raises:
@@ -266,7 +266,7 @@ class MapIntegrator:
         earlier = self._database.find_border_of_request(request_id)
         if earlier:
             return ChangeResult((earlier,))
-        self._expect(expected)
+        self._check_revision(expected)
         new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
         check = self.check(new, robot_positions)
         self._check_confirmed()
@@ -283,7 +283,7 @@ class MapIntegrator:
         a rename.
         """
         in_force = self.in_force
-        self._expect(expected)
+        self._check_revision(expected)
         place, before = self._database.find(border.id)
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
@@ -310,14 +310,14 @@ class MapIntegrator:
         return self._adjust(border_id, now, expected, name=name)
 
     def _adjust(self, border_id: str, now: float, expected: int, **changes: Any) -> ChangeResult:
-        self._expect(expected)
+        self._check_revision(expected)
         place, before = self._database.find(border_id)
         after = before.replace(modified=now, **changes)
         return self._make_change((BorderChange(border_id, before, after),), place=place)
 
     def remove(self, border_id: str, expected: int = 0) -> ChangeResult:
         """Removes a border; raises CodedError "unknown_border"."""
-        self._expect(expected)
+        self._check_revision(expected)
         place, before = self._database.find(border_id)
         return self._make_change((BorderChange(border_id, before, None),), place=place)
 
@@ -340,8 +340,8 @@ class MapIntegrator:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
         return self._database.available_commands(self._recognition.place)
 
-    def _expect(self, expected: int) -> None:
-        """Refuses a change before there is a map, or by somebody who has not seen the latest one."""
+    def _check_revision(self, expected: int) -> None:
+        """Refuses a change before there is a map, or one based on an older revision."""
         if not self.has_map:
             raise CodedError("no_map")
         if expected and expected != self.revision:

@@ -1,4 +1,4 @@
-"""Node: virtual borders into the map that navigation uses."""
+"""Node: integrates virtual borders into the map that navigation uses."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
 # makes a change that a request asks for, at a time [s]
-Change = Callable[[Any, float], Optional[ChangeResult]]
+ChangeHandler = Callable[[Any, float], Optional[ChangeResult]]
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class MapIntegratorNode:
         self._integrator = MapIntegrator(root, params.map_name, robots, radius)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
-        self._map_refused: List[Notice] = []  # why the last map was not taken
+        self._map_notices: List[Notice] = []  # why the last map was not taken
         self._show_notices()
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
@@ -112,11 +112,11 @@ class MapIntegratorNode:
         self._speeds_out = latched(names.SPEED_LIMITS)
         self._had_speeds = False
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
-        keeper = self._integrator
-        changes: Tuple[Tuple[str, Any, Change], ...] = (
+        integrator = self._integrator
+        changes: Tuple[Tuple[str, Any, ChangeHandler], ...] = (
             (names.ADD_BORDER, AddBorder, self._add),
             (names.UPDATE_BORDER, UpdateBorder, self._update),
-            (names.REMOVE_BORDER, RemoveBorder, lambda asked, _: keeper.remove(asked.id, asked.expected_revision)),
+            (names.REMOVE_BORDER, RemoveBorder, lambda asked, _: integrator.remove(asked.id, asked.expected_revision)),
             (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
             (names.RENAME_BORDER, RenameBorder, self._rename),
             (names.CONFIRM_MAP, ConfirmMap, self._confirm),
@@ -147,9 +147,9 @@ class MapIntegratorNode:
         try:
             if frame and frame != names.MAP_FRAME:
                 raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
-            grid, self._map_refused = messages.grid_from_message(message), []
+            grid, self._map_notices = messages.grid_from_message(message), []
         except CodedError as error:
-            self._map_refused = [Notice.from_error(error, Severity.ERROR)]
+            self._map_notices = [Notice.from_error(error, Severity.ERROR)]
             self._show_notices()
             return
         with self._lock:
@@ -164,18 +164,18 @@ class MapIntegratorNode:
 
     def _show_notices(self) -> None:
         with self._lock:
-            self._notices.set([*self._map_refused, *self._integrator.notices])
+            self._notices.set([*self._map_notices, *self._integrator.notices])
 
     def _publish(self) -> None:
         stamp = self._last_stamp = next_stamp(rospy.Time.now(), self._last_stamp)
         self._show_notices()
         self._borders_out.publish(self._array(stamp))
-        acting = self._integrator.in_force
-        grids = [(self._map_out, acting.map_with_borders)]
+        in_force = self._integrator.in_force
+        grids = [(self._map_out, in_force.map_with_borders)]
         grids += [(out, self._integrator.map_with_borders_for(name)) for name, out in self._robot_maps.items()]
-        self._had_speeds |= bool(acting.slow_zones)
+        self._had_speeds |= bool(in_force.slow_zones)
         if self._had_speeds:
-            grids.append((self._speeds_out, acting.speed_limits))
+            grids.append((self._speeds_out, in_force.speed_limits))
         for out, grid in grids:
             out.publish(messages.message_from_grid(grid, stamp, names.MAP_FRAME))
 
@@ -193,10 +193,10 @@ class MapIntegratorNode:
             worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
-        acting = self._integrator.in_force
+        in_force = self._integrator.in_force
         for border in self._integrator.borders:
-            status, outlines = acting.status(border), acting.outlines(border.id)
-            array.borders.append(message_from_border(border, acting.area_m2(border.id), *status, outlines))
+            status, outlines = in_force.status(border), in_force.outlines(border.id)
+            array.borders.append(message_from_border(border, in_force.area_m2(border.id), *status, outlines))
         return array
 
     # ------------------------------------------------------------- services
@@ -241,7 +241,7 @@ class MapIntegratorNode:
             issues=messages_from_issues(issues),
         )
 
-    def _change(self, response_class: Any, change: Change, request: Any) -> Any:
+    def _change(self, response_class: Any, change: ChangeHandler, request: Any) -> Any:
         """Makes a change at a time [s], publishes the result, and answers the request."""
         response = response_class()
         try:

@@ -13,7 +13,7 @@ import numpy as np
 
 from vb_core.grid_layers import Window, clearance_grid, sample
 from vb_core.grid_map import GridMap
-from vb_robot.grid_ways import GridWays
+from vb_robot.grid_paths import ShortestPaths
 
 STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
@@ -71,7 +71,7 @@ class ClearanceMap:
         hidden = np.where(along[None, :] < lengths[:, None], hidden, 0.0)
         return ~(hidden > 0).any(axis=1)
 
-    # ------------------------------------------------------------- ways
+    # ------------------------------------------------------------- paths
     def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
         """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf: there is none.
 
@@ -99,11 +99,11 @@ class ClearanceMap:
         else:
             at_edge = ((cells == 0) | (cells == np.array(free.shape) - 1)).any(axis=1)
             gates = np.flatnonzero(at_edge & np.isfinite(gaps))
-        ways = GridWays(np.where(free, step * self.grid.resolution, np.inf), cells[gates], gaps[gates])
+        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[gates], gaps[gates])
         wanted = self.grid.world_to_cell(places) // step
         inside = ((wanted >= 0) & (wanted < np.array(free.shape))).all(axis=1)
         lengths = np.full(len(wanted), np.inf)
-        lengths[inside] = ways.lengths[tuple(wanted[inside].T)]
+        lengths[inside] = paths.costs[tuple(wanted[inside].T)]
         return lengths
 
     # ------------------------------------------------------------- sides

@@ -38,7 +38,7 @@ def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscrib
 
 
 def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
-    """Returns the borders in force that forbid a robot to go somewhere; others are no reason why it does not."""
+    """Returns the borders in force that forbid a robot to go somewhere; others never keep it from anywhere."""
     return [
         KnownBorder(
             border.name or border.id,

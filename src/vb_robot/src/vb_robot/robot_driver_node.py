@@ -36,7 +36,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop
-from vb_robot.driving.arbiter import Arbiter, Command
+from vb_robot.driving.arbiter import Arbiter, DriveCommand
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
@@ -44,8 +44,8 @@ from vb_robot.inputs import RUNNING, message_class, subscribe_map, subscribe_spo
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
-WIRING_PERIOD, LOOK_PERIOD = 1.0, 0.3  # [s] wall time
-LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
+WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] wall time
+MAX_AMCL_UPDATES = 40  # after which AMCL has found its pose, or will not
 # what is reported to people, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
@@ -122,12 +122,12 @@ class RobotDriverNode:
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
-        self._looks_left = 0  # how often AMCL may still be asked to look, since it knew or was shown where it is
+        self._amcl_updates_left = 0  # how many AMCL may still be asked for, since it knew or was shown where it is
         self._subscribe(profile, contacts)
         self._thread = node.start_thread(self._run)
-        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, LOOK_PERIOD))
+        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, AMCL_UPDATE_PERIOD))
         node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
-        node.Worker(self._beats[1], lambda _woken: self._look_around())
+        node.Worker(self._beats[1], lambda _woken: self._request_amcl_update())
 
     def close(self) -> None:
         """Stops the robot."""
@@ -160,7 +160,7 @@ class RobotDriverNode:
         for contact, kind in contacts:
             listen(contact.topic, kind, functools.partial(self._on_contact, contact))
 
-    # ------------------------------------------------------------- callbacks: only store
+    # ------------------------------------------------------------- callbacks
     def _on_request(self, message: Twist, source: str) -> None:
         # nothing is checked to the sides
         forward = message.linear.x if abs(message.linear.y) < 1e-3 else float("nan")
@@ -170,7 +170,7 @@ class RobotDriverNode:
         name = message._connection_header.get("callerid", "somebody")
         if name not in self._allowed:
             self._arbiter.gate.record_other_publisher(name, rospy.get_time())
-            self._cmd_vel.publish(Twist())  # the base obeys the last one: this must not stay it until the next step
+            self._cmd_vel.publish(Twist())  # the base obeys the last command: not that one until the next step
 
     def _on_recovery(self, _message: RecoveryStatus) -> None:
         self._arbiter.recover(rospy.get_time())
@@ -180,7 +180,7 @@ class RobotDriverNode:
         try:
             found = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
         except (rosgraph.MasterException, OSError):
-            return  # nobody can register with a master that is away either
+            return  # while the master is away, nobody can register with it either
         self._allowed, self._heard = found.allowed, found.heard
         self._arbiter.gate.registered = tuple(sorted(found.others))
 
@@ -243,24 +243,24 @@ class RobotDriverNode:
             changed = self._uncertainty.add(np.reshape(message.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])])
             self._arbiter.gate.pose_uncertain = self._uncertainty.lost
             if not self._uncertainty.lost:
-                self._looks_left = LOOKS
+                self._amcl_updates_left = MAX_AMCL_UPDATES
             if changed:
                 rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.meters)
                 self._use_maps()
 
     def _on_shown(self, _message: PoseWithCovarianceStamped) -> None:
-        self._looks_left = LOOKS
+        self._amcl_updates_left = MAX_AMCL_UPDATES
 
-    def _look_around(self) -> None:
+    def _request_amcl_update(self) -> None:
         """Has AMCL compare its scans with the map where the robot stands, if it knew or was shown where that is.
 
-        By itself AMCL does so only while the robot moves, and a robot that does not know where it is stands: without this
-        one bad moment would last for ever. RViz shows a pose to half a metre, which is not known well enough either.
+        By itself AMCL does so only while the robot moves, and a robot that does not know where it is stands still: without
+        this one bad moment would last for ever. A pose given in RViz is good to half a metre, which is not enough either.
         """
-        if self._looks_left and self._arbiter.gate.pose_uncertain:
-            self._looks_left -= 1
+        if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
+            self._amcl_updates_left -= 1
             try:
-                call("request_nomotion_update", Empty, EmptyRequest(), "AMCL", LOOK_PERIOD, LOOK_PERIOD)
+                call("request_nomotion_update", Empty, EmptyRequest(), "AMCL", AMCL_UPDATE_PERIOD, AMCL_UPDATE_PERIOD)
             except CodedError as error:
                 rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
 
@@ -304,7 +304,7 @@ class RobotDriverNode:
         correction = self._transforms.newest(names.MAP_FRAME, self._odom).to_sec()
         self._arbiter.gate.set_pose(pose, stamp.to_sec(), correction, odometry)
 
-    def _execute(self, command: Command, now: rospy.Time) -> None:
+    def _execute(self, command: DriveCommand, now: rospy.Time) -> None:
         if command.publish:
             message = Twist()
             message.linear.x, message.angular.z = command.v, command.w
@@ -320,7 +320,7 @@ class RobotDriverNode:
             return None
 
     # ------------------------------------------------------------- notices
-    def _report(self, command: Command, now: float) -> None:
+    def _report(self, command: DriveCommand, now: float) -> None:
         """Publishes who drives, at once when it changes, and what people should know."""
         before, at = self._reported
         news = (command.source, command.code, self._stops.ids)
@@ -333,7 +333,7 @@ class RobotDriverNode:
             code=command.code,
             speed=command.v,
             angular_velocity=command.w,
-            message=self._notice(_told(command.code), Severity.INFO).sentence(),
+            message=self._notice(_sentence_code(command.code), Severity.INFO).sentence(),
             stops=news[2],
         )
         message.header.stamp = rospy.Time.from_sec(now)
@@ -342,7 +342,7 @@ class RobotDriverNode:
             rospy.loginfo("%s: %s: %s", rospy.get_name(), command.source, command.code)
         self._notices.set(self._list_notices(command, now))
 
-    def _list_notices(self, command: Command, now: float) -> List[Notice]:
+    def _list_notices(self, command: DriveCommand, now: float) -> List[Notice]:
         notices = []
         if command.cancel:
             notices.append(self._notice("goal_cancelled", Severity.INFO))
@@ -355,14 +355,15 @@ class RobotDriverNode:
             notices.append(self._notice("stop_not_persisted", Severity.WARNING))
         if command.code in STOP_CODES and (held or command.source == STOP):
             severity = SEVERITIES.get(command.code, Severity.WARNING)
-            notices.append(self._notice(_told(command.code), severity, others=self._arbiter.gate.other_publishers(now)))
+            others = self._arbiter.gate.other_publishers(now)
+            notices.append(self._notice(_sentence_code(command.code), severity, others=others))
         return notices
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
         return Notice.of_robot(self._params.robot, code, severity, **values)
 
 
-def _told(code: str) -> str:
+def _sentence_code(code: str) -> str:
     """Returns the code of the sentence that says what stops or slows a robot."""
     return "robot_stopped_inside_border" if code == "inside_border" else f"robot_{code}"
 

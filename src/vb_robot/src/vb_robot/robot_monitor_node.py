@@ -111,7 +111,7 @@ class RobotMonitorNode:
         self._lock = threading.RLock()
         self._stops = HeldStops()  # in memory: the manager keeps a stop, and its state says so
         self._speed_limits: Optional[GridMap] = None
-        self._slow_zones: Optional[bool] = None  # whether there are any, whose map is to come; None: not heard of yet
+        self._slow_zones: Optional[bool] = None  # whether there are any, even before their map; None: not known yet
         self._cameras: Dict[str, None] = {}
         self._offer = offer.offer(offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -120,13 +120,13 @@ class RobotMonitorNode:
         self._cancelled_at = -math.inf
         self._published: Any = None
         transforms = TransformLookup()
-        self._reviews = node.Queue()
+        self._goals_to_check = node.Queue()
         robots = params.robots or ("",)
         profiles = {name: robot_profile.read(name) for name in robots} if params.dispatch else {}
         bases = [profiles[name].frames.base if name in profiles else "base_link" for name in robots]
         frames = params.frames or [within(name, base)[1:] for name, base in zip(robots, bases)]
         self._robots = {
-            name: WatchedRobot(name, frame, transforms, self._reviews.put) for name, frame in zip(robots, frames)
+            name: WatchedRobot(name, frame, transforms, self._goals_to_check.put) for name, frame in zip(robots, frames)
         }
         self._dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
         self._dispatched = {
@@ -137,7 +137,7 @@ class RobotMonitorNode:
         self._notices = NoticePublisher()
         self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
         self._subscribe()
-        node.Worker(self._reviews, self._review)
+        node.Worker(self._goals_to_check, self._check_goal)
         self._timer, self._graph_timer = node.WakeTimer(PERIOD), node.WakeTimer(GRAPH_PERIOD)
         node.Worker(self._graph_timer, lambda _woken: self._look_at_graph())
         node.Worker(self._timer, lambda _woken: self._look())
@@ -167,8 +167,8 @@ class RobotMonitorNode:
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
-        """Gives planners their usual speed back, and cancels where robots look from: nothing would supervise it any more."""
-        for queue in (self._timer, self._graph_timer, self._reviews, self._dispatch_timer):
+        """Gives planners their usual speed back, and cancels the goals of robots sent to look, which nothing supervises any more."""
+        for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
         for sent in self._dispatched.values():
             sent.set_goal(None)
@@ -249,17 +249,17 @@ class RobotMonitorNode:
                 self._dispatched[name].set_goal(goal)
 
     # ------------------------------------------------------------- goals
-    def _review(self, robot: WatchedRobot) -> None:
+    def _check_goal(self, robot: WatchedRobot) -> None:
         goal = robot.goal
         if self._params.obey and self._stops.stopped and not robot.is_driven():
             robot.cancel_goals()
             refusal: Optional[Notice] = robot.notice("goal_while_stopped", Severity.WARNING)
         else:
             with self._lock:
-                refusal = robot.judge(goal)
+                refusal = robot.check_goal(goal)
         if goal == robot.goal:
             robot.refusal = refusal
-        self._tell()
+        self._publish_status()
 
     def _send(self, request: Any) -> SendRobotResponse:
         robot = self._robots.get(request.robot)
@@ -275,7 +275,7 @@ class RobotMonitorNode:
             refusal = robot.notice("robot_cannot_be_sent", Severity.WARNING)
         else:
             with self._lock:
-                refusal = robot.judge(goal)
+                refusal = robot.check_goal(goal)
         if refusal is not None:
             return _answer(False, refusal)
         robot.send_to(goal)
@@ -296,11 +296,11 @@ class RobotMonitorNode:
             speed, limit = robot.speed, self._limit(robot)
             # a planner keeps its limit while it is not known whether it may be lifted
             if self._params.obey and speed is not None and limit is not None:
-                speed.ask(limit)
+                speed.request_limit(limit)
         self._obey_stop()
-        self._tell()
+        self._publish_status()
 
-    def _tell(self) -> None:
+    def _publish_status(self) -> None:
         """Publishes what is connected, at once when it changes, and what people should know."""
         with self._lock:
             now = rospy.get_time()

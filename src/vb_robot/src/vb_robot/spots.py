@@ -1,7 +1,7 @@
-"""Records the sightings of the spot in this interaction; one rule says whether driver or dispatcher acts on them.
+"""Records the sightings of the spot in this interaction; one rule decides whether the driver or the dispatcher acts on them.
 
-The idea: whether a robot follows the spot or is sent to it is decided by the same class from the same sightings, so
-that the two never both act, and never wait for each other.
+The idea: one class decides from the same sightings whether a robot follows the spot or is sent to it, so that driver and
+dispatcher never both act, and never wait for each other.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 
-WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] for which sightings count for the spot's present place, and how many must
+WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] for which sightings count for where the spot is, and how many it takes
 LOST_TIMEOUT = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
-MIN_STRAIGHTNESS = 0.7  # cosine of the angle up to which a spot goes straight on
-VELOCITY_WINDOW = 0.6  # [s] tell where the line goes on
+MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn with which a spot still goes straight on
+VELOCITY_WINDOW = 0.6  # [s] of sightings that tell where the line goes on
 MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that piece, so that one wrong spot does not count
 MIN_SPEED = 0.1  # [m/s] a slower spot rests
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
@@ -92,7 +92,7 @@ class Sightings:
         if abs(sighting.stamp - until) > RUN_GAP:
             since = until = sighting.stamp  # lost meanwhile, or time has jumped back
         self._runs[sighting.camera] = min(since, sighting.stamp), max(until, sighting.stamp)
-        self._leader(sighting.stamp)
+        self._update_leader(sighting.stamp)
         return True
 
     def should_dispatch(self) -> bool:
@@ -101,14 +101,14 @@ class Sightings:
 
     def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
-        if self._leader(now) != camera or not self.state.robots_act:
+        if self._update_leader(now) != camera or not self.state.robots_act:
             return False
         if self.state.guides:
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
 
-    def _leader(self, now: float) -> Optional[str]:
-        """Returns the robot camera that has seen the spot longest without a pause; while none sees it, the last one.
+    def _update_leader(self, now: float) -> Optional[str]:
+        """Updates and returns the robot camera that has seen the spot longest without a pause; the last one while none sees it.
 
         By the times of the images, not of their arrival: every robot's driver comes to the same answer.
         """
@@ -141,7 +141,7 @@ class Sightings:
         )
 
     def time_since_seen(self, now: float) -> float:
-        """Returns for how long [s] no camera has seen a border's spot; 0 before one did, and for a seed: that does not move."""
+        """Returns for how long [s] no camera has seen a border's spot; 0 before one did, and for a seed, which does not move."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
@@ -160,7 +160,7 @@ class Sightings:
         return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
-        """Measures the spot's velocity (2,) [m/s], by the last pieces of its way; None if it rests or has just turned.
+        """Measures the spot's velocity (2,) [m/s], from the last pieces of its path; None if it rests or has just turned.
 
         Cameras differ by centimetres: only the one that saw the spot last counts.
         """
@@ -175,7 +175,5 @@ class Sightings:
         (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
         if math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
             return None
-        straight = float(np.dot(before, after)) >= MIN_STRAIGHTNESS * float(
-            np.linalg.norm(before) * np.linalg.norm(after)
-        )
+        straight = np.dot(before, after) >= MIN_STRAIGHTNESS * (np.linalg.norm(before) * np.linalg.norm(after))
         return np.array(whole) / seconds if straight else None

@@ -37,13 +37,12 @@ from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUI
 from vb_core.vocabulary import REDO, UNDO
 from vb_voice_wizard.dialogue.answers import Answer
 
-# [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
+# [s] without a spot in Border or Seed: by then a person has begun, perhaps with a laser that no camera sees
 UNSEEN_AFTER = 10.0
 # [s] before an interaction ends by itself people are warned, at the latest half way
 _WARNED_BEFORE = 60.0
-# [s] since its last spot, a laser is on
+# [s] a laser counts as on for this long after its last spot
 LASER_ON = 1.0
-
 # [s] the answer counts within this time: enough to look at the preview, too short to forget
 CONFIRM_WITHIN = 30.0
 
@@ -172,8 +171,8 @@ class Interaction:
                 self.question = Question()
         return self._answered(name, source, answer or self._carry_out(name, source, seen_stop))
 
-    def send_save(self) -> None:
-        """Says that the border goes out to the map now; until `finish`, nobody knows whether it has arrived."""
+    def mark_save_sent(self) -> None:
+        """Records that the border is on its way to the map; until `finish` its arrival is unknown."""
         self._sent, self._unanswered_before, self.unanswered_save = True, self.unanswered_save, True
 
     def finish(self, answer: Answer, now: float, border_id: str = "") -> Answer:
@@ -260,19 +259,19 @@ class Interaction:
     def _cancel(self) -> Answer:
         if self.state == DEFAULT:
             return Answer(True, "nothing_to_cancel")
-        # the border that was sent may be in the map after all: only the map integrator knows
+        # a border that was sent may be in the map: only the map integrator knows
         lost = self.unanswered_save
         self._end(UNANSWERED if lost else CANCELLED, "")
         return Answer(True, "cancelled_unanswered" if lost else "cancelled")
 
     def _unknown(self, name: str) -> Optional[Answer]:
-        """Says that there is no such command here, or returns None."""
+        """Returns the answer to a command that does not exist here, or None."""
         if name not in COMMANDS:
             return Answer(False, "unknown_command", {"commands": ", ".join(map(spelled_out, COMMANDS))})
         return Answer(False, "no_robot_to_guide") if name == GUIDE_ROBOT and not self._params.robot else None
 
     def _check(self, name: str, seen_stop: str) -> Optional[Answer]:
-        """Says why a command cannot be carried out now, or returns None."""
+        """Returns the answer that refuses a command now, or None."""
         if name in (UNDO, REDO) and self.state != DEFAULT:
             # the newest change of the map is not what the person is drawing
             return Answer(False, "not_while_drawing", {"command": spelled_out(name)})
@@ -288,7 +287,7 @@ class Interaction:
             return Answer(False, "nothing_to_save")
         missing = self.missing()
         if len(missing) == 1 and not any(self._spots.values()):
-            # the person may have drawn all the same: what is missing first is a camera that sees it
+            # the person may have drawn all the same: what is missing is a camera that sees it
             return Answer(False, "missing_spots")
         return Answer(False, "missing_" + "_and_".join(missing)) if missing else None
 
@@ -301,7 +300,7 @@ class Interaction:
         return result
 
     def advance(self, now: float) -> None:
-        """Counts the time up to now. Time that jumped back is counted from there on, nothing is taken off."""
+        """Counts the time up to now. After a jump back in time it counts on from there, and takes nothing off."""
         self._durations = self.durations(now)
         self._counted_until = now
         self.started, self.entered = min(self.started, now), min(self.entered, now)
@@ -310,7 +309,7 @@ class Interaction:
             self.question = Question()
 
     def see_laser(self, now: float) -> None:
-        """Stores that a camera saw a spot at a time [s], whatever the state."""
+        """Records that a camera saw a spot at a time [s], in whatever state."""
         self._laser_seen = now
 
     def laser_is_on(self, now: float) -> bool:
@@ -326,7 +325,7 @@ class Interaction:
 
     @property
     def unseen(self) -> bool:
-        """Returns whether the person should have drawn or pointed by now, and no spot was seen."""
+        """Returns whether no spot was seen although the person should have drawn or pointed by now."""
         return (
             bool(self.state.collects)
             and not self.pending
@@ -336,7 +335,7 @@ class Interaction:
 
     @property
     def ends_at(self) -> float:
-        """[s] when the interaction ends by itself if nothing happens; 0 if not soon, paused, or if there is none."""
+        """[s] when the interaction ends by itself if nothing happens; 0 if that is not soon, or it is paused, or there is none."""
         if not self.state.robots_act or self.pending:
             return 0.0
         ends = self._active + self._params.idle_timeout

@@ -37,9 +37,9 @@ from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_T
 from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.previewer import Previewer
 
-# [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
+# [s] wall time: robots stop half a second after the last state, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
-# what undo and redo made of borders; anything else is a change that was undone or made again
+# what undo and redo did to borders; anything else is a change that was undone or made again
 _CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
 _STORE_PERIOD = 2.0  # [s] a disk that was full may have room again
 
@@ -165,7 +165,7 @@ class InteractionManagerNode:
     def _on_beat(self) -> None:
         with self._lock:
             if self._interaction.end_if_idle(rospy.get_time()):
-                self._changed()
+                self._publish_and_record()
             else:
                 self._publish()
 
@@ -208,7 +208,7 @@ class InteractionManagerNode:
             if pending == SAVE:
                 self._preview.on_interaction(interaction_id, saving=True)
             else:
-                self._changed()
+                self._publish_and_record()
         if command == RESUME:
             self._latch.store()
         return self._complete(pending, interaction_id, order) if pending else answer
@@ -226,19 +226,19 @@ class InteractionManagerNode:
             if error.code in services.UNANSWERED:
                 rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
         except Exception:
-            # a fault of the program must not leave it answering "busy" for ever
+            # a fault of this program must not leave it answering "busy" for ever
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
             answer = Answer.refusal(CodedError("internal_error"))
         with self._lock:
             answer = self._interaction.finish(answer, rospy.get_time(), border_id)
-            self._changed()
+            self._publish_and_record()
         return answer
 
     def _save(self, interaction_id: str, source: str) -> str:
         """Adds the drawn border to the map; returns its id."""
         border = self._preview.border_to_save(interaction_id)
         with self._lock:
-            self._interaction.send_save()
+            self._interaction.mark_save_sent()
         return self._services.add(border, source, interaction_id)
 
     def _change(self, command: str, request_id: str) -> Answer:
@@ -251,7 +251,8 @@ class InteractionManagerNode:
             return Answer(True, "borders_changed")
 
     # ------------------------------------------------------------------ outputs; the lock is held
-    def _changed(self) -> None:
+    def _publish_and_record(self) -> None:
+        """Publishes the state, and appends the record of an interaction that has just ended."""
         self._publish()
         ended = self._interaction.take_record()
         if ended is not None:

@@ -2,11 +2,11 @@
 
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the
 utterance makes each command than silence does (speech_model). The sound is looked at more than once, and the evidence is
-held against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds
+weighed against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds
 are enough to take a command, but not to be certain of it: what would move a robot, change the map or lose a drawing is
-then asked about, and answered with another phrase, "yes, save" (interaction.py). Who talks and then shouts *stop* makes one
-utterance of both: the end of an utterance that is not a command is a *stop*, too, if it is one beyond doubt. Nothing is trained;
-bench/voice/recognition.py measures.
+then asked about, and answered with another phrase, "yes, save" (interaction.py). Somebody who talks and then shouts *stop*
+makes one utterance of both: so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
+Nothing is trained here; bench/voice/recognition.py measures.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
 
@@ -35,7 +35,7 @@ from vb_voice_wizard.voice.speech_model import SpeechModel
 PHRASES = {name: [spelled_out(name), *command.phrases] for name, command in COMMANDS.items()}
 PHRASES.update({answer: ["yes, " + spelled_out(command)] for answer, command in ANSWERS.items()})
 # Evidence with which an utterance is as probably a command as something that sounds like it. With it about as many single
-# words are missed as are taken wrongly in the development group; two words nothing comes near (docs/results/voice).
+# words are missed as are taken wrongly in the development group; nothing comes near two words (docs/results/voice).
 _EVEN, _EVEN_TWO_WORDS = -3.5, -6.0
 # Odds from which a command is beyond doubt: nearly three times those of the most deceptive of the development group's
 # other utterances, for a command that matters.

@@ -41,8 +41,8 @@ class VoiceCommandsNode:
     """Recognises spoken commands and sends them to the interaction.
 
     Sound is handled as it arrives: people speak in wall time, whatever /clock says. A computer that has too much to do
-    understands late. What was said does not expire by that: the time counts from the understanding, but what matters is
-    then asked about, as if it had been doubtful, and people are told.
+    understands late. A command does not expire by that, as its time counts from when it is understood; but one that matters
+    is then asked about, as if it had been doubtful, and people are told.
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): what is heard while one plays, and not beyond it, counts only if it is

@@ -2,7 +2,7 @@
 
 The idea: the page is closed unless the request proves otherwise. On the loopback interface the proof is a loopback name
 in the Host header; elsewhere it is the cookie of a session, which only the holder of a code gets. And whatever can run out
-is parted: each role has places of its own, and within a role the one that holds the most gives up first.
+is divided: each role has places of its own, and within a role whoever holds the most gives one up first.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ COOKIE_DAYS = 30
 # without letters and digits that look alike; 8 of 31 are 40 bits: a thousand tries a second take 14 years
 _ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
 _CODE_LENGTH = 8
-_MAX_SESSIONS = 100  # of each code: who has one cannot log those of the other out
+_MAX_SESSIONS = 100  # of each code: those with one code cannot log out those with the other
 
 
 class Role(enum.IntEnum):
@@ -84,7 +84,7 @@ class Sessions:
     Args:
         codes: as `load_codes` returns them.
         path: the file, beside the codes; None: memory only.
-        on_fault: called with the error if the file cannot be written; who comes in or goes is in memory all the same.
+        on_fault: called with the error if the file cannot be written; the sessions in memory are right all the same.
 
     The file names a session by its cookie's digest, and the code that opened it: a new code ends the old one's sessions.
     """
@@ -173,7 +173,7 @@ def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
 
 
 class Places:
-    """Places for connections. When they have run out, the one that holds the most gives one up for a newcomer.
+    """Places for connections. When they have run out, whoever holds the most gives one up for a newcomer.
 
     Args:
         size: how many there are.

@@ -23,11 +23,10 @@ MAX_ROBOTS = 50
 MAX_BYTES = 64 * 1024
 MARGIN = 1.0  # [m] a line may leave the map by this much
 
-# control characters, half surrogate pairs, and marks that turn the direction of a line
+# categories of control characters, half surrogate pairs, and marks that turn a line's direction
 _HIDDEN = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
 _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
 _ROBOT = re.compile(r"[A-Za-z][A-Za-z0-9_/]{0,63}")  # a namespace
-
 
 Bounds = Tuple[Sequence[float], Sequence[float]]  # [m] the map's lowest and highest x and y
 Check = Callable[[Any, str, Optional[Bounds]], Any]  # of a value: gives what it means, or fails with the field's name
@@ -55,7 +54,7 @@ def _fail(field: str) -> CodedError:
 
 
 def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambda value: value) -> Check:
-    """Makes a check of what a value has to be, and what it then becomes."""
+    """Makes a check from a test of values, and from what converts those that pass."""
 
     def check(value: Any, field: str, _bounds: Optional[Bounds] = None) -> Any:
         if not is_valid(value):
@@ -82,13 +81,13 @@ def _matching(pattern: "re.Pattern[str]", empty: bool = False) -> Check:
 
 
 def _number(low: float, high: float) -> Check:
-    # neither is a bool, which to Python is an int; what is not finite is not between two numbers
+    # a bool, which to Python is an int, is refused; what is not finite is not between two numbers
     return _valid(lambda value: type(value) in (int, float) and low <= value <= high, float)
 
 
-def _list_of(check: Check, least: int, most: int) -> Check:
+def _list_of(check: Check, low: int, high: int) -> Check:
     def check_all(value: Any, field: str, bounds: Optional[Bounds] = None) -> Tuple[Any, ...]:
-        if not isinstance(value, list) or not least <= len(value) <= most:
+        if not isinstance(value, list) or not low <= len(value) <= high:
             raise _fail(field)
         return tuple(check(one, field, bounds) for one in value)
 
@@ -109,7 +108,7 @@ def _draft(value: Any, field: str, bounds: Optional[Bounds]) -> Dict[str, Any]:
         raise _fail(field)
     checked = {name: check(value[name], name, bounds) for name, check in _BORDER.items()}
     if ZONES[checked["zone"]].limits_speed and checked["max_speed"] < 0.02:
-        raise _fail("max_speed")  # that slow is not at all: keep_out says so better
+        raise _fail("max_speed")  # as slow as that is standing still: that is what keep_out is for
     return checked
 
 
@@ -142,7 +141,7 @@ ACTIONS: Dict[str, Dict[str, Check]] = {
 
 
 def read(text: Any) -> Tuple[str, Dict[str, Any]]:
-    """Reads a browser's message, JSON of at most MAX_BYTES; returns the request's id, and the rest, which is to be checked.
+    """Reads a browser's message, JSON of at most MAX_BYTES; returns the request's id, and the rest, not yet checked.
 
     Raises:
         CodedError: "page_bad_request" with the field's name.

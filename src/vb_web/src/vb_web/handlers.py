@@ -204,7 +204,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
     async def _send_view(self) -> None:
         """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid.
 
-        Viewers get it in turns within that time, for an operator's answer would wait for all of them.
+        Viewers get it at different moments within that time: otherwise an operator's answer would wait for all of them.
         """
         sent, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
@@ -218,7 +218,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
                     await news.wait()
                     await asyncio.sleep(turn)
 
-    def _tell(self, message: Dict[str, Any]) -> None:
+    def _write_json(self, message: Dict[str, Any]) -> None:
         self._write(as_message(message))
 
     def _write(self, text: str) -> None:
@@ -226,7 +226,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
-        request_id = ""  # also a request that is refused is named, if it has a usable id
+        request_id = ""  # a refused request is named too, if it has a usable id
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
@@ -236,12 +236,12 @@ class _LinkHandler(_Guarded, WebSocketHandler):
                 raise CodedError("page_viewer_only")
         except CodedError as error:
             self._faults += 1
-            self._tell({"re": request_id, **refusal(error)})
+            self._write_json({"re": request_id, **refusal(error)})
             if self._faults >= _MAX_FAULTS:
                 self.close(1008)
             return
         if self._underway >= _MAX_UNDERWAY and request.values.get("command") != "stop":
-            self._tell({"re": request.id, **refusal(CodedError("page_too_fast"))})
+            self._write_json({"re": request.id, **refusal(CodedError("page_too_fast"))})
             return
         self._underway += 1
         # by callback: each await would be one more turn of the loop, in which all others come first
@@ -252,6 +252,6 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         try:
             answer = answered.result()
         except Exception:
-            self._tell({"re": request.id, **refusal(CodedError("internal_error"))})
+            self._write_json({"re": request.id, **refusal(CodedError("internal_error"))})
             raise
-        self._tell({"re": request.id, **answer})
+        self._write_json({"re": request.id, **answer})

@@ -189,12 +189,12 @@ class PageNode:
         self._view.put("map", images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
     def _show_robots(self) -> None:
-        """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""
+        """Shows what is connected; when that is not known any more, browsers get an offer that is null."""
         message, found = self._robots.current() or (None, None)
         changed, self._offer = found != self._offer, found
         if message is not None and found is not None:
             self._frames = {robot.robot: robot.frame for robot in message.robots}
-            # a Stop does not go from under a finger because a driver is just being started again
+            # Stop does not vanish from under a finger while a driver is being restarted
             self._stoppable = self._stoppable or "stop" in found.commands
             stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
             self._view.put("offer", ros_view.offer_section(found, message, stop))
@@ -209,7 +209,7 @@ class PageNode:
         before, self._borders = self._borders, message
         self._show_borders()
         for kind, border in border_changes(_by_id(before), _by_id(message)) if before is not None else ():
-            self._tell(f"page_event_{kind}", {"border": border.name or border.id})
+            self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
         """Shows the newest list; from several threads, of which none can bring back an older one."""
@@ -234,7 +234,7 @@ class PageNode:
         if last["code"] in _UNDER_WAY:
             return  # the history has what became of it
         if self._answered is not None and answered != self._answered and last["command"]:
-            self._tell(
+            self._log_event(
                 "page_event_command" if last["ok"] else "page_event_refused",
                 {**last["values"], "command": last["command"], "code": last["code"]},
                 last["source"],
@@ -307,7 +307,7 @@ class PageNode:
         return self._subscribers[topic].get_num_connections() > 0
 
     # ------------------------------------------------------------- history
-    def _tell(self, code: str, values: Dict[str, Any], source: str = "") -> None:
+    def _log_event(self, code: str, values: Dict[str, Any], source: str = "") -> None:
         with self._lock:
             self._events.append({"at": round(time.time(), 1), "code": code, "values": values, "source": source})
             events = list(self._events)

@@ -1,8 +1,8 @@
-"""The web server: a thread, the places of its connections, and who carries requests out; `handlers` answers them.
+"""The web server: its thread, the places of its connections, and what carries requests out; `handlers` answers them.
 
-The idea: who attacks must not keep an operator from a *stop*. Connections have places by role (`access.Places`), what takes
-long is done one after the other for each person, apart from what is quick, and who reads or writes too slowly is ended.
-No ROS here; `Backend` carries requests out.
+The idea: an attacker must not keep an operator from a *stop*. Connections have places by role (`access.Places`), slow work is
+done one piece at a time for each person, apart from quick work, and a connection that reads or writes too slowly is closed.
+No ROS here; `actions.ActionHandler` carries requests out.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ class PageServer:
         return gone is not stream
 
     async def in_turn(self, person: str, work: Callable[..., Any], *args: Any) -> Any:
-        """Does what takes long: for each person one after the other, so that nobody fills the pool for all."""
+        """Does slow work, one piece at a time for each person, so that nobody fills the pool for all."""
         turn = self.turns.setdefault(person, asyncio.Lock())
         async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
@@ -247,7 +247,7 @@ class PageServer:
 
 
 class _BoundedServer(HTTPServer):
-    """Gives each new connection a stranger's place, and ends those that come too fast or do not take what is sent."""
+    """Gives each new connection a stranger's place, and closes those that come too fast or do not take what is sent."""
 
     def initialize(self, *args: Any, page: PageServer, **kwargs: Any) -> None:
         super().initialize(*args, **kwargs)

@@ -10,7 +10,7 @@ import greenlet
 
 # [ns] no wait is shorter. A thread that waits for what rounding left of its last wait (2e-13 s) would otherwise do so
 # for ever: simulated time goes on only when all wait.
-SHORTEST_NS = 1000
+MIN_TIMEOUT_NS = 1000
 
 
 class Task(greenlet.greenlet):
@@ -82,7 +82,7 @@ class Scheduler:
             raise greenlet.GreenletExit
         task.waits += 1
         if timeout_ns is not None:
-            self._push(max(int(timeout_ns), SHORTEST_NS), task, task.waits)
+            self._push(max(int(timeout_ns), MIN_TIMEOUT_NS), task, task.waits)
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:

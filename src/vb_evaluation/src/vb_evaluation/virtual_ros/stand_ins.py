@@ -21,7 +21,7 @@ _REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
 
 
 def _ns(seconds: Optional[float]) -> Optional[int]:
-    # however short, a wait is one: see SHORTEST_NS
+    # however short, a wait is one: see MIN_TIMEOUT_NS
     return None if seconds is None or seconds < 0 else max(int(round(seconds * 1e9)), 1)
 
 

@@ -47,7 +47,7 @@ class Cut:
         stops: for each end, the (row, column) of the blocked cell where it ends; may be one beyond the map's rim.
     """
 
-    window: raster.Window
+    window: raster.CellWindow
     region: np.ndarray
     line: np.ndarray
     stops: Tuple[Tuple[int, int], Tuple[int, int]]
@@ -93,12 +93,12 @@ def separate(
 
     Args:
         cells: (H + 2, W + 2) uint8, 255 where the fill may not enter, else 0, with a frame of 255 round the map;
-            is worked in.
+            they are changed.
         points: (N, 2) (column, row), the drawn chain.
         fit_length: [cells] how much of the chain's ends gives the extensions' direction.
         tolerance: [cells] how far a drawn end may lie from the wall that it belongs to; less than any robot's width.
         seed: (2,) (column, row).
-        find_seed: gets the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
+        find_seed: returns the (row, column) where the fill begins, from a mask (H, W) of barred cells, those of the curve
             among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
 
     Raises:

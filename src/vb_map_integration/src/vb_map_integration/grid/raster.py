@@ -15,7 +15,7 @@ import numpy as np
 from vb_map_integration.borders.issues import IntegrationError
 
 # rows and columns of a part of a map
-Window = Tuple[slice, slice]
+CellWindow = Tuple[slice, slice]
 
 # [cells] crossings of edges and rows that one polygon may have; a scribble beyond it would fill the memory
 MAX_CROSSINGS = 4_000_000
@@ -26,7 +26,7 @@ def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
     return np.full(shape, value, np.uint8)
 
 
-def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
+def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
     """Finds the cells whose centre is in a polygon, clipped to the map.
 
     Where the outline crosses itself everything is inside that it winds round (nonzero rule), so that an

@@ -29,7 +29,7 @@ class Region:
         area_m2: [m^2].
     """
 
-    window: raster.Window
+    window: raster.CellWindow
     mask: np.ndarray = field(repr=False)
     value: int
     over_unknown: bool
@@ -51,8 +51,8 @@ class Region:
             as_bytes = part.view(np.uint8)
             np.maximum(as_bytes, np.bitwise_and(self.mask, level), out=as_bytes)
 
-    def shared(self, other: Optional["Region"]) -> float:
-        """Returns the share of the cells of two regions that is in both, 0 .. 1."""
+    def iou(self, other: Optional["Region"]) -> float:
+        """Returns the intersection over union of the two regions' cells, 0 .. 1."""
         if other is None:
             return 0.0
         one, two, either = (cv2.countNonZero(region.mask) for region in (self, other, join_regions([self, other])))
@@ -70,7 +70,7 @@ def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:
 
 
 def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
-    """Returns the region of all cells of those that are not None, with the value of the first; None if there is none."""
+    """Joins the regions that are not None into one, with the value of the first; returns None if there is none."""
     regions = [one for one in possible if one is not None]
     if len(regions) < 2:
         return regions[0] if regions else None

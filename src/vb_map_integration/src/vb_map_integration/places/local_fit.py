@@ -22,12 +22,12 @@ from vb_map_integration.places.registration import Transform, WallMap, find_shar
 REACH = 3.0  # [m] walls this near a border say where it is; those beyond may belong to another part of a bent map
 WIDER = 4.5  # [m] the same, where those leave it open
 _SPAN, _STEP, _YAWS = 1.0, 0.1, np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # what is searched: [m], [m], [rad]
-_NEAR = 0.25  # [m] a wall this far from the next one counts nothing
+_NEAR = 0.25  # [m] a wall this far from the next one counts for nothing
 _APART = 0.35  # [m] places farther apart are different ones
-_POINTS, _LEAST = 300, 10  # wall cells that are compared, at most and at least
+_MAX_POINTS, _MIN_POINTS = 300, 10  # wall cells that are compared, at most and at least
 _LOCAL_REACH = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] as `registration.refine` has it
-_SURE = 0.97  # share of walls found again with which no other place is searched
-# what a border's place needs where it is expected, and what it needs elsewhere
+_SURE = 0.97  # if this share of the walls is found again, no other place is searched
+# what it takes to accept a place where the border is expected, and what it takes elsewhere
 _EXPECTED = 0.15  # [m]
 _AGREEMENT_THERE, _LOWER_THERE, _MARGIN_THERE = 0.8, 0.5, 0.05
 _AGREEMENT_ELSEWHERE, _MARGIN_ELSEWHERE = 0.9, 0.1
@@ -69,7 +69,7 @@ class LocalFit:
 
     @property
     def is_possible(self) -> bool:
-        """Returns whether the border may be there, for all that the walls say."""
+        """Returns whether the border may be there, as far as the walls tell."""
         return self.known >= _KNOWN and self.agreement[1] >= _AGREEMENT_THERE
 
 
@@ -89,9 +89,9 @@ def fit_locally(old: WallMap, new: WallMap, start: Transform, outline: np.ndarra
 
 def _fit_within(reach: float, old: WallMap, new: WallMap, start: Transform, outline: np.ndarray) -> Optional[LocalFit]:
     walls = old.walls_near(outline, reach)
-    if len(walls) < _LEAST:
+    if len(walls) < _MIN_POINTS:
         return None
-    sample = thin(walls, _POINTS)
+    sample = thin(walls, _MAX_POINTS)
     center = outline.mean(axis=0)
     expected = start.apply(center)[0]
 

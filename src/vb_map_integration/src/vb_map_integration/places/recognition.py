@@ -1,4 +1,4 @@
-"""Which place a map shows, and where that place's borders are in it: the keeper of all questions about the place.
+"""Recognises which place a map shows, and locates that place's borders on it.
 
 The idea: fail closed. A map is recognised by its exact fingerprint; else by the name that a person gave it, and by
 registration against the maps at which the borders were drawn, never against the last one seen. What is proposed is the
@@ -26,17 +26,17 @@ from vb_map_integration.storage.database import Database, KnownMap
 
 # this many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
-# below it a registration says nothing about where the borders are
+# agreement below which a registration says nothing about where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
-# above it borders may be there, for all that the maps say
+# agreement above which borders may be there, as far as the maps tell
 _POSSIBLE_AGREEMENT = 0.5
 # share of a border's line that the map has to know before anybody is asked about it
 _SEEN = 0.5
-# shares of agreement that mean nothing between hypotheses none of which is sure
+# difference in agreement that means nothing between hypotheses none of which is certain
 _DOUBT = 0.15
 # a map continues the one before if this share of its obstacles are in the same cells
 _CONTINUED = 0.95
-# a map of which nothing is sure is registered again once this much more floor is known
+# a map of which nothing is certain is registered again once this many times as much floor is known
 _GROWN = 1.25
 
 
@@ -67,17 +67,17 @@ class BorderPlace:
 
     Attributes:
         border: there.
-        is_shown: whether the walls round it say so.
-        is_seen: whether the map knows the floor there; there is nothing to ask about before it does.
-        others: at other places where it may be, until somebody says where it is.
-        accepted: as it was accepted, on that map; None if that is the current one.
-        accepted_on: that map.
-        transform: from there to here.
+        walls_agree: whether the walls round it say so.
+        floor_is_known: whether the map knows the floor there; before it does, there is nothing to ask about.
+        others: the border at other places where it may be, until somebody says where it is.
+        accepted: the border as a person accepted it, on `accepted_on`; None if that is the current map.
+        accepted_on: the map on which it was accepted.
+        transform: from that map's frame to the current one's.
     """
 
     border: VirtualBorder
-    is_shown: bool = True
-    is_seen: bool = True
+    walls_agree: bool = True
+    floor_is_known: bool = True
     others: Tuple[VirtualBorder, ...] = ()
     accepted: Optional[VirtualBorder] = None
     accepted_on: Optional[GridMap] = None
@@ -122,11 +122,11 @@ class PlaceRecognizer:
         """Recognises what a map shows.
 
         Args:
-            before: the map before it, while this program has been running.
-            recognition: what that was recognised as; decides only where to look first.
+            before: the map before it, since this program was started.
+            recognition: what that was recognised as; it decides only where to look first.
         """
         stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
-        # one without borders may be the named place, at which there are some
+        # where the stored place has no borders, the map may still show the named one, which has some
         if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
             name = self._database.get_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
@@ -144,17 +144,17 @@ class PlaceRecognizer:
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.likely:
             self.start_map(grid, map_id, recognition)
-            recognition = replace(recognition, certain=self._is_shown_by_borders())
+            recognition = replace(recognition, certain=self._walls_round_borders_agree())
         return recognition
 
-    def _is_shown_by_borders(self) -> bool:
-        """Returns whether the walls round most borders, of those on floor that the map knows, are where they should be."""
+    def _walls_round_borders_agree(self) -> bool:
+        """Returns whether, of the borders on floor that the map knows, most have walls where they should be."""
         places = [self.locate(border) for border in self._database.borders(self._recognition.place)]
-        seen = [place for place in places if place.is_seen]
-        return 2 * sum(place.is_shown for place in seen) > len(seen)
+        seen = [place for place in places if place.floor_is_known]
+        return 2 * sum(place.walls_agree for place in seen) > len(seen)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
-        """Returns the maps of each place with borders that it may be."""
+        """Returns the maps of each place with borders that the current map may show."""
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
             if self._database.borders(one.place):
@@ -170,7 +170,7 @@ class PlaceRecognizer:
         return self._wall_maps[one.fingerprint]
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
-        """Returns whether a map fits one at which borders were drawn, where it is expected to be."""
+        """Returns whether a map, where it is expected to be, fits one on which borders were drawn."""
         starts = ((self._wall_map_of(one), transform.after(one.transform.inverse)) for one in maps)
         return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
@@ -196,7 +196,7 @@ class PlaceRecognizer:
         certain = [one for one, _ in best.values() if one.certain]
         if len(certain) == 1:
             return certain[0]
-        # several floors may have the same walls: then nothing is sure either
+        # several floors may have the same walls: then nothing is certain either
         plausible = [one for one in best.values() if one[1].is_unique or one[1].agreement >= _PLAUSIBLE_AGREEMENT]
         if plausible:
             likeliest, found = max(plausible, key=_rank)
@@ -244,13 +244,13 @@ class PlaceRecognizer:
             self._current_walls = WallMap(self._current)
         fit = fit_locally(self._wall_map_of(stored), self._current_walls, start, accepted.points)
         here = start.apply(np.concatenate([accepted.points, [accepted.seed]]))
-        is_seen = float(self._current_walls.is_known(here).mean()) >= _SEEN
-        is_shown = fit is not None and fit.is_certain
-        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not is_shown else []
+        floor_is_known = float(self._current_walls.is_known(here).mean()) >= _SEEN
+        walls_agree = fit is not None and fit.is_certain
+        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
         others += [border.moved(recognition.other)] if recognition.other is not None else []
-        transform = fit.transform if fit is not None and is_shown else start
+        transform = fit.transform if fit is not None and walls_agree else start
         return BorderPlace(
-            accepted.moved(transform), is_shown, is_seen, tuple(others), accepted, stored.grid, transform
+            accepted.moved(transform), walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform
         )
 
 
@@ -279,5 +279,5 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
 
 
 def _rank(one: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
-    """Ranks what a map may show, and what that rests on."""
+    """Ranks what a map may show, with the registration that it rests on."""
     return one[0].certain, one[1].is_unique, one[1].score

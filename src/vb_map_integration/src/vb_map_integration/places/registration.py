@@ -7,7 +7,7 @@ one of them has seen says nothing. Long connected walls carry the evidence, sinc
 2. The best hypotheses are refined to a fraction of a cell: each wall cell is drawn to the nearest wall of the other
    map (Gauss-Newton on the distance fields of both maps, far pairs left out).
 3. Each is scored by the share of long walls that are found again, in both directions, within `TOLERANCE`. The best
-   one is sure only if nearly all are found again, if it rests on enough walls, and if no other one comes near.
+   one is certain only if nearly all are found again, if it rests on enough walls, and if no other one comes near.
 
 Scale is fixed: both maps are in metres. Resolutions may differ.
 """
@@ -37,14 +37,14 @@ _HYPOTHESES = 10
 _REFINED_POINTS = 1500
 _DRAWN_FLOOR = 400_000  # free places that are drawn when maps are compared
 _REMAPPED = 30_000  # rows that OpenCV remaps at once
-_UNIT, _FARTHEST = 1e-4, 20_000  # [m] of distances, and how many of it are the largest
+_UNIT, _FARTHEST = 1e-4, 20_000  # [m] the unit of distances, and the largest distance in it
 _RIM = 4  # unknown cells that are kept round what a map knows
 # [m] pairs farther apart are left out of the refinement, round by round
 _REACH = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
 # [m] two hypotheses are the same one below these
 _SAME_DISTANCE, _SAME_ANGLE = 0.4, math.radians(6.0)
 
-# When a registration is sure enough to be acted on without a person; docs/results/maps/README.md has the evidence.
+# When a registration is certain enough to be acted on without a person; docs/results/maps/README.md has the evidence.
 MIN_AGREEMENT = 0.92  # of long walls found again, in both directions
 MIN_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
 MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know
@@ -104,7 +104,7 @@ class Registration:
         agreement: share of the long walls that both maps should show and that are found again; the lower direction.
         overlap: share of the smaller map's free floor that the other map knows.
         walls_m: [m] length of long walls found again.
-        balance_m: [m] that less the length of those that are missing.
+        balance_m: [m] `walls_m` less the length of those that are missing.
         margin: 0 .. 1, how much less the next hypothesis explains; 0 if no other one was tried.
     """
 
@@ -117,7 +117,7 @@ class Registration:
 
     @property
     def is_unique(self) -> bool:
-        """Returns whether no other transform comes near, however well the maps agree: then it is what is proposed."""
+        """Returns whether no other transform comes near, however well the maps agree: then this one is proposed."""
         return self.margin >= _UNIQUE_MARGIN and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
@@ -159,7 +159,7 @@ class WallMap:
         self.is_structure = extent[labels[rows, columns]] >= MIN_STRUCTURE_EXTENT
         # what the map knows: free floor, and what is beside it
         self._known = cv2.dilate(self.free, np.ones((5, 5), np.uint8))
-        # [_UNIT] to the nearest wall, as far as anybody asks: half the memory of real numbers
+        # [_UNIT] to the nearest wall, up to _FARTHEST: as integers they take half the memory
         self._distance = np.full(self.grid.shape, _FARTHEST, np.uint16)
         if len(self.walls):
             far = cv2.distanceTransform(1 - surface, cv2.DIST_L2, 5)
@@ -214,7 +214,7 @@ class WallMap:
         return self._some_floor(2000)[0]
 
     def _some_floor(self, most: int) -> Tuple[np.ndarray, int]:
-        """Returns about as many free places (N, 2) [m] on a lattice, and how many cells each stands for."""
+        """Returns about `most` free places (N, 2) [m] on a lattice, and how many cells each stands for."""
         step = max(1, int(math.sqrt(cv2.countNonZero(self.free) / most)))
         rows, columns = np.nonzero(self.free[step // 2 :: step, step // 2 :: step])
         where = np.column_stack([columns, rows]) * step + step // 2
@@ -360,7 +360,7 @@ def refine(
     """Refines a transform to the one nearby at which the walls of both maps coincide.
 
     Args:
-        forward, backward: (N, 2) [m] walls of the old map, and of the new one, that are to be found in the other.
+        forward, backward: (N, 2) [m] walls of the old map, and of the new one, to be found in the other.
         center: (2,) [m] in the old map; turning about it keeps turn and shift apart.
         reaches: [m] pairs farther apart are left out, round by round.
     """
@@ -385,7 +385,7 @@ def refine(
 
 
 def find_share(points: np.ndarray, other: WallMap) -> Tuple[float, float]:
-    """Returns which share of wall cells (N, 2) [m] another map has too, of those that it knows, and what share that is."""
+    """Returns which share of the wall cells (N, 2) [m] that another map knows are walls there, and which share it knows."""
     distance, known = other.distances(points)
     if not known.any():
         return 0.0, 0.0

@@ -1,15 +1,15 @@
 """Values on the disk, kept so that neither a crash nor a damaged file costs what was acknowledged.
 
-The idea: there is so little to keep that each change writes all of it again, beside what is there, and then puts it in its
-place. So a file is either whole or not there, and its first line is the checksum of the rest. After it the same is written
-into the copy of the day: a start reads the file, or, if that is not sound, the copy with the highest revision.
+The idea: there is so little to keep that each change writes all of it again, beside the file, and then puts it in the file's
+place. So a file is either whole or not there, and its first line is the checksum of the rest. Then the same is written into
+the copy of the day: a start reads the file, or, if that is not sound, the copy with the highest revision.
 
     borders.jsonl                     its checksum; its format and revision; then in each line a key, a tab and its value
     borders.jsonl.damaged             what was not sound at a start
     copies/borders-YYYY-MM-DD.jsonl   the same as it was at the end of each of the last days with a change or a start
 
-What is in memory is the truth while the program runs: files that were deleted or damaged meanwhile come again with the next
-change. One process has the folder: it holds a lock for as long as it runs.
+What is in memory is the truth while the program runs: files that were deleted or damaged meanwhile are written again with the
+next change. Only one process may use the folder: it holds a lock for as long as it runs.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class DurableValues:
         newest = max((copy.revision for copy in copies.values() if copy is not None), default=0)
         if content is None:
             content = self._choose_copy(folder, copies)
-        elif content.revision < newest:  # a copy was put in its place: it is what counts from now on
+        elif content.revision < newest:  # a person put an old copy in its place: that counts from now on
             content = content._replace(revision=newest + 1)
         if content is None and refused is not None:
             raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None

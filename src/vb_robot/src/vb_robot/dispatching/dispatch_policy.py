@@ -1,10 +1,10 @@
 """Decides where each robot should be going: the policy, apart from maps, messages and actions.
 
 The idea: one robot serves, and its place stays as long as it shows the target. When it does not for a while, or has failed,
-each robot offers the cheapest place from which it would see the target, its present place for nothing, and the best offer
+each robot bids the cheapest place from which it would see the target, its present place at no cost, and the best bid
 wins: that of the robot with the fewest failures; among equals, the cheapest. A place fails if navigation does not accept
-it, the robot makes no progress, or no camera sees the spot from there in time; then it is not offered again for a
-while. The offer of the robot that serves counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
+it, the robot makes no progress, or no camera sees the spot from there in time; then it is not bid again for a
+while. The bid of the robot that serves counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.spots import LOST_TIMEOUT
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
-LOST_INTERVAL = 0.5  # [s] while no camera sees the spot; then no goal waits for UNFIT_TIMEOUT either
-RETRY_AFTER = 0.5  # [s] after a failure, and as much more after each further one
+LOST_INTERVAL = 0.5  # [s] the same while no camera sees the spot; UNFIT_TIMEOUT does not apply then
+RETRY_AFTER = 0.5  # [s] after a failure, times the number of failures so far
 UNFIT_TIMEOUT = 0.6  # [s] how long the present goal must have been unfit to be replaced
 MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new place must be from the present goal
 FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a place that failed, nothing is tried for this long
-# What a place promises, and within which time [s]: move_base itself needs 40 s to give up.
+# What has to happen within which time [s]: move_base itself needs 40 s to give up.
 PROGRESS_TIMEOUTS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
 STUCK_DISTANCE = 0.10  # [m] a shorter move is not progress
-BLIND_TRIES = 2  # so often, until a camera sees the spot again: the laser may be off
+BLIND_TRIES = 2  # places tried until a camera sees the spot again: the laser may be off
 PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
 
-Place = Tuple[float, float, float]  # (x, y, radius) [m]
+Circle = Tuple[float, float, float]  # (x, y, radius) [m]
 
 
 class SentGoalState(enum.Enum):
@@ -51,7 +51,7 @@ class SentGoalState(enum.Enum):
 
 
 @dataclass(frozen=True)
-class RobotStatus:
+class DispatchStatus:
     """A robot's current state.
 
     Attributes:
@@ -81,30 +81,30 @@ class Fleet:
         self._forget()
 
     def _forget(self) -> None:
-        self._failed: List[Tuple[str, float, Place]] = []  # whose place failed, when [s], and where
+        self._failed: List[Tuple[str, float, Circle]] = []  # whose place failed, when [s], and around what
         self._rests_until: Dict[str, float] = {}  # [s] by robot
         self.serving: Optional[str] = None
         self.goal: Optional[Viewpoint] = None
         self._sent = -math.inf
         self._unfit_since: Optional[float] = None
         self._awaited: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # what, since when [s], from where
-        self._blind: List[Place] = []  # from where no camera saw the spot that is lost now
+        self._blind: List[Circle] = []  # from where no camera saw the spot that is lost now
 
     def step(
         self,
         now: float,
         key: Hashable,
         unseen: float,
-        robots: Mapping[str, Tuple[RobotStatus, Optional[ViewpointPlanner]]],
+        robots: Mapping[str, Tuple[DispatchStatus, Optional[ViewpointPlanner]]],
     ) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going now, or where it went last; None: nowhere.
 
-        A goal that differs from the one before is to be sent; when there is none any more the last is to be cancelled.
+        The caller sends a goal that differs from the one before, and cancels the last when there is none any more.
 
         Args:
             now: [s]; key: changes with interaction and state; None: no robot is wanted.
             unseen: [s] since a camera saw the spot.
-            robots: how each one is, and what it can see; None before anything is known of that.
+            robots: the status of each, and what it can see; None before that is known.
         """
         before, self._before = self._before, (now, key)
         self._failed = [failure for failure in self._failed if now - failure[1] < FAILED_MEMORY]
@@ -128,8 +128,10 @@ class Fleet:
             self._choose(now, {name: known for name, known in able.items() if known[1] is not None})
         return {name: self.goal if name == self.serving else None for name in self._names}
 
-    def _must_move(self, now: float, unseen: float, status: RobotStatus, planner: Optional[ViewpointPlanner]) -> bool:
-        """Returns whether another place is to be chosen for the robot that serves, or another robot."""
+    def _must_move(
+        self, now: float, unseen: float, status: DispatchStatus, planner: Optional[ViewpointPlanner]
+    ) -> bool:
+        """Returns whether to choose another place for the robot that serves, or another robot."""
         pose = status.pose
         if self.goal is not None:
             what = status.goal.value
@@ -146,10 +148,10 @@ class Fleet:
         if planner is None:
             return False
         under_way = self.goal if status.goal.under_way else None
-        place = under_way.pose if under_way is not None else pose
+        wanted = under_way.pose if under_way is not None else pose
         avoided = [*self._blind, *self._failures_of(self.serving)]
-        fits = planner.shows_target(place) and (under_way is None or planner.has_room_at(place))
-        fits = fits and all(math.dist(place[:2], (x, y)) >= radius for x, y, radius in avoided)
+        fits = planner.shows_target(wanted) and (under_way is None or planner.has_room_at(wanted))
+        fits = fits and all(math.dist(wanted[:2], (x, y)) >= radius for x, y, radius in avoided)
         # on its way off the seed's side it goes on: the border would lock it in
         if fits or (under_way is not None and not under_way.sees_spot):
             self._unfit_since = None
@@ -167,8 +169,8 @@ class Fleet:
             return now >= self._sent + LOST_INTERVAL
         return now >= self._sent + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
 
-    def _failures_of(self, name: str) -> List[Place]:
-        return [place for robot, _, place in self._failed if robot == name]
+    def _failures_of(self, name: str) -> List[Circle]:
+        return [around for robot, _, around in self._failed if robot == name]
 
     def _awaits(self, now: float, what: str, pose: Pose) -> float:
         """Measures for how long [s] the same has been awaited without the robot getting anywhere."""
@@ -177,37 +179,37 @@ class Fleet:
             self._awaited = (what, now, pose)
         return now - self._awaited[1]
 
-    def _choose(self, now: float, able: Mapping[str, Tuple[RobotStatus, ViewpointPlanner]]) -> None:
-        """Takes the best offer; without one everything stays."""
-        offers: Dict[str, Tuple[tuple, Optional[Viewpoint]]] = {}
+    def _choose(self, now: float, able: Mapping[str, Tuple[DispatchStatus, ViewpointPlanner]]) -> None:
+        """Accepts the best bid; without one everything stays as it is."""
+        bids: Dict[str, Tuple[tuple, Optional[Viewpoint]]] = {}
         for name, (status, planner) in able.items():
             failures, serves = self._failures_of(name), name == self.serving
             if now < self._rests_until.get(name, -math.inf):
                 continue
             if not serves and not status.busy and planner.shows_target(status.pose):
-                offers[name] = (False, len(failures), False, 0.0), None
+                bids[name] = (False, len(failures), False, 0.0), None
                 continue
             viewpoint = planner.best_viewpoint(status.pose, [*self._blind, *failures])
             if viewpoint is None:
                 self._rests_until[name] = now + MIN_INTERVAL  # asking again at once would give the same answer
                 continue
             cost = viewpoint.cost - (SWITCH_GAIN if serves else 0.0)
-            offers[name] = (not viewpoint.sees_spot, len(failures), status.busy and not serves, cost), viewpoint
-        if not offers:
+            bids[name] = (not viewpoint.sees_spot, len(failures), status.busy and not serves, cost), viewpoint
+        if not bids:
             return
-        best = min(offers, key=lambda name: offers[name][0])
-        place, status = offers[best][1], able[best][0]
-        if best == self.serving and self._is_about_the_goal(place, status):
+        best = min(bids, key=lambda name: bids[name][0])
+        chosen, status = bids[best][1], able[best][0]
+        if best == self.serving and self._is_about_the_goal(chosen, status):
             self._unfit_since = now
             return
         # a copy: to be sent to the same place again is another goal
-        self.serving, self.goal = best, place and replace(place)
+        self.serving, self.goal = best, chosen and replace(chosen)
         self._sent, self._unfit_since, self._awaited = now, None, ("", now, None)
 
-    def _is_about_the_goal(self, place: Optional[Viewpoint], status: RobotStatus) -> bool:
-        """Returns whether a place is where the robot already is or goes."""
+    def _is_about_the_goal(self, chosen: Optional[Viewpoint], status: DispatchStatus) -> bool:
+        """Returns whether a viewpoint is about where the robot already is or goes."""
         goal = self.goal
-        if place is None or goal is None or math.dist(place.pose[:2], goal.pose[:2]) >= MIN_GAIN:
+        if chosen is None or goal is None or math.dist(chosen.pose[:2], goal.pose[:2]) >= MIN_GAIN:
             return False
-        turn = abs(math.remainder(place.pose[2] - goal.pose[2], 2.0 * math.pi))
+        turn = abs(math.remainder(chosen.pose[2] - goal.pose[2], 2.0 * math.pi))
         return turn < MIN_TURN and (status.goal.under_way or math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN)

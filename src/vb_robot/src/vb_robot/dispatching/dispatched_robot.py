@@ -12,7 +12,7 @@ from vb_core.errors import CodedError
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.dispatching.dispatch_policy import RobotStatus, SentGoalState
+from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.floor_view import FloorView
 from vb_robot.monitoring.watched_robot import WatchedRobot
@@ -31,7 +31,7 @@ OUTCOMES = {
 
 
 def follow(state: SentGoalState, status: Optional[int]) -> SentGoalState:
-    """Returns a goal's new state, by what navigation says of it; None: it does not know the goal."""
+    """Returns a goal's new state, from the status that navigation gives it; None: navigation does not know the goal."""
     if not state.under_way:
         return state
     if status is None:  # the goal has not arrived yet, or navigation was started again
@@ -83,13 +83,12 @@ class DispatchedRobot:
             self._state = SentGoalState.NONE
             rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._robot.frame)
 
-    def status(self, wanted: bool) -> RobotStatus:
-        """Returns how the robot is now; its pose only if a robot is wanted. To be called regularly."""
+    def status(self, wanted: bool) -> DispatchStatus:
+        """Returns the robot's status, with its pose only if a robot is wanted. To be called regularly."""
         goals = self._robot.goals
         self._state = follow(self._state, goals.get(self._id))
-        others = {
-            goal for goal, status in goals.items() if status in (GoalStatus.PENDING, GoalStatus.ACTIVE)
-        } - self._ids
+        running = GoalStatus.PENDING, GoalStatus.ACTIVE
+        others = {goal for goal, status in goals.items() if status in running} - self._ids
         for goal in others:
             if goal.startswith(rospy.get_name() + MARK):
                 # again each time: while publishers are being connected a message may be lost
@@ -98,4 +97,4 @@ class DispatchedRobot:
         if wanted:
             self._robot.locate()
         pose = self._robot.pose if wanted else None
-        return RobotStatus(pose, self._robot.is_navigating(), self._state, bool(others))
+        return DispatchStatus(pose, self._robot.is_navigating(), self._state, bool(others))

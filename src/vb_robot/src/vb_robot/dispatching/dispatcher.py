@@ -1,4 +1,4 @@
-"""Collects what is known of spot, drawing, maps and robots, and decides; the node only wires it."""
+"""Decides where robots go, from all that is known of spot, drawing, maps and robots; the node only wires it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
-from vb_robot.dispatching.dispatch_policy import Fleet, RobotStatus
+from vb_robot.dispatching.dispatch_policy import DispatchStatus, Fleet
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.floor_view import FloorView
 from vb_robot.spots import LOST_TIMEOUT, Sightings
 
-
-# [s] Spots are confirmed late at the start of a stroke, and a robot is chosen within a second: only what lasts is reported.
+# [s] after which people are told: spots are confirmed late at the start of a stroke, and choosing a robot takes a second
 UNSERVED_TIME = 2.0
 
 
@@ -37,7 +36,9 @@ class RobotMap:
         if borders is not self._maps[0] or physical is not self._maps[1]:
             self._maps, self._clearance_map = (borders, physical), None
 
-    def make_planner(self, drawing: DrawingState, status: RobotStatus, others: Sequence) -> Optional[ViewpointPlanner]:
+    def make_planner(
+        self, drawing: DrawingState, status: DispatchStatus, others: Sequence
+    ) -> Optional[ViewpointPlanner]:
         """Makes the planner that knows what the robot can see of a drawing; None before map, pose and camera are known."""
         borders, physical = self._maps
         if self._view is None or status.pose is None or borders is None:
@@ -52,15 +53,15 @@ class RobotMap:
 class Dispatcher:
     """Decides where robots go, from an interaction's messages. It must be used by one thread at a time.
 
-    A goal is given only after a stationary camera saw the spot in this interaction: with none of them the person
-    guides the robot. From then on every camera's spots tell where the spot is.
+    A goal is given only after a stationary camera saw the spot in this interaction: before, and where there is no such
+    camera, the person guides the robot. From then on the spots of every camera tell where the spot is.
 
     Args:
         radii: [m] of the robots, by name; "" is the only one, without a namespace.
 
     Attributes:
         maps: of each robot, with what its camera sees.
-        sightings: of the interaction: what the spot is known by.
+        sightings: of the spot in this interaction.
         notice: what to tell people now.
     """
 
@@ -75,24 +76,24 @@ class Dispatcher:
     def set_progress(self, interaction: str, drawn: DrawingState, cameras: Iterable[str]) -> None:
         """Stores what has been drawn so far in an interaction, and which cameras contributed."""
         self._drawn = interaction, drawn
-        # also before any robot is wanted: that cameras contributed may be why one is
+        # also before any robot is wanted: one may be wanted because cameras contributed
         self.sightings.add_contributors(interaction, cameras)
 
-    def decide(self, now: float, robots: Mapping[str, RobotStatus]) -> Dict[str, Optional[Viewpoint]]:
+    def decide(self, now: float, robots: Mapping[str, DispatchStatus]) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new place."""
         sightings, robot_wanted = self.sightings, self.sightings.should_dispatch()
         sightings.forget_after(now)
         drawing = self._drawing(now) if robot_wanted else None
         time_since_seen = sightings.time_since_seen(now)
         if sightings.newest() is None and drawing is not None and not drawing.seeding:
-            time_since_seen = 2.0 * LOST_TIMEOUT  # started again in the middle of a drawing
+            time_since_seen = 2.0 * LOST_TIMEOUT  # this program was restarted in the middle of a drawing
         seeing = {}
         for name, status in robots.items():
             others = [its.pose[:2] for other, its in robots.items() if other != name and its.pose is not None]
             planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
             seeing[name] = (status, planner)
         goals = self._fleet.step(now, sightings.key if robot_wanted else None, time_since_seen, seeing)
-        self._tell(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
+        self._update_notice(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
@@ -104,8 +105,8 @@ class Dispatcher:
         elif sightings.newest() is not None:
             target = sightings.target()
         else:
-            # started again in the middle of a drawing, the line ends where the spot was seen last; the seed of a closed line
-            # is most likely within, and a robot that stands there hides it
+            # this program was restarted in the middle of a drawing: the line ends where the spot was seen last; the seed of
+            # a closed line is most likely within it, where a robot would hide it
             within = drawn.inside() if sightings.state == SEED else None
             target = drawn.spot if within is None else within
         if target is None:
@@ -118,7 +119,7 @@ class Dispatcher:
             seen_by_stationary=sightings.seen_by_stationary(now),
         )
 
-    def _tell(self, now: float, lost: bool) -> None:
+    def _update_notice(self, now: float, lost: bool) -> None:
         """Chooses the notice while no camera sees the spot: it says whether a robot comes."""
         comes = self._fleet.goal is not None
         self._unserved_since = min(self._unserved_since, now) if lost and not comes else math.inf

@@ -25,7 +25,7 @@ from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.spots import Sighting, Sightings
 
-# [s] of zeros for each one that begins to listen: a base may still hold the last command of a driver that died
+# [s] of zeros for each new listener: a base may still hold the last command of a driver that died
 START_ZEROS = 3.0
 GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
@@ -33,7 +33,7 @@ STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowe
 
 
 @dataclass(frozen=True)
-class Command:
+class DriveCommand:
     """The command that goes to the wheels now.
 
     Attributes:
@@ -80,13 +80,13 @@ class Arbiter:
         self.follower, self._escape = SpotFollower(), Escape(profile.radius)
         self._rotation_shim = RotationShim()
         self._goal_at = -math.inf  # [s] when navigation said last that it has a goal
-        self._silent_after = -math.inf  # [s] when it stops to publish zeros to who has begun to listen
+        self._silent_after = -math.inf  # [s] when it stops publishing zeros for a new listener
         self._listeners = 0
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self.stops = stops or HeldStops()
         self._cancelled_at = -math.inf
         self._commands: Dict[str, VelocityRequest] = {}
-        self._last = Command()
+        self._last = DriveCommand()
 
     # ------------------------------------------------------------- inputs
     def set_state(self, state: State, interaction: str, entered: float, stamp: float) -> None:
@@ -127,13 +127,13 @@ class Arbiter:
         self._commands[source], self.gate.stamps[source] = VelocityRequest(v, w), now
 
     # ------------------------------------------------------------- who drives
-    def halt(self, code: str) -> Command:
+    def halt(self, code: str) -> DriveCommand:
         """Stops the robot, whatever is requested: the program has a fault."""
         with self._lock:
-            self._last = Command(0.0, 0.0, self._last.source, code, True)
+            self._last = DriveCommand(0.0, 0.0, self._last.source, code, True)
             return self._last
 
-    def step(self, now: float, listeners: int = 1) -> Command:
+    def step(self, now: float, listeners: int = 1) -> DriveCommand:
         """Decides the command for a time [s]; called once in 1 / RATE. `listeners`: how many hear the commands now."""
         with self._lock:
             if listeners > self._listeners:
@@ -151,7 +151,7 @@ class Arbiter:
                 self._silent_after = now
             # when no source drives any more, one stop is published; while a stop is in force, it is repeated
             publish = source != NONE or self._last.source != NONE or now < self._silent_after or code != request.code
-            self._last = Command(v, w, source, code, publish, cancel)
+            self._last = DriveCommand(v, w, source, code, publish, cancel)
             return self._last
 
     def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
@@ -181,7 +181,7 @@ class Arbiter:
         pose, workspace = self.gate.pose(now), self.gate.workspace
         if pose is None or workspace is None:
             return None
-        # what the gate ends, at a border or beside a wall, moves nothing, whatever navigation believes
+        # a command that the gate has stopped, at a border or beside a wall, moves nothing, whatever navigation believes
         granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = granted and self._command(NAVIGATION, now) is not None
         return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)

@@ -17,7 +17,7 @@ from vb_core.geometry import Pose
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 
-NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: it begins, it ends; cells tremble
+NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: it begins, it ends; cells flicker
 ROOM = FREE + 0.05  # [m] beyond the radius: a robot that stops a few centimetres short, or one cell away, is free
 REACH = 0.5  # [m] to such a place: a robot that is farther from any is caught, not pinched
 PINCHED_AFTER = 1.5  # [s] for which navigation has a goal and moves nothing

@@ -22,8 +22,8 @@ AHEAD = 0.3  # [m] along the path: where it leads from here
 NEAR = 0.5  # [m] of path to the goal: twice the usual tolerance
 RECOVERY = 20.0  # [s] a recovery that turns once round, at 0.4 rad/s, takes 16; a command that drives ends it earlier
 LOST = 0.5  # [m] from the path: it is not the one that navigation follows
-BEHIND = 0.5 * math.pi  # [rad] from the robot's heading a turn begins
-ALIGNED = math.radians(30)  # and ends: DWA knows from here which way is better
+BEHIND = 0.5 * math.pi  # [rad] off the robot's heading, at which a turn begins
+ALIGNED = math.radians(30)  # and ends: from here on DWA knows which way is better
 TURN = 0.5  # [rad/s] at least
 
 

@@ -76,12 +76,12 @@ class Scan:
         with np.errstate(invalid="ignore"):
             near = ranges < range_min
             hit = (ranges >= range_min) & (ranges <= range_max)
-        place = geometry.apply(mount, np.zeros(3))
-        beams = (geometry.apply(mount, units) - place)[:, :2]
-        ends = place[:2] + ranges[hit, None] * beams[hit]
+        origin = geometry.apply(mount, np.zeros(3))
+        beams = (geometry.apply(mount, units) - origin)[:, :2]
+        ends = origin[:2] + ranges[hit, None] * beams[hit]
         ends = ends[np.hypot(*ends.T) > radius - OWN_MARGIN]
-        # how near is not known: it may touch the robot
-        close = place[:2] + np.maximum(ranges[near, None], 0.0) * beams[near]
+        # how near it is cannot be measured: it may touch the robot
+        close = origin[:2] + np.maximum(ranges[near, None], 0.0) * beams[near]
         close = np.where(np.hypot(*close.T)[:, None] > radius, close, radius * beams[near])
         self.points = np.vstack([ends, close])
         x, y = beams[~np.isnan(ranges)].T
@@ -119,17 +119,17 @@ class Scan:
         return self.covers(bearing, math.atan2(radius, radius + HORIZON))
 
 
-def limit_around(limits: GridMap, place, reach: float) -> float:
-    """Returns the lowest speed limit [m/s] within `reach` [m] of a place (2,) [m]; inf if there is none.
+def limit_around(limits: GridMap, position, reach: float) -> float:
+    """Returns the lowest speed limit [m/s] within `reach` [m] of a position (2,) [m]; inf if there is none.
 
     Args:
         limits: the map that map_integrator publishes [cm/s]; 0 means no limit.
     """
-    x, y = place
+    x, y = position
     reach += 2.0 * limits.resolution  # a cell's centre is not its edge
     near = crop(limits, (x - reach, y - reach, x + reach, y + reach))
     cells = np.argwhere(near.data > 0)
-    cells = cells[np.hypot(*(near.cell_to_world(cells) - place).T) <= reach]
+    cells = cells[np.hypot(*(near.cell_to_world(cells) - position).T) <= reach]
     return float(near.data[tuple(cells.T)].min()) / 100.0 if len(cells) else math.inf
 
 
@@ -145,7 +145,7 @@ class Fix:
 def pose_jump(before: Fix, after: Fix) -> float:
     """Measures by how much [m] the pose changed beyond what the odometry tells; a turn of 1 rad counts as 0.5 m.
 
-    Without odometry it is what no robot can drive (1 m/s, 3 rad/s) since then.
+    Without odometry it is the change beyond what any robot can have driven since then (1 m/s, 3 rad/s).
     """
     expected, spare = before.pose, after.stamp - before.stamp
     if before.odometry is not None and after.odometry is not None:
@@ -157,7 +157,7 @@ def pose_jump(before: Fix, after: Fix) -> float:
 
 
 def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
-    """Returns the places (N, 2) [m] after driving signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
+    """Returns the positions (N, 2) [m] after driving signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
     lengths = np.asarray(lengths, dtype=float)
     if abs(curvature) < 1e-6:
         local = np.column_stack([lengths, np.zeros_like(lengths)])

@@ -1,6 +1,6 @@
 """Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
 
-Position-based: the error is the spot's place in the robot's base frame, measured through the camera. The robot
+Position-based: the error is the spot's position in the robot's base frame, measured by the camera. The robot
 moves only when the spot is about to leave the zone ahead or the good distance, and then until the spot is well
 inside again, so that small strokes do not make it restless. The spot stays in its place on the floor while the
 robot moves; how old it is, and whether the localisation has jumped, is the gate's business.

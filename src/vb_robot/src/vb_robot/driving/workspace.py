@@ -24,8 +24,8 @@ LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
 # (docs/results/robots/navigation.md). For the rest there is what navigation itself keeps.
 STD_FACTOR = 0.75  # of the particles' standard deviation
 MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
-MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] beyond, three times what the margin covers, it does not know where it is
-MAX_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
+MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] beyond these, three times what the margin covers, the robot counts as lost
+MAX_UNCERTAINTY = 0.10  # [m] viewpoints may be that near to borders: with more, navigation would refuse them
 UNCERTAINTY_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
 UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
 
@@ -55,12 +55,12 @@ class PoseUncertainty:
 
 
 def forbidden(borders: GridMap, physical: GridMap) -> np.ndarray:
-    """Returns (H, W) bool: where only a border forbids to be; also on floor that was unknown."""
+    """Returns (H, W) bool: where only a border forbids the robot to be; also on floor that was unknown."""
     return (borders.data >= LETHAL_THRESHOLD) & (borders.data > physical.data)
 
 
 class Workspace:
-    """What a robot may enter. What the map with borders has more occupied than the one without is restricted by borders.
+    """What a robot may enter. Cells more occupied in the map with borders than in the one without are restricted by borders.
 
     The maps decide what is restricted, so that this always agrees with navigation.
 
@@ -83,18 +83,18 @@ class Workspace:
         )
         self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
 
-    def distance_to_keep_out(self, place) -> float:
-        """Returns the distance [m] from a place (2,) [m] to what borders forbid to enter; 0 within it."""
-        return self._at(self._to_lethal, place)
+    def distance_to_keep_out(self, point) -> float:
+        """Returns the distance [m] from a point (2,) [m] to what borders forbid to enter; 0 within it."""
+        return self._at(self._to_lethal, point)
 
-    def distance_to_blocked(self, place) -> float:
-        """Returns the distance [m] from a place (2,) [m] to all that the robot keeps out of; 0 within it."""
-        return self._at(self._to_blocked, place)
+    def distance_to_blocked(self, point) -> float:
+        """Returns the distance [m] from a point (2,) [m] to all that the robot keeps out of; 0 within it."""
+        return self._at(self._to_blocked, point)
 
-    def nearest_room(self, place, clearance: float, reach: float) -> Optional[np.ndarray]:
-        """Finds the nearest known place (2,) [m] within reach [m] with a clearance [m] from all that the robot keeps out of."""
+    def nearest_room(self, point, clearance: float, reach: float) -> Optional[np.ndarray]:
+        """Finds the nearest known point (2,) [m] within reach [m] with a clearance [m] from all that the robot keeps out of."""
         room = (self._to_blocked >= clearance) & (self.borders.data >= 0)
-        cell, center = nearest_cell(self.borders, room, place[:2], reach)
+        cell, center = nearest_cell(self.borders, room, point[:2], reach)
         return None if cell is None else center
 
     def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
@@ -109,5 +109,5 @@ class Workspace:
         bad = np.flatnonzero(clearance < needed - 1e-6)
         return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf
 
-    def _at(self, layer: np.ndarray, place) -> float:
-        return float(sample(self.borders, layer, np.asarray(place, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])
+    def _at(self, layer: np.ndarray, point) -> float:
+        return float(sample(self.borders, layer, np.asarray(point, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])

@@ -15,11 +15,11 @@ import numpy as np
 from vb_core.grid_layers import clearance_grid, nearest_cell, sample
 from vb_core.grid_map import GridMap
 from vb_robot.clearance_map import START_TOLERANCE
-from vb_robot.grid_ways import GridWays
+from vb_robot.grid_paths import ShortestPaths
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
 
 NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps
-SEARCH_CELLS = 200  # along the map's longer side: the way is only searched for the border's name
+SEARCH_CELLS = 200  # along the map's longer side: the path is searched only for the border's name
 
 
 @dataclass(frozen=True)
@@ -31,29 +31,29 @@ class KnownBorder:
     seed: np.ndarray
     polygon: bool
 
-    def may_restrict(self, place) -> bool:
-        """Returns whether a place is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
+    def may_restrict(self, point) -> bool:
+        """Returns whether a point is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
-        inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (place, self.seed)]
+        inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (point, self.seed)]
         return not self.polygon or inside[0] == inside[1]
 
 
-def name_of(known: Sequence[KnownBorder], place) -> str:
-    """Returns the name of the border that restricts a place (2,) [m]; "" if none is known.
+def name_of(known: Sequence[KnownBorder], point) -> str:
+    """Returns the name of the border that restricts a point (2,) [m]; "" if none is known.
 
     A polygon that encloses it, or else a curve, the nearest: the maps do not say which border a cell is from.
     """
 
     def order(border: KnownBorder) -> tuple:
-        distance = float(np.linalg.norm(border.points - place, axis=1).min())
-        return not border.may_restrict(place), not border.polygon, distance
+        distance = float(np.linalg.norm(border.points - point, axis=1).min())
+        return not border.may_restrict(point), not border.polygon, distance
 
     return min(known, key=order).name if known else ""
 
 
-def is_inside(borders: GridMap, physical: GridMap, place) -> bool:
-    """Returns whether a place (2,) [m] is where only a border forbids to be."""
-    there, without = (sample(grid, grid.data, np.reshape(place, (1, 2)), -1.0)[0] for grid in (borders, physical))
+def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
+    """Returns whether a point (2,) [m] is where only a border forbids the robot to be."""
+    there, without = (sample(grid, grid.data, np.reshape(point, (1, 2)), -1.0)[0] for grid in (borders, physical))
     return bool(there >= LETHAL_THRESHOLD and there > without)
 
 
@@ -62,8 +62,8 @@ def quoted(name: str) -> str:
     return f"'{name}'" if name else "$border_without_name"
 
 
-class GoalReview:
-    """Reviews goals on one pair of maps.
+class GoalChecker:
+    """Checks goals on one pair of maps.
 
     Args:
         borders: the map with borders, to plan on; physical: the one without, of the same geometry.
@@ -78,11 +78,11 @@ class GoalReview:
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
         self._rooms = {which: self._connected(grid) for which, grid in (("borders", borders), ("physical", physical))}
 
-    def name_at(self, place) -> str:
-        """Returns the name of the border that a place (2,) [m] is in, or has no room because of."""
-        return name_of(self._known, nearest_cell(self.borders, self._barred, place, 2.0 * self._radius + NEAR)[1])
+    def name_at(self, point) -> str:
+        """Returns the name of the border that a point (2,) [m] is in, or that leaves no room there."""
+        return name_of(self._known, nearest_cell(self.borders, self._barred, point, 2.0 * self._radius + NEAR)[1])
 
-    def review(self, start, goal) -> Optional[Tuple[str, str]]:
+    def check(self, start, goal) -> Optional[Tuple[str, str]]:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m] or None: (code, border's name).
 
         Codes: "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border", "goal_out_of_reach". None if
@@ -106,20 +106,20 @@ class GoalReview:
         return None
 
     def _connected(self, grid: GridMap) -> np.ndarray:
-        """Numbers the floor (H, W) that the robot can reach within itself; 0: no room. Unknown floor may be free."""
+        """Labels the connected parts of the floor (H, W) on which the robot has room; 0: no room. Unknown floor may be free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
-    def _room_at(self, which: str, place, reach: float) -> int:
+    def _room_at(self, which: str, point, reach: float) -> int:
         rooms, grid = self._rooms[which], self.borders
-        cell = tuple(grid.world_to_cell(place)[0])
+        cell = tuple(grid.world_to_cell(point)[0])
         if grid.contains_cells(np.array([cell]))[0] and rooms[cell]:
             return int(rooms[cell])
-        cell, _ = nearest_cell(grid, rooms > 0, place, reach)
+        cell, _ = nearest_cell(grid, rooms > 0, point, reach)
         return int(rooms[cell]) if cell is not None else 0
 
     def _crossed(self, start, goal) -> str:
-        """Returns the name of the first border on the way that crosses the fewest border cells."""
+        """Returns the name of the first border on the path that crosses the fewest border cells."""
         if is_inside(self.borders, self.physical, start):
             return self.name_at(start)
         step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
@@ -128,7 +128,7 @@ class GoalReview:
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
         passable[tuple(ends.T)] = True  # between two blocks that have room
         cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
-        for row, column in GridWays(cost, ends[:1], np.zeros(1)).way_to(ends[1]):
+        for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
             if not allowed[row, column]:
                 middle = (np.array([row, column]) + 0.5) * step - 0.5
                 return self.name_at(self.borders.cell_to_world(middle[None])[0])

@@ -1,4 +1,4 @@
-"""Obeying stop and slow zones without the driver: by what a robot's own navigation can be asked.
+"""Obeys slow zones without the driver: by requests to a robot's own navigation.
 
 The idea: a local planner's highest speed is a parameter that can be set while it drives, and a goal can be cancelled.
 Both are requests: a planner that hangs, a joystick or another program that commands the wheels do not hear them. Each
@@ -45,21 +45,21 @@ class PlannerSpeed:
         self._set: Optional[float] = None  # the limit in force; None: not known
         self._highest: Mapping[str, float] = {}  # the values under it
         self.obeys = False
-        self._asked: node.Mailbox = node.Mailbox()
-        self._worker = node.Worker(self._asked, self.apply)
+        self._requests: node.Mailbox = node.Mailbox()
+        self._worker = node.Worker(self._requests, self.apply)
         self._updates = rospy.Subscriber(f"{server}/parameter_updates", Config, self._on_update, queue_size=5)
 
-    def ask(self, limit: float) -> None:
-        """Has the planner asked for a limit [m/s], inf for none, without waiting for it."""
-        self._asked.put(limit)
+    def request_limit(self, limit: float) -> None:
+        """Requests a limit [m/s] of the planner, inf for none, without waiting for it."""
+        self._requests.put(limit)
 
     def close(self) -> None:
-        """Asks no more."""
-        self._asked.close()
+        """Ends the requests."""
+        self._requests.close()
         self._updates.unregister()
 
     def release(self) -> None:
-        """Gives the planner its usual speed back, and asks no more."""
+        """Gives the planner its usual speed back, and ends the requests."""
         self.close()
         self._worker.join(2.0 * TIMEOUT)
         try:
@@ -89,7 +89,7 @@ class PlannerSpeed:
     def _apply(self, limit: float) -> None:
         usual = rospy.get_param(self._kept, None)
         if usual is None:
-            usual = self._ask({})
+            usual = self._set_parameters({})
             if math.isinf(limit):
                 self._set = limit
                 return
@@ -97,15 +97,15 @@ class PlannerSpeed:
         wanted = limited(usual, limit)
         if not math.isinf(limit):
             self._highest = wanted
-        got = self._ask(wanted)
+        got = self._set_parameters(wanted)
         if any(got[name] > value + 1e-6 for name, value in wanted.items()):
             raise CodedError("planner_refused", planner=self._server, limit=f"{limit:.2f}")
         if math.isinf(limit):
             rospy.delete_param(self._kept)
         self._set = limit
 
-    def _ask(self, values: Mapping[str, float]) -> Dict[str, float]:
-        """Sets values, and returns those that the planner then has."""
+    def _set_parameters(self, values: Mapping[str, float]) -> Dict[str, float]:
+        """Sets parameters of the planner, and returns the values that it then has."""
         config = Config(doubles=[DoubleParameter(name=name, value=value) for name, value in values.items()])
         wanted = ReconfigureRequest(config)
         answer = services.call(f"{self._server}/set_parameters", Reconfigure, wanted, self._server, TIMEOUT, TIMEOUT)

@@ -25,20 +25,20 @@ from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.gate import OTHER_PUBLISHER
 from vb_robot.inputs import RUNNING
 from vb_robot.monitoring import wiring
-from vb_robot.monitoring.goals import GoalReview, KnownBorder, is_inside, quoted
+from vb_robot.monitoring.goals import GoalChecker, KnownBorder, is_inside, quoted
 from vb_robot.monitoring.navigation_limits import PlannerSpeed
 from vb_robot.monitoring.wiring import Wiring, within
 
 DRIVER_SILENCE = 3.0  # [s] a driver reports twice a second
 NAVIGATION_SILENCE = 2.0  # [s] navigation sends its status five times a second
 POSE_SILENCE = 3.0  # [s] localisation that has not spoken for this long does not know where the robot is
-TOLD_AT_LEAST = 10.0  # [s] a refusal is reported while navigation works on its goal, and at least for this long
+MIN_REPORTED = 10.0  # [s] a refusal is reported while navigation works on its goal, and at least for this long
 PATH_POINTS = 100  # of a path are published
 DEFAULT_RADIUS = 0.18  # [m] of a robot of which neither costmap nor profile tells it
 
 
 class WatchedRobot:
-    """Collects what is connected to one robot, and asks its navigation for drives.
+    """Collects what is connected to one robot, and sends it to goals through its navigation.
 
     Args:
         name: its namespace; "" for the only one; frame: of its base.
@@ -61,8 +61,8 @@ class WatchedRobot:
         self._path = np.zeros((0, 2))
         self._maps: dict = {}
         self._known: Sequence[KnownBorder] = ()
-        self._review: Optional[GoalReview] = None
-        self._reviewed: tuple = (None,) * 4  # maps, radius and borders of that review
+        self._goal_checker: Optional[GoalChecker] = None
+        self._checker_inputs: tuple = (None,) * 4  # maps, radius and borders that it was made of
         self.refusal: Optional[Notice] = None
         self._goal_at = -math.inf
         self._transforms, self._on_goal = transforms, on_goal
@@ -81,23 +81,23 @@ class WatchedRobot:
     def set_map(self, which: str, grid: GridMap) -> None:
         """Adopts a map: "physical", "borders", "own" with only this robot's borders, or "keep_out" of its driver."""
         self._maps[which] = grid
-        self._review_goal()
+        self._request_check()
 
     def set_borders(self, known: Sequence[KnownBorder]) -> None:
         """Adopts the borders that are in force for it; they lend names."""
         self._known = known
-        self._review_goal()
+        self._request_check()
 
-    def _review_goal(self) -> None:
-        """Asks for another review of the present goal: a border may have come into its way."""
-        if self.goal is not None and self._is_told(rospy.get_time()):
+    def _request_check(self) -> None:
+        """Asks for another check of the present goal: a border may have come into its way."""
+        if self.goal is not None and self._is_reported(rospy.get_time()):
             self._on_goal(self)
 
     def _has_goal(self) -> bool:
         return any(status in RUNNING for status in self.goals.values())
 
-    def _is_told(self, now: float) -> bool:
-        return self._has_goal() or now - self._goal_at < TOLD_AT_LEAST
+    def _is_reported(self, now: float) -> bool:
+        return self._has_goal() or now - self._goal_at < MIN_REPORTED
 
     def look(self, graph: Any) -> None:
         """Looks at the ROS graph and the parameters of its navigation."""
@@ -183,35 +183,35 @@ class WatchedRobot:
     def _with_borders(self) -> Optional[GridMap]:
         return self._maps.get("own", self._maps.get("borders"))
 
-    def review(self) -> Optional[GoalReview]:
-        """Returns the maps as this robot's goals are reviewed on them; None before there are any that belong together."""
+    def goal_checker(self) -> Optional[GoalChecker]:
+        """Returns what checks this robot's goals on the newest maps; None before there are any that belong together."""
         grid, physical = self._with_borders(), self._maps.get("physical")
         if grid is not None and any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
             grid = self._maps.get("keep_out", grid)  # its plans keep the margin that its driver keeps
         if grid is None or physical is None or not physical.same_geometry(grid):
             return None
         inputs = (grid, physical, self.wiring.radius, self._known)
-        if any(one is not other for one, other in zip(inputs, self._reviewed)):
+        if any(one is not other for one, other in zip(inputs, self._checker_inputs)):
             radius = inputs[2] or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
-            self._review, self._reviewed = GoalReview(grid, physical, radius, inputs[3]), inputs
-        return self._review
+            self._goal_checker, self._checker_inputs = GoalChecker(grid, physical, radius, inputs[3]), inputs
+        return self._goal_checker
 
-    def judge(self, goal) -> Optional[Notice]:
+    def check_goal(self, goal) -> Optional[Notice]:
         """Returns why a goal (2,) [m] will be refused; None if nothing speaks against it."""
-        maps = self.review()
-        refusal = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
+        checker = self.goal_checker()
+        refusal = checker.check(self.pose[:2] if self.pose else None, np.asarray(goal)) if checker else None
         return self.notice(refusal[0], Severity.WARNING, border=quoted(refusal[1])) if refusal else None
 
     def notices(self, now: float) -> List[Notice]:
         """Returns what people should know of its goal and its place at a time [s]."""
         notices = []
-        if self.refusal is not None and self._is_told(now):
+        if self.refusal is not None and self._is_reported(now):
             notices.append(self.refusal)
-        review, pose = self.review(), self.pose
-        if review is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
+        checker, pose = self.goal_checker(), self.pose
+        if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not by the map that it plans on, which may have a margin
             if is_inside(self._with_borders(), self._maps["physical"], pose[:2]):
-                border = quoted(review.name_at(pose[:2]))
+                border = quoted(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
         return notices
 
@@ -220,9 +220,9 @@ class WatchedRobot:
         return Notice.of_robot(self.name, code, severity, **values)
 
     # ------------------------------------------------------------- what is asked of navigation
-    def send_to(self, place) -> None:
-        """Sends it to a place (2,) [m]; it arrives looking as it set out."""
-        x, y = place
+    def send_to(self, position) -> None:
+        """Sends it to a position (2,) [m]; there it faces the way it set out."""
+        x, y = position
         self.send((x, y, math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0))
 
     def send(self, pose: Pose, mark: str = "-") -> str:

@@ -1,1 +1,1 @@
-"""From a command to what the system does."""
+"""Answers, services and previews behind the interaction's commands."""

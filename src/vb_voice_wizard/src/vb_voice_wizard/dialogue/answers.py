@@ -52,7 +52,7 @@ class AnswerCache:
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
 
     def carry_out(self, identity: str, do: Callable[[], Answer]) -> Answer:
-        """Carries out a command with this id unless it was before, and returns its answer; "" means no id."""
+        """Carries out a command unless one with this id already was, and returns its answer; "" means no id."""
         if not identity:
             return do()
         with self._lock:

@@ -60,7 +60,7 @@ class BorderServices:
 
 
 def _checked(response: Any) -> Any:
-    """Returns a response that tells of success; the service's own error is raised."""
+    """Returns a response that reports success; raises the service's own error otherwise."""
     if not response.success:
         raise CodedError(response.code, response.message, **messages.mapping_from_values(response.values))
     return response

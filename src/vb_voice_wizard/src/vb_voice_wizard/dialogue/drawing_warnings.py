@@ -1,7 +1,7 @@
 """Collects what makes a drawing doubtful, apart from the border's check; no ROS.
 
-The idea: while a camera has an error, what it sees is missing from the line or at a wrong place, and the line keeps
-that when the camera is well again. So an error of a camera makes the drawing doubtful until the interaction ends.
+The idea: while a camera has an error, what it sees is missing from the line or at a wrong place, and so it stays in the
+line when the camera works again. So an error of a camera makes the drawing doubtful until the interaction ends.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import Sequence, Set, Tuple
 
 from vb_core.notices import Notice, Severity
 
-# as long as one of these is said: a part of what was drawn is not in the border, a part of the border was not seen, or
-# another place was pointed at longer
+# notices that a part of what was drawn is not in the border, that a part of the border was not seen, or that another place
+# was pointed at longer
 DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
 
 
@@ -23,7 +23,7 @@ class DrawingWarnings:
         self._failed: Set[str] = set()
 
     def start(self) -> None:
-        """Begins another interaction: what was over before it does not concern it."""
+        """Begins another interaction: errors that were over before it do not concern it."""
         self._failed = self._cameras()
 
     def update(self, notices: Sequence[Notice]) -> None:

@@ -16,7 +16,7 @@ MAX_TIME_SHARE = 0.25  # of the time that previews may take: the same computer s
 
 
 def places(points: np.ndarray) -> bytes:
-    """Returns where (N, 2) [m] are, to compare: the same for others only if none moved visibly; none: b""."""
+    """Returns points (N, 2) [m] in a form to compare: equal only if none has moved visibly; b"" for none."""
     return np.round(points / TOLERANCE).astype(np.int32).tobytes()
 
 

@@ -53,7 +53,7 @@ class Microphone:
                 self._closing.wait(self._retry)
 
     def _record_once(self) -> Generator[np.ndarray, None, str]:
-        # what it says goes to a file: a program blocks once a pipe that nobody reads is full, and the system is deaf
+        # its messages go to a file: it would block once a pipe that nobody reads was full, and the system would be deaf
         with tempfile.TemporaryFile() as said:
             try:
                 with self._lock:

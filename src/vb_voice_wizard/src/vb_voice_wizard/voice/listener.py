@@ -46,11 +46,11 @@ class CommandListener:
     def __init__(self, recognizer: CommandRecognizer) -> None:
         self._recognizer = recognizer
         self._endpointer = Endpointer()
-        # more than play within the sound that may wait to be processed
+        # more than can play within the sound that may wait to be processed
         self._played: Deque[Tuple[float, float]] = deque(maxlen=100)
 
     def play(self, sound: str, when: float) -> None:
-        """Stores that a sound of ours begins at a time [s]; one that is not known is not waited for."""
+        """Records that a sound of ours begins at a time [s]; an unknown one is ignored."""
         if sound in SOUNDS and sound != TICK:  # too short for an utterance
             self._played.append((when, when + SOUNDS[sound].seconds + _MUTE_MARGIN))
 

@@ -3,7 +3,7 @@
 import { deepest, distance, middle } from "./shapes.js";
 import { $ } from "./ui.js";
 
-const SHORTEST_PX = 24; // of a side whose length is written
+const MIN_SIDE_PX = 24; // of a side whose length is written
 export const MARK_PX = 10;
 
 // Nothing that is written covers anything else that is. First lengths, then a mark for each border of which
@@ -32,7 +32,7 @@ export function layWriting(map) {
     const { half, high } = group.extent,
       gap = 10 + Math.abs(nu) * half + Math.abs(nv) * high;
     const box = inFrame({ u: (a[0] + b[0]) / 2 + nu * gap, v: (a[1] + b[1]) / 2 + nv * gap, half, high });
-    const shown = long > SHORTEST_PX && isFree(box);
+    const shown = long > MIN_SIDE_PX && isFree(box);
     group.style.visibility = shown ? "" : "hidden";
     if (!shown) continue;
     put(group, box);

@@ -1,4 +1,4 @@
-"""Searches the cheapest ways over a grid of cells."""
+"""Searches the shortest paths over a grid of cells."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from scipy.sparse.csgraph import dijkstra
 NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns): each joins two cells in both directions
 
 
-class GridWays:
-    """The cheapest ways from one start, searched once, in eight directions.
+class ShortestPaths:
+    """Finds least-cost paths from one start over a grid (Dijkstra, 8-connected).
 
     Args:
         cost: (H, W) what a step of one cell's side costs in each cell; inf: it is never entered.
-        gates: (K, 2) cells (row, column) where ways begin, and entry: (K,) what it costs to come there.
+        gates: (K, 2) cells (row, column) where paths begin, and entry: (K,) what it costs to reach them from the start.
 
     Attributes:
-        lengths: (H, W) what the way to each cell costs; inf where none leads.
+        costs: (H, W) of the path to each cell; inf where there is none.
     """
 
     def __init__(self, cost: np.ndarray, gates: np.ndarray, entry: np.ndarray) -> None:
@@ -33,13 +33,13 @@ class GridWays:
             edges.append((index[here][both], index[there][both], length[both]))
         begin, end, length = (np.concatenate(column) for column in zip(*edges))
         graph = csr_matrix((length, (begin, end)), shape=(cost.size + 1, cost.size + 1))
-        lengths, self._before = dijkstra(graph, directed=False, indices=cost.size, return_predecessors=True)
-        self.lengths = lengths[:-1].reshape(cost.shape)
+        costs, self._before = dijkstra(graph, directed=False, indices=cost.size, return_predecessors=True)
+        self.costs = costs[:-1].reshape(cost.shape)
 
-    def way_to(self, cell) -> np.ndarray:
-        """Returns the cells (N, 2) of the way to a cell (row, column), in order; (0, 2) if there is none."""
-        node, way = int(np.ravel_multi_index(tuple(cell), self.lengths.shape)), []
-        while np.isfinite(self.lengths[tuple(cell)]) and node != self.lengths.size:
-            way.append(node)
+    def path_to(self, cell) -> np.ndarray:
+        """Returns the cells (N, 2) of the path to a cell (row, column), in order; (0, 2) if there is none."""
+        node, path = int(np.ravel_multi_index(tuple(cell), self.costs.shape)), []
+        while np.isfinite(self.costs[tuple(cell)]) and node != self.costs.size:
+            path.append(node)
             node = int(self._before[node])
-        return np.column_stack(np.unravel_index(np.array(way[::-1], dtype=int), self.lengths.shape))
+        return np.column_stack(np.unravel_index(np.array(path[::-1], dtype=int), self.costs.shape))
