@@ -84,7 +84,9 @@ class GoalRunner:
                 lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - began > timeout, wall_timeout, 0.05
             )
             state = self._client.get_state()
-            falsely = state == GoalStatus.SUCCEEDED and not wait_until(lambda: self._is_at(goal[:2]), 1.0)
+            falsely = state == GoalStatus.SUCCEEDED and not wait_until(
+                lambda: bool(self._path) and math.dist(self._path[-1], goal[:2]) < AT_GOAL, 1.0
+            )
         outcome, text = OUTCOMES.get(state, "time_is_up"), self._client.get_goal_status_text()
         outcome, seconds = "not_there" if falsely else outcome, rospy.get_time() - began
         if state not in OUTCOMES:
@@ -92,6 +94,3 @@ class GoalRunner:
         return GoalOutcome(
             outcome, text, np.array(list(self._path), dtype=float).reshape(-1, 2), seconds, false_reports
         )
-
-    def _is_at(self, place: Tuple[float, float]) -> bool:
-        return bool(self._path) and math.dist(self._path[-1], place) < AT_GOAL

@@ -95,7 +95,7 @@ class PageNode:
         self._actions = ActionHandler(
             lambda border_id: _by_id(self._borders).get(border_id),
             lambda: self._connected(names.STATE),
-            self._invitation,
+            lambda: {"addresses": self._addresses, **(self._codes or {})},
         )
         self._subscribe()
         self._robots = OfferListener()
@@ -317,9 +317,6 @@ class PageNode:
     def _bounds(self) -> Optional[Bounds]:
         corners = None if self._grid is None else self._grid.corners()
         return None if corners is None else (corners.min(axis=0).tolist(), corners.max(axis=0).tolist())
-
-    def _invitation(self) -> Dict[str, Any]:
-        return {"addresses": self._addresses, **(self._codes or {})}
 
 
 def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
