@@ -265,12 +265,9 @@ class SpotTracker:
                 track.published = False
         confirmed = [track for track in tracks if track.confirmed]
         published = [track for track in self._tracks if track.published]
-        moving = [track for track in confirmed if self._moves(track)]
+        # those that have been elsewhere for most of their time
+        moving = [track for track in confirmed if track.lit_s < 0.5 * (self._stamp - track.created)]
         if moving and published and all(track.lit_s > _STEP_TIME for track in published):
             published[0].published, published = False, []
         if confirmed and not published:
             (moving or confirmed)[0].published = True
-
-    def _moves(self, track: Track) -> bool:
-        """Returns whether a track has been elsewhere for most of its time."""
-        return track.lit_s < 0.5 * (self._stamp - track.created)
