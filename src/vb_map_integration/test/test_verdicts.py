@@ -9,7 +9,7 @@ from refusals import refused
 from test_recognition import closed_at, closed_off, flat, keep_out
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.in_force import put_in_force
+from vb_map_integration.in_force import compute_in_force
 from vb_map_integration.places.recognition import BorderPlace
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import MAX_MAPS
@@ -210,5 +210,5 @@ def test_a_border_that_no_longer_fits_where_accepted_waits():
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderPlace(keeper.borders[0], accepted=accepted, accepted_on=flat())
     assert place.region_before(flat(seed=1)) is None
-    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
+    found = compute_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
     assert found.verdicts["b1"].code == "to_be_confirmed" and found.outlines("b1")[0].shape == (0, 2)

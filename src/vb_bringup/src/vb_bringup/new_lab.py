@@ -169,7 +169,7 @@ def write_lab(
     return written
 
 
-def parse_camera(text: str) -> str:
+def parse_source(text: str) -> str:
     """Converts a camera's number, device, address or file to a detector's parameter `source`."""
     if text.isdigit():
         return f"/dev/video{text}"
@@ -177,7 +177,7 @@ def parse_camera(text: str) -> str:
 
 
 def parse_cameras(text: str) -> Dict[str, str]:
-    """Reads NAME or NAME=SOURCE separated by spaces, with a source as `parse_camera` takes it.
+    """Reads NAME or NAME=SOURCE separated by spaces, with a source as `parse_source` takes it.
 
     Raises:
         CodedError: "bad_camera_name" if two have the same name.
@@ -186,7 +186,7 @@ def parse_cameras(text: str) -> Dict[str, str]:
     cameras = dict(words)
     if len(cameras) != len(words):
         raise CodedError("bad_camera_name", name=", ".join(name for name, _ in words))
-    return {name: source and parse_camera(source) for name, source in cameras.items()}
+    return {name: source and parse_source(source) for name, source in cameras.items()}
 
 
 def _copy_map(map_file: Path, folder: Path) -> List[Path]:

@@ -28,7 +28,7 @@ import rospy
 import tornado.web
 import yaml
 
-from vb_bringup.new_lab import parse_camera, write_lab
+from vb_bringup.new_lab import parse_source, write_lab
 from vb_core import names
 from vb_core.camera_model import floor_points
 from vb_core.errors import CodedError
@@ -89,7 +89,7 @@ def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
 
 
 def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
-    """Writes the lab's folder: camera, lens, pose and an empty map.
+    """Writes the lab's folder anew, with camera, lens, pose and an empty map; what was in it is deleted.
 
     Raises:
         CodedError: "cannot_write_lab"
@@ -274,7 +274,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
 
     package = Path(rospkg.RosPack().get_path("vb_bringup"))
     if options.camera:
-        source, truth = parse_camera(options.camera), None
+        source, truth = parse_source(options.camera), None
     else:
         source = str(package / "try/room.mp4")
         truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))

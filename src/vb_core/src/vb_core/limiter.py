@@ -17,7 +17,7 @@ class Limiter:
         self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
 
     def allows(self, key: str, now: float) -> bool:
-        """Uses up a token at a time [s] of a monotonic clock; returns False if there is none."""
+        """Uses up a token at a time [s]; returns False if there is none. A clock that is set back only delays new tokens."""
         tokens, then = self._buckets.pop(key, (self._burst, now))
         tokens = min(self._burst, tokens + self._rate * max(0.0, now - then))
         allowed = tokens >= 1.0

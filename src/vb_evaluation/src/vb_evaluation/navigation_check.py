@@ -157,7 +157,7 @@ class NavigationCheck:
         )
 
     def _soon(self, what: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
-        """Returns whether a condition came to hold within a limit [s] of wall time."""
+        """Checks that a condition comes to hold within a limit [s] of wall time."""
         begin = time.monotonic()
         if not wait_until(condition, self._timeout, 0.02):
             return Check(what, False, f"not within {self._timeout:g} s")

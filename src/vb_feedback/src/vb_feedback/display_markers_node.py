@@ -186,7 +186,9 @@ class DisplayMarkersNode:
             "borders",
             (layout, known.borders),
             lambda: scene.borders(
-                layout, [display_messages.border_from_message(border, params.language) for border in known.borders], off
+                layout,
+                [display_messages.shown_border_from_message(border, params.language) for border in known.borders],
+                off,
             ),
         )
         if progress is not None:

@@ -56,5 +56,5 @@ class FeedbackNode:
 
 
 def build() -> FeedbackNode:
-    """Reads the parameters and makes the node."""
+    """Makes the node."""
     return FeedbackNode()

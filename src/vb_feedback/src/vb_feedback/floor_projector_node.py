@@ -18,7 +18,7 @@ from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
 
 from vb_feedback.projector import projector_calibration
-from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
+from vb_feedback.display.display_messages import shown_border_from_message, drawing_from_progress
 from vb_feedback.display.inputs import InputListener
 from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
 from vb_feedback.projector.projector_calibration import MARKERS, ProjectorCalibration
@@ -149,7 +149,7 @@ class FloorProjectorNode:
     def _content(self, now: float) -> FloorContent:
         """Returns what to show at a time [s]."""
         known = self._inputs.current()
-        borders = tuple(map(border_from_message, known.borders))
+        borders = tuple(map(shown_border_from_message, known.borders))
         if known.state is None or not known.state.interaction_id:
             return FloorContent(borders=borders)
         drawing = Drawing()

@@ -98,7 +98,7 @@ class CameraFeed:
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         self._setting = threading.Lock()
-        self._source = CameraSource(params.source, params.capture, self._take, self._tell)
+        self._source = CameraSource(params.source, params.capture, self._take, self._on_source_state)
         self._source.start()  # its thread may call at once
 
     def close(self) -> None:
@@ -137,14 +137,14 @@ class CameraFeed:
 
     def _take(self, shot: Shot) -> None:
         for code in shot.left_out:
-            self._report.count(code)
+            self._report.count_dropped(code)
         # simulated time has another clock than the camera
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
         self._mailbox.put(ReceivedImage(stamp, self._frame, shot.picture, shot))
         if is_file(self._source.address):
             self._mailbox.wait_until_taken()
 
-    def _tell(self, error: Optional[CodedError]) -> None:
+    def _on_source_state(self, error: Optional[CodedError]) -> None:
         if error is None:
             rospy.loginfo("%s: reads %s", rospy.get_name(), printable(self._source.address))
         self._report.set_source_fault(error or self._apply(), is_silent=error is not None)

@@ -228,7 +228,7 @@ class CameraGeometry:
                     raise CodedError("robot_without_pose")
                 x, y = self._transforms.lookup(names.MAP_FRAME, frame, at, 0.0)[:2, 3].tolist()
             except CodedError:
-                self._report.count("robot_without_pose")
+                self._report.count_dropped("robot_without_pose")
                 continue
             radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
             found.append(RobotCylinder(x, y, radius, profile.shape.height))

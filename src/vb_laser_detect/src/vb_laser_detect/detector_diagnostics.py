@@ -62,8 +62,8 @@ class DetectorDiagnostics:
         self._notices.close()
 
     # ------------------------------------------------------------- what the node tells
-    def count(self, code: str) -> None:
-        """Counts an ordinary rejection: a candidate that is not a spot."""
+    def count_dropped(self, code: str) -> None:
+        """Counts something that was left out, by the code of its reason; nothing is told."""
         with self._lock:
             self._counts.count_rejections(code)
 

@@ -56,8 +56,8 @@ class SpotDetectorNode:
         ~debug_image (sensor_msgs/Image): spots, and candidates with the reason for rejection; only if listened to
     Parameters:
         config/stationary.yaml: for a ceiling camera. All parameters below ~detector, ~projection and ~capture except
-            moving_camera, width, height and rate can be changed while the node runs (dynamic_reconfigure, in the same
-            namespaces)
+            moving_camera, width, height, rate and pixel_format can be changed while the node runs (dynamic_reconfigure,
+            in the same namespaces)
         config/mobile.yaml: for a camera on a robot
         <robot>/robot_profile: how large a robot is
     """

@@ -130,7 +130,7 @@ class InForce:
         return self.physical.with_data(cells)
 
 
-def put_in_force(
+def compute_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderPlace],

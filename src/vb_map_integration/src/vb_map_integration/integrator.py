@@ -1,7 +1,7 @@
 """Physical map, borders, their database and the map with borders, kept together.
 
 Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds where they
-are on the current map, and `put_in_force` computes what of them is in force there, as one value, `InForce`.
+are on the current map, and `compute_in_force` computes what of them is in force there, as one value, `InForce`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.grid.region import count_free_parts, put_on_map
-from vb_map_integration.in_force import InForce, Verdict, find_notices, put_in_force
+from vb_map_integration.in_force import InForce, Verdict, find_notices, compute_in_force
 from vb_map_integration.integration import Integration, integrate
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Transform
@@ -181,7 +181,7 @@ class MapIntegrator:
     def _refresh(self, grid: GridMap) -> None:
         """Puts in force what the database has now."""
         borders = self._database.borders(self._recognition.place)
-        self._in_force = put_in_force(grid, borders, self._recognizer.locate, self._in_force)
+        self._in_force = compute_in_force(grid, borders, self._recognizer.locate, self._in_force)
         self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows

@@ -88,7 +88,7 @@ class Broker:
         host, port = _split(address)
         port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
-        self.trouble = ""  # why the broker refused the last connection; "": it could not be reached
+        self.trouble = ""  # what the broker refused last, a connection or a subscription; "": nothing
         self._states: Dict[str, bytes] = {}
         self.connected = False  # whether the broker has accepted this client
         self._lock = threading.Lock()

@@ -2,7 +2,7 @@
 
 The idea: a broker may deliver a message twice, keep it for later subscribers, or deliver it long after it was written.
 So a message counts once, and only with the time at which its sender gave it. `stop` alone is taken at any age and in any
-form: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
+form, unless the broker had kept it: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
 
 >>> inbox = Inbox(started=90.0)
 >>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
@@ -54,7 +54,7 @@ class Request:
         sender_id: the sender's own id for it, as the answer names it.
         command: its name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
-        border: id of the border to switch.
+        border: key of the border to switch, see `entities.key_of`.
         enabled: whether to switch it on.
         age: [s] since it was given.
     """

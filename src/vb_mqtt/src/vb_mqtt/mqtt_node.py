@@ -77,7 +77,7 @@ class MqttNode:
         self._language = params.language
         self._lab = Lab(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
-        self._inbox, self._shown = Inbox(time.time()), Limiter(RATE, BURST)
+        self._inbox, self._answer_limiter = Inbox(time.time()), Limiter(RATE, BURST)
         self._refused: Dict[str, int] = {}  # how often, by code
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
         self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
@@ -96,9 +96,9 @@ class MqttNode:
         self._maps, self._beat = node.Mailbox(), node.WakeTimer(_PERIOD)
         self._subscribe()
         self._broker.put(will[0], ONLINE.encode())
-        self._look()
-        node.Worker(self._maps, lambda _item: self._draw())
-        node.Worker(self._beat, lambda _woken: self._look())
+        self._publish_all()
+        node.Worker(self._maps, lambda _item: self._publish_map())
+        node.Worker(self._beat, lambda _woken: self._publish_all())
         self._broker.start()
         rospy.loginfo("%s: the broker is %s", rospy.get_name(), self._broker.address)
 
@@ -137,7 +137,7 @@ class MqttNode:
         self._grids[message._connection_header["topic"]] = message
         self._maps.put(True)
 
-    def _draw(self) -> None:
+    def _publish_map(self) -> None:
         grids = [self._grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)]
         if None in grids:
             return
@@ -169,7 +169,7 @@ class MqttNode:
         health[INTEGRATOR] = self._integrator.get_num_connections() > 0
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
-    def _look(self) -> None:
+    def _publish_all(self) -> None:
         """Publishes which entities there are, which are silent, what is wrong, and which notices are new."""
         robots, borders, notices = self._robots.current(), self._borders, self._notices.current()
         if robots is not None:
@@ -255,22 +255,22 @@ class MqttNode:
 
     def _on_answer(self, _given: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:
-            self._show(request, answer.success, answer.code, messages.sentence_in(answer, self._language))
+            self._send_answer(request, answer.success, answer.code, messages.sentence_in(answer, self._language))
         else:
             self._refuse(request, error)
 
     def _refuse(self, request: Request, error: CodedError) -> None:
         with self._lock:
             self._refused[error.code] = self._refused.get(error.code, 0) + 1
-        self._show(
+        self._send_answer(
             request, False, error.code, sentences.translate(error.code, error.values, self._language, error.message)
         )
 
-    def _show(self, request: Request, success: bool, code: str, text: str) -> None:
+    def _send_answer(self, request: Request, success: bool, code: str, text: str) -> None:
         what = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
         # the inbox limits what has an id; refusals that are not shown are counted
-        if request.id or self._shown.allows("", time.time()):
+        if request.id or self._answer_limiter.allows("", time.time()):
             value = states.answer_value(request.sender_id, what, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))
 

@@ -30,7 +30,7 @@ from vb_sim.models import load_models
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
-RATE = 50.0  # [1/s] steps of simulated time; cameras of 25 frames/s need an even multiple of it
+RATE = 50.0  # [1/s] steps of simulated time; an integral multiple of the cameras' 25 frames/s
 # steps between two messages: odom and tf at 25 Hz, one per camera frame; scans at 10 Hz, as small scanners have them;
 # amcl_pose at 2 Hz, about AMCL's rate while driving
 POSE_STEPS, SCAN_STEPS, AMCL_STEPS = 2, 5, 25
@@ -241,7 +241,7 @@ class LabSimulatorNode:
 
 
 def clock_publisher() -> rospy.Publisher:
-    """Publishes /clock at once, without a queue and a thread for each subscriber: every node is one.
+    """Makes the publisher of /clock, which sends at once, without a queue and a thread for each subscriber: every node is one.
 
     Waking 25 threads 50 times a second took half of this node's time. A hung subscriber stops nothing: its socket's
     buffer takes what it leaves unread for more than 40 minutes.

@@ -188,7 +188,7 @@ def read_document(path: Path, what: str) -> Any:
     """Reads a YAML file; None if it is empty.
 
     Args:
-        what: it is, "world": part of the codes and of the sentences.
+        what: the kind of document, for instance "world"; used in codes and sentences.
 
     Raises:
         CodedError: "no_<what>" if there is no such file, "bad_<what>" if it is not YAML.

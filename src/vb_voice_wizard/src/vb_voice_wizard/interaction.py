@@ -39,7 +39,7 @@ from vb_voice_wizard.dialogue.answers import Answer
 
 # [s] without a spot in Border or Seed: by then a person has begun, perhaps with a laser that no camera sees
 UNSEEN_AFTER = 10.0
-# [s] before an interaction ends by itself people are warned, at the latest half way
+# [s] before an interaction ends by itself people are warned; if its timeout is short, when half of it is left
 _WARNED_BEFORE = 60.0
 # [s] a laser counts as on for this long after its last spot
 LASER_ON = 1.0

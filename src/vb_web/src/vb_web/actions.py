@@ -1,6 +1,6 @@
 """Carries out what the page asks for, by the services of interaction manager and map integrator. Needs a node.
 
-The idea: one table from action to method; each returns an answer with code and values, or raises a `CodedError`.
+The idea: one method for each action, of its name; it returns an answer with code and values, or raises a `CodedError`.
 """
 
 from __future__ import annotations

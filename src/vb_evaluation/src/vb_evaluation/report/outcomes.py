@@ -21,7 +21,7 @@ _WHY = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
 def summary_section(study: StudyResults) -> List[Block]:
-    """Effects of the method, each with its interval; of people also without the runs in which something was amiss."""
+    """Effects of the method, each with its interval; with people, also without the runs that had help or a problem."""
     if len(study.methods) < 2:
         return []
     names = [paper.method_title(method).lower() for method in study.comparison]

@@ -55,7 +55,8 @@ class LiveRun:
     """A lab with one participant, and the live system in it; what is measured once `run` has ended.
 
     Attributes:
-        scenario: as it is with this person's place to stand; its truth is (H, W) bool, the cells to restrict.
+        scenario: as it is with this person's place to stand.
+        truth: (H, W) bool, the cells to restrict.
         prior, posterior: the map without and with borders.
         seed: (x, y) [m] of the border that was saved; None if none was.
         spots: every spot that a camera reported.
@@ -153,7 +154,7 @@ class LiveRun:
         return True
 
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
-        """What stands for the scripts of the simulated lab's nodes: of this run's own making."""
+        """Returns what runs instead of the scripts of the simulated lab's nodes."""
         idle_every = self._study.timing.idle_every
 
         def ceiling_cameras() -> None:

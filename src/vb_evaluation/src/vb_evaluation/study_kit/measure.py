@@ -33,7 +33,7 @@ COLUMNS = (
     "map",
     "outcome",
     "saved",
-    "seed_correct",
+    "seed_is_right",
     "helped",
     "problems",
     "recording",
@@ -190,7 +190,7 @@ def _where(entry: protocol.Entry) -> str:
 def _head(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
     """Makes the row of a run of which nothing is known but what the protocol says."""
     row = {name: getattr(entry, name) for name in ("participant", "scenario", "method", "recording", "note")}
-    return {**row, "order": entry.order or "", "as_planned": 1, "outcome": outcome, "saved": 0, "seed_correct": 0}
+    return {**row, "order": entry.order or "", "as_planned": 1, "outcome": outcome, "saved": 0, "seed_is_right": 0}
 
 
 def _row(
@@ -222,11 +222,11 @@ def _row(
             metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)),
             saved=1,
             map=f"maps/{name}.yaml",
-            seed_correct=int(seed_is_right(seed, physical, truth)),
+            seed_is_right=int(seed_is_right(seed, physical, truth)),
         )
     if noted is None:
         noted = recording.run.get("completed")
-    row["outcome"] = outcome_of(True, not wrong, bool(row["saved"]), bool(row["seed_correct"]), noted)
+    row["outcome"] = outcome_of(True, not wrong, bool(row["saved"]), bool(row["seed_is_right"]), noted)
     row["completed"] = int(row["outcome"] == "completed")
     if row["outcome"] == "disputed":
         missing = "the seed point lies outside the ground truth" if row["saved"] else "nothing was saved"

@@ -81,7 +81,7 @@ class Recording:
         return _rows(self.folder / EVENTS, lambda row: row.get("key")).count(key)
 
     def physical(self) -> Optional[GridMap]:
-        """Returns the physical map: the first one with borders that has none; None if there is no such."""
+        """Returns the physical map: the first recorded one on which no border was in force; None if there is none."""
         return next((grid for _, grid, borders in self._maps() if not borders), None)
 
     def result(self, interaction: LoggedInteraction) -> Optional[Tuple[GridMap, np.ndarray]]:

@@ -97,7 +97,7 @@ def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
     )
 
 
-def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.Border:
+def shown_border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.Border:
     """Converts a border message to plain values."""
     return scene.Border(
         sentences.border_name(border.name, language) or border.id,

@@ -1,1 +1,1 @@
-"""From an image to spots, in the order of the stages: format, proposals, features, tracking."""
+"""From an image to spots, in the order of the stages: proposals, features, tracking."""

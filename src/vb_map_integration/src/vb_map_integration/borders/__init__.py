@@ -1,1 +1,1 @@
-"""What a border is, and how it is written, read, clicked and edited."""
+"""Borders as messages and as GeoJSON."""

@@ -33,7 +33,7 @@ class ImageStream:
     Args:
         topic: below which image_raw and camera_info are.
         frame: of the images.
-        every: only every n-th image of the camera is of this kind, for instance every third depth image.
+        every: only every n-th image of the camera is of this kind, for instance 2: every second one.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class ImageStream:
         self._message = info_from_camera(camera, rospy.Time(), frame)
 
     def publish(self, number: int, stamp: rospy.Time, snapshot: Optional[Snapshot]) -> None:
-        """Publishes the lens of a camera's image, counted from 0, and the image of a scene if it is wanted."""
+        """Publishes the camera_info of an image, counted from 0, and, unless `snapshot` is None, the image itself."""
         if number % self._every == 0:
             if self._info.get_num_connections() > 0:
                 self._message.header.stamp = stamp

@@ -1,1 +1,1 @@
-"""What a simulated room consists of, and the models' figures."""
+"""What a simulated room consists of."""
