@@ -11,8 +11,8 @@ from refusals import refused
 
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import RobotProfile
-from vb_sim.models import MODELS, Models, load_models
-from vb_sim.room.bodies import piece_outlines, robot_pieces
+from vb_sim.models import MODELS, BodyProportions, Models, load_models
+from vb_sim.room.bodies import hand_position, person_pieces, piece_outlines, robot_pieces
 from vb_sim.room.world import load_world
 
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
@@ -44,6 +44,15 @@ def test_robot_is_drawn_within_its_profiles_cylinder(robot, world):
     (drawn,) = load_world(WORLDS / f"{world}.yaml").robots
     points = piece_outlines(robot_pieces((2.0, 1.0, 0.4), drawn.radius)).reshape(-1, 3)
     assert points[:, 2].max() <= shape.height and np.hypot(*(points[:, :2] - (2.0, 1.0)).T).max() <= shape.radius + 1e-6
+
+
+@pytest.mark.parametrize("height, breadth", [(1.45, 0.8), (1.75, 1.0), (2.05, 1.2)])
+def test_the_drawn_hand_is_where_the_beam_begins(height, breadth):
+    models, person, target = Models(body=BodyProportions(height, breadth)), (2.0, 1.0, 0.4), (3.0, 2.0)
+    hand = hand_position(person, target, models.hand_height)
+    drawn = person_pieces(person, target, models.hand_height, models.body)
+    assert np.linalg.norm(drawn.low - hand, axis=1).min() < 1e-9
+    assert drawn.high[:, 2].max() == pytest.approx(person_pieces(person, target, 1.15).high[:, 2].max() * height / 1.75)
 
 
 def test_the_file_has_every_figure_of_the_code():

@@ -75,10 +75,12 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
         CodedError: "bad_click" if they cannot be the markers' places.
     """
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
-    turns = [_turn(*points[[number, (number + 1) % 4, (number + 2) % 4]]) for number in range(4)]
+    # twice the area [m^2] of the triangle at each corner, above 0 if it turns counter-clockwise
+    (x, y), (next_x, next_y) = (np.diff(points[[*range(4), 0, 1]][k : k + 5], axis=0).T for k in (0, 1))
+    turns = x * next_y - y * next_x
     # seen along its longest side, each corner stands out: no two clicks are one, no three on a line
     longest = max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
-    if min(map(abs, turns)) < _MIN_DISTANCE * longest or min(turns) < 0 < max(turns):
+    if np.abs(turns).min() < _MIN_DISTANCE * longest or turns.min() < 0 < turns.max():
         raise CodedError("bad_click", reason="$clicks_out_of_order")
     # large coordinates would cost digits: the homography is found about the points' middle
     middle = points.mean(axis=0)
@@ -122,8 +124,3 @@ def load(path: Path) -> ProjectorCalibration:
 
 def _corners(width: int, height: int) -> np.ndarray:
     return np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Computes twice the area [m^2] of a triangle, above 0 if it goes round counter-clockwise."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

@@ -148,12 +148,12 @@ def person_pieces(
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
     Args:
-        hand_height: [m] at which someone of 1.75 m holds the pointer.
+        hand_height: [m] at which this person holds the pointer.
     """
-    x, y, yaw = person
-    shoulder = np.array([x + 0.21 * math.sin(yaw), y - 0.21 * math.cos(yaw), 1.38])
+    (x, y, yaw), broad, tall = person, build.breadth, build.height / AVERAGE.height
+    shoulder = np.array([x + 0.21 * broad * math.sin(yaw), y - 0.21 * broad * math.cos(yaw), 1.38 * tall])
     if target is None:
-        hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82])
+        hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82 * tall])
         joints = [shoulder, 0.5 * (shoulder + hand), hand]
     else:
         hand = hand_position(person, target, hand_height)
@@ -164,13 +164,13 @@ def person_pieces(
     arm = BodyParts(
         np.array(joints[:-1]),
         np.array(joints[1:]),
-        _ARM_LOW_RADII[:count],
-        _ARM_HIGH_RADII[:count],
+        broad * _ARM_LOW_RADII[:count],
+        broad * _ARM_HIGH_RADII[:count],
         np.full(count, yaw),
         _ARM_COLORS[:count],
     )
-    pieces = join_pieces([_PERSON.move_to(x, y, yaw), arm])
-    return pieces if build == AVERAGE else pieces.scale_to((x, y), build)
+    rest = _PERSON.move_to(x, y, yaw)
+    return join_pieces([rest if build == AVERAGE else rest.scale_to((x, y), build), arm])
 
 
 def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float, float]]) -> Tuple:
