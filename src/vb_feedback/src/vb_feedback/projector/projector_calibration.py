@@ -76,8 +76,9 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     """
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
     # twice the area [m^2] of the triangle at each corner, above 0 if it turns counter-clockwise
-    (x, y), (next_x, next_y) = (np.diff(points[[*range(4), 0, 1]][k : k + 5], axis=0).T for k in (0, 1))
-    turns = x * next_y - y * next_x
+    sides = np.roll(points, -1, axis=0) - points
+    following = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
     # seen along its longest side, each corner stands out: no two clicks are one, no three on a line
     longest = max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
     if np.abs(turns).min() < _MIN_DISTANCE * longest or turns.min() < 0 < turns.max():
