@@ -93,6 +93,11 @@ class Running:
         for delays in self.delays.values():
             delays.clear()
         time.sleep(seconds)
+        wait(
+            lambda: all(self.status[name].header.stamp > status[name].header.stamp for name in status),
+            "news of each",
+            60.0,
+        )
         lasted, used = time.monotonic() - began, self._used({**nodes, **others})
         found = {}
         for name in self.cameras:
