@@ -93,11 +93,7 @@ class Running:
         for delays in self.delays.values():
             delays.clear()
         time.sleep(seconds)
-        wait(
-            lambda: all(self.status[name].header.stamp > status[name].header.stamp for name in status),
-            "news of each",
-            60.0,
-        )
+        wait(lambda: all(self.status[one].header.stamp > status[one].header.stamp for one in status), "news of each")
         lasted, used = time.monotonic() - began, self._used({**nodes, **others})
         found = {}
         for name in self.cameras:
