@@ -30,7 +30,7 @@ def lab(monkeypatch):
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
     counted = []
     camera = CameraGeometry(
-        False, None, None, FloorProjection(), ["/", "/second"], SimpleNamespace(count=counted.append)
+        False, None, None, FloorProjection(), ["/", "/second"], SimpleNamespace(count_dropped=counted.append)
     )
     return camera, camera._transforms._buffer, counted
 
