@@ -44,9 +44,10 @@ class WholeScenario(unittest.TestCase):
         rospy.init_node("whole_scenario")
         world = load_world(rospy.get_param("~world"))
         scenario = world.scenario(rospy.get_param("~scenario"))
-        observer, seen, alarms, _ = Observer(), [], set(), Pace()
+        observer, seen, alarms, told, _ = Observer(), [], set(), set(), Pace()
 
         def hear(message: NoticeArray) -> None:
+            told.update(one.code for one in message.notices)
             if not (observer.state and observer.state.name == "border" and len(seen) > 20):
                 # a busy computer is told rightly that its cameras are slow
                 codes = {one.code for one in message.notices if one.code.startswith(ALARMS)}
@@ -78,6 +79,7 @@ class WholeScenario(unittest.TestCase):
         left_out = np.array([(p.x, p.y) for p in observer.progress.left_out]).reshape(-1, 2)
         self.assertLess(directed_hausdorff(seen, np.vstack([line, left_out]))[0], NEAR, collected)
         self.assertLess(observer.progress.left_out_spots, 0.2 * len(seen))
+        self.assertTrue(not len(left_out) or "strokes_left_out" in told, told)
         self.assertLess(directed_hausdorff(line[[0, -1]], seen)[0], NEAR)
         self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
 

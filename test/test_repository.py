@@ -185,16 +185,27 @@ def test_the_table_of_topics_has_every_fixed_name():
 
 # ------------------------------------------------------------ words
 def calls(source):
-    """Lists the calls in a program's text: by what name, and with which arguments."""
+    """Lists the calls in a program's text: by what name, with which arguments, and with which by keyword."""
     nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
-    return [(getattr(node.func, "attr", getattr(node.func, "id", "")), node.args) for node in nodes]
+    return [
+        (
+            getattr(node.func, "attr", getattr(node.func, "id", "")),
+            node.args,
+            {one.arg: one.value for one in node.keywords},
+        )
+        for node in nodes
+    ]
 
 
 def own_sentences(source):
     """Lists the codes of the catalogue that a file raises, or reports, with a sentence of its own."""
-    raised = [given[0] for name, given in calls(source) if name.endswith("Error") and len(given) > 1]
-    reported = re.findall(r"""Notice\(\s*["'](\w+)["'][^()]*\bmessage=f?["']""", source)
-    codes = [code.value for code in raised if isinstance(code, ast.Constant)] + reported
+    given_one = [
+        given[0]
+        for name, given, named in calls(source)
+        if (name.endswith("Error") and len(given) > 1)
+        or (name == "Notice" and given and isinstance(named.get("message"), (ast.Constant, ast.JoinedStr)))
+    ]
+    codes = [code.value for code in given_one if isinstance(code, ast.Constant)]
     return [code for code in codes if code in sentences.catalog()]
 
 
@@ -212,7 +223,7 @@ def test_every_code_has_a_sentence_in_the_catalogue():
     used = set()
     for path in TOP.glob("src/*/src/**/*.py"):
         source = path.read_text(encoding="utf-8")
-        for name, given in calls(source):
+        for name, given, _ in calls(source):
             alone = name in ("Notice", "warn", "warning") or (name.endswith("Error") and len(given) == 1)
             used.update(code.value for code in given[:1] if alone and isinstance(code, ast.Constant))
         if path.name == "lab_checks.py":

@@ -89,7 +89,7 @@ def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
 
 
 def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
-    """Writes the lab's folder anew, with camera, lens, pose and an empty map; what was in it is deleted.
+    """Deletes what is in the lab's folder, and writes camera, lens, pose and an empty map into it.
 
     Raises:
         CodedError: "cannot_write_lab"

@@ -2,7 +2,7 @@
 
 The idea: the page is closed unless the request proves otherwise. On the loopback interface the proof is a loopback name
 in the Host header; elsewhere it is the cookie of a session, which only the holder of a code gets. And whatever can run out
-is divided: each role has places of its own, and within a role whoever holds the most gives one up first.
+is divided: each role has places of its own, and within a role the one that holds the most gives one up first.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
 
 
 class Places:
-    """Places for connections. When they have run out, whoever holds the most gives one up for a newcomer.
+    """Places for connections. When they have run out, the one that holds the most gives one up for a newcomer.
 
     Args:
         size: how many there are.
