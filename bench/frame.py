@@ -1,8 +1,8 @@
-"""The frame of every bench: arguments, rows of results with their revision, and an older version to compare with.
+"""Shared code of all benches: arguments, rows of results with their revision, and an older version to compare with.
 
 A bench prints each row as soon as it has it, and appends it to --csv FILE with the revision that made it. --other takes a
-revision, or the folder `src` of another checkout; both versions then see the same input, in turns, in one process: what
-else the computer does disturbs both alike, so that the ratio of their times counts.
+revision, or the folder `src` of another checkout; both versions then process the same input in turns, in one process:
+other load on the computer affects both alike, so that the ratio of their times is meaningful.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TOP = Path(__file__).resolve().parents[1]
 
 
 def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = False) -> argparse.ArgumentParser:
-    """Makes a bench's parser: its docstring is its help, --csv for all, --seed and --other where they mean something."""
+    """Makes a bench's parser, with its docstring as help, always --csv, and --seed and --other where they apply."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--csv", type=Path, metavar="FILE", help="append the rows to a table")
     if seed is not None:
@@ -38,19 +38,19 @@ def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = Fals
 
 
 def versions(given: argparse.Namespace) -> Dict[str, Optional[Path]]:
-    """Returns the folders `src` of what is compared: this version's (None), and another one's if there is one."""
+    """Returns the `src` folders of the versions to compare: None for this one, and the other one's if there is one."""
     return {"this": None, **({"other": given.other} if given.other else {})}
 
 
 class Table:
-    """Rows of results: printed as they come, and appended to a CSV file with the revision if there is one."""
+    """Rows of results: printed as they come, and appended, with the revision, to a CSV file if one is given."""
 
     def __init__(self, path: Optional[Path] = None) -> None:
         self._path, self._revision = path, revision() if path is not None else ""
         self.rows: List[Dict[str, Any]] = []
 
     def add(self, **row: Any) -> None:
-        """Adds a row; floats are rounded to four digits, lists (places to look at) stay out of the file."""
+        """Adds a row; floats are rounded to four digits, lists (positions to look at) stay out of the file."""
         row = {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in row.items()}
         self.rows.append(row)
         words = (f"{key} {value}" if isinstance(value, (int, float)) else str(value) for key, value in row.items())
@@ -73,7 +73,7 @@ def share(hits: int, n: int) -> str:
 
 # ------------------------------------------------------------------ another version
 def source_of(name: str) -> Path:
-    """Returns the folder `src` of another version: a path, or a revision, whose files are unpacked."""
+    """Returns the `src` folder of another version, given a path or a revision, whose files are unpacked."""
     if Path(name).is_dir():
         return Path(name).resolve()
     folder = Path(tempfile.mkdtemp(prefix="other_version_"))
@@ -84,7 +84,7 @@ def source_of(name: str) -> Path:
 
 @lru_cache(maxsize=None)
 def import_from(source: Optional[Path], *names: str) -> List[Any]:
-    """Imports modules of this version (None) or of another one, whose packages then live beside these."""
+    """Imports modules of this version (None) or of another one, whose packages then coexist with these."""
     if source is None:
         return [importlib.import_module(name) for name in names]
     packages = {path.parent.name for path in source.glob("*/package.xml")} - {"vb_msgs", "vb_evaluation"}
@@ -104,9 +104,9 @@ def import_from(source: Optional[Path], *names: str) -> List[Any]:
 
 
 def in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, float]:
-    """Times actions in turns: medians [ms] of the thread's time, and the first one's ratio to each other one.
+    """Times actions in turns; returns medians [ms] of thread time, and the ratio of the first action to each other one.
 
-    The first round is left out: it pays for what is done once.
+    The first round is left out: it includes one-time work.
     """
     times: Dict[str, List[float]] = {name: [] for name in actions}
     for number in range(rounds + 1):

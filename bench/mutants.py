@@ -3,17 +3,17 @@
 
     python3 bench/mutants.py                                         8 mutants of each module in MODULES
     python3 bench/mutants.py --modules vb_robot.driving.gate --each 100
-    python3 bench/mutants.py --seed 2 --csv survivors.csv            other mutants: those of another seed were kept back
+    python3 bench/mutants.py --seed 2 --csv survivors.csv            other mutants: another seed's were held out
 
 A mutant swaps a comparison or `and` with `or`, changes a number, negates a condition, returns nothing, or leaves a
-statement out. What nobody can see is no mutant: words for people (a raised error, a formatted string, a log or a warning),
-numbers below a millionth, which guard against rounding, and `<` for `<=` where neither side is a whole number or zero: a
-measured length never meets another bound exactly. A mutant that no test fails on is printed with its line; whether it means
-the same as the original must be looked at. The tests are all unit tests that import the module, and those of its package
-that import what imports it, a module or a helper; those first that import most of it, and the first failure ends them.
-Ones that take five times as much of the processor as on the original have noticed. Each mutant runs in a fork that finds
-its source instead of the file's; the files stay as they are, and the examples that one mutant failed on are not tried on
-another.
+statement out. Changes that nobody could see are no mutants: of words for people (a raised error, a formatted string, a
+log or a warning), of numbers below a millionth, which guard against rounding, and between `<` and `<=` where neither
+side is a whole number or zero: a measured length never equals another bound exactly. A mutant that passes all tests is
+printed with its line; whether it is equivalent to the original must be judged by eye. The tests are all unit tests that
+import the module, and those of its package that import a module or helper importing it; those that import most of it
+come first, and the first failure ends them. Tests that take five times the processor time of the original count as
+failed. Each mutant runs in a fork that loads its source instead of the file's; the files stay unchanged, and examples
+that one mutant failed on are not tried on another.
 """
 
 import ast
@@ -34,7 +34,7 @@ from bench.frame import TOP, Table, arguments, share
 
 # what tests need is imported once, not by every fork
 NEEDED = "hypothesis.strategies pandas scipy.ndimage scipy.optimize scipy.spatial scipy.stats shapely"
-PATIENCE = 5  # times the processor's time that the tests take on the original
+PATIENCE = 5  # times the processor time that the tests take on the original
 STUCK_S = 900  # however busy the computer is
 MODULES = (
     "vb_core.geometry",
@@ -67,7 +67,7 @@ REVERSED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 
 
 def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
-    """Yields what can be done to a node: words, and a function that does it to the node or its copy."""
+    """Yields the mutations of a node: words, and a function that applies one to the node or its copy."""
     if isinstance(node, ast.Compare):
         for table in (SWAPS, REVERSED):
             new = table.get(type(node.ops[0]))
@@ -92,7 +92,7 @@ def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
 
 
 def _is_whole(node: ast.AST) -> bool:
-    """Returns whether this is a number that others meet exactly, by its looks: a whole one, zero, or a length."""
+    """Returns whether a node looks like a number that others can equal exactly: a whole one, zero, or a length."""
     called = getattr(getattr(node, "func", None), "id", "")
     return called == "len" or (isinstance(node, ast.Constant) and (type(node.value) is int or node.value == 0.0))
 
@@ -109,12 +109,12 @@ def walk(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def parse(path: Path) -> ast.Module:
-    """Returns the tree of a file as it is."""
+    """Returns the syntax tree of a file, unchanged."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def mutants(path: Path) -> List[Tuple[int, str, Callable[[], ast.Module]]]:
-    """Lists all mutants of a file: line, words, and what makes the tree of the file with one fault in it."""
+    """Lists all mutants of a file: line, words, and a function that makes the file's tree with this fault."""
     found = []
 
     def make(index: int, place: int) -> ast.Module:
@@ -130,7 +130,7 @@ def mutants(path: Path) -> List[Tuple[int, str, Callable[[], ast.Module]]]:
 
 
 class _Remove(ast.NodeTransformer):
-    """Replaces statements that are marked as gone by nothing."""
+    """Replaces statements marked as gone with `pass`."""
 
     def generic_visit(self, node: ast.AST) -> ast.AST:
         return ast.copy_location(ast.Pass(), node) if getattr(node, "gone", False) else super().generic_visit(node)
@@ -157,7 +157,7 @@ def imports(path: Path) -> FrozenSet[str]:
 def tests_of(name: str) -> List[str]:
     """Lists the unit tests that import a module, then those of its package that import a helper or a module that does.
 
-    Those come first that import most of it, and of these the shortest.
+    Tests that import most of it come first, and of these the shortest.
     """
     package = TOP / "src" / name.partition(".")[0]
     users = {path.stem for path in package.glob("test/*.py") if name in imports(path)}
@@ -175,7 +175,7 @@ def tests_of(name: str) -> List[str]:
 
 
 def import_mutant(name: str, tree: ast.Module) -> None:
-    """Puts a mutant where everything that imports its module finds it."""
+    """Loads a mutant in place of its module, for everything that imports that."""
     for loaded in [one for one in sys.modules if one.startswith("vb_")]:
         del sys.modules[loaded]
     spec = importlib.util.find_spec(name)
@@ -185,7 +185,7 @@ def import_mutant(name: str, tree: ast.Module) -> None:
 
 
 def run_tests(name: str, make: Callable[[], ast.Module], tests: List[str], limit_s: float = 0.0) -> int:
-    """Starts a fork that runs the tests on a mutant, for so much of the processor's time (0: any); returns its id."""
+    """Starts a fork that runs the tests on a mutant, with a limit of processor time [s] (0: none); returns its id."""
     child = os.fork()
     if child == 0:
         signal.setitimer(signal.ITIMER_PROF, limit_s)
@@ -204,7 +204,7 @@ def run_tests(name: str, make: Callable[[], ast.Module], tests: List[str], limit
 
 
 def in_forks(starts: Iterable[Callable[[], int]], processes: int) -> Iterator[Tuple[int, bool, float]]:
-    """Runs forks beside each other, and yields each one's number, whether its tests passed, and the processor's time [s]."""
+    """Runs forks in parallel, and yields each one's number, whether its tests passed, and its processor time [s]."""
     running: Dict[int, int] = {}
     waiting = list(enumerate(starts))[::-1]
     while waiting or running:

@@ -18,7 +18,7 @@ from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 
 def listening_beyond_loopback(pid):
-    """Finds (address, port) of a process's listening IPv4 sockets that other computers reach."""
+    """Finds (address, port) of a process's listening IPv4 sockets that other computers can reach."""
     listening = [one.laddr for one in psutil.Process(pid).net_connections("tcp4") if one.status == psutil.CONN_LISTEN]
     return [(ip, port) for ip, port in listening if not ip.startswith("127.")]
 
@@ -38,7 +38,7 @@ class CheckLab(unittest.TestCase):
 
     @classmethod
     def play(cls, _event):
-        """Plays a camera of 10 images/s that nobody calibrated."""
+        """Plays an uncalibrated camera of 10 images/s."""
         image = Image(height=48, width=64, encoding="mono8", step=64, data=bytes(48 * 64))
         image.header.stamp, image.header.frame_id = rospy.Time.now(), "head_camera"
         cls.images.publish(image)
@@ -69,7 +69,7 @@ class CheckLab(unittest.TestCase):
         self.assertLessEqual({*expected, ("lab_node_missing", ""), ("lab_map_without_borders", "")}, set(lines))
         self.assertNotIn(("camera_silent", "north"), lines)
         self.assertIn("1 of 2", lines["lab_borders_ok", ""]["message"])
-        # each node logged it once, with its code
+        # the nodes logged their faults, with the codes
         for node, code in (("/camera_poses", "detector_missing"), ("/spot_detector_north", "camera_no_lens")):
             self.wait(lambda: [1 for name, text in self.logged if name == node and f"[{code}]" in text])
 

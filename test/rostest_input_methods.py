@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The same drawing makes the same border, no matter who gives the commands, and how."""
+"""The same drawing makes the same border, no matter who gives the commands, or how."""
 
 import json
 import shutil
@@ -45,7 +45,7 @@ def room():
 
 
 def drawn():
-    """Draws (N, 2) [m] one spot per image, with 0.5 m/s by a hand that trembles."""
+    """Draws (N, 2) [m], one spot per image, at 0.5 m/s with a trembling hand."""
     path = resample_chain(np.array(STROKE), 0.5 * FRAME_S)
     return path + np.random.default_rng(1).normal(0.0, 0.005, path.shape)
 
@@ -77,14 +77,14 @@ class InputMethods(unittest.TestCase):
 
     @classmethod
     def set_time(cls, seconds):
-        """Sets simulated time: every interaction takes equally long."""
+        """Sets simulated time, so that every interaction takes equally long."""
         cls.now = seconds
         cls.clock.publish(rospy.Time.from_sec(seconds))
         wait_until(lambda: abs(rospy.get_time() - seconds) < 1e-6, "the clock")
 
     # ------------------------------------------------------------------ an interaction
     def point(self, points):
-        """Points the laser at (N, 2) [m], seen by two cameras that share the room; time goes on by as much."""
+        """Points the laser at (N, 2) [m], each half of the room seen by one camera; time advances accordingly."""
         begin = self.now + 1.0
         for number, (x, y) in enumerate(points):
             spot = LaserSpot(camera="red" if x < 2.0 else "green", confidence=1.0, projection=LaserSpot.GROUND_PLANE)
@@ -96,16 +96,16 @@ class InputMethods(unittest.TestCase):
         self.wait_for_manager()
 
     def wait_for_manager(self):
-        """Waits until the manager knows the time: it reaches each node by itself, and the next command counts from then."""
+        """Waits until the manager has the time: each node gets it separately, and the next command is dated by it."""
         self.state.wait(lambda message: abs(message.header.stamp.to_sec() - self.now) < 1e-6, "the manager's clock")
 
     def interact(self, way, give):
-        """Draws the carpet with commands given by `give`; keeps border and map, and takes the border out again."""
+        """Draws the carpet with commands given by `give`; keeps border and map, and undoes the border."""
         self.set_time(1000.0 * (2 + len(self.found)))
         self.wait_for_manager()
         give(COMMANDS[0])
         identity = self.state.wait(lambda message: message.name == "border", f"{way}: the border state").interaction_id
-        # spots count from when the border fusion knows the state too
+        # spots count only once the border fusion knows the state too
         self.progress.wait(lambda message: message.interaction_id == identity, f"{way}: the fusion in border")
         stroke = drawn()
         self.point(stroke)
@@ -115,7 +115,7 @@ class InputMethods(unittest.TestCase):
         )
         give(COMMANDS[1])
         self.state.wait(lambda message: message.name == "seed", f"{way}: the seed state")
-        # a chain, and yet something is missing: the seed. On a busy computer the chain itself comes later than its spots
+        # a chain, but no seed yet. On a busy computer the chain itself comes later than its spots
         self.progress.wait(lambda message: message.chain and message.code != "ok", f"{way}: the fusion in seed")
         self.point(np.tile(SEED, (30, 1)))
         self.progress.wait(lambda message: message.seed_spots == 30 and message.has_seed, f"{way}: the seed")
@@ -131,7 +131,7 @@ class InputMethods(unittest.TestCase):
             self.maps.wait(lambda message: (message.data != room().data.ravel()).any(), f"{way}: the map").data
         )
         self.assertEqual(stored.id, saved.last_border_id)
-        # what was promised is what came
+        # the result is as previewed
         self.assertTrue(promised.success, promised.message)
         self.assertEqual(np.array(promised.region.data).sum() / 100, (cells != room().data.ravel()).sum())
         self.found[way] = (stored.kind, array_from_points([*stored.points, stored.seed]), cells)
@@ -147,7 +147,7 @@ class InputMethods(unittest.TestCase):
 
     @staticmethod
     def record_of(identity):
-        """Returns an interaction's record once it is on the disk, else None; people are told of the save before."""
+        """Returns an interaction's record once it is on disk, else None; people are told of the save before that."""
         with open(rospy.get_param("~log")) as file:
             records = [json.loads(line) for line in file if line.endswith("\n")]
         return next((record for record in records if record["interaction_id"] == identity), None)
@@ -167,7 +167,7 @@ class InputMethods(unittest.TestCase):
         kind, points, cells = self.found["service"]
         for way, (other_kind, other_points, other_cells) in self.found.items():
             self.assertEqual((kind, points.shape), (other_kind, other_points.shape), way)
-            # stamps differ by whole interactions, and doubles round them differently
+            # the stamps of the interactions differ, and so does their rounding
             self.assertLess(np.abs(points - other_points).max(), 1e-6, way)
             self.assertTrue((cells == other_cells).all(), way)
         self.assertGreater(len(points), 4)
@@ -175,7 +175,7 @@ class InputMethods(unittest.TestCase):
             self.skipTest("nothing was spoken: espeak-ng is not installed (apt-get install espeak-ng)")
 
     def type(self, terminal, command):
-        """Presses a command's key; again if the console says that it was too late: each node hears the clock by itself."""
+        """Presses a command's key, again if the console says it was too late: each node gets the clock separately."""
         key, code = {"define_border": ("b", "draw_border"), "define_seed": ("d", "point_seed"), "save": ("s", "saved")}[
             command
         ]
@@ -195,7 +195,7 @@ class InputMethods(unittest.TestCase):
             self.joy.publish(buttons=list(buttons))
 
     def speak(self, command):
-        """Says a command as people do: again until it is understood, and what a question names if there is one."""
+        """Says a command as people do: again until it is understood, with "yes" if there is a question."""
         said = command.replace("_", " ")
         for seed in range(20):
             told = len(self.heard.all)

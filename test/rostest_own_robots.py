@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Robots with navigation of their own, and borders_only.launch: every word on the page is compared with what they do."""
+"""Robots with navigation of their own, and borders_only.launch: what the page says is compared with what they do."""
 
 import math
 import os
@@ -34,11 +34,11 @@ START = {"ada": (7.0, 1.5, math.pi), "bob": (7.0, 3.0, math.pi), "cid": (5.8, 2.
 
 
 class Robots:
-    """What the robots' wheels, scanners and localisation would be: velocities move them, tf and scans say where they are."""
+    """Stands in for the robots' wheels, scanners and localisation: takes velocities, publishes tf and scans."""
 
     def __init__(self):
         self.poses, self._velocities = dict(START), {name: (0.0, 0.0) for name in START}
-        self.speeds = {name: 0.0 for name in START}  # the highest since it was set to 0
+        self.speeds = {name: 0.0 for name in START}  # the highest speed since it was set to 0
         self.localized = True
         self._lock = threading.Lock()
         self._tf = tf2_ros.TransformBroadcaster()
@@ -81,7 +81,7 @@ class Robots:
 
 
 class LocalPlanner:
-    """What a local planner's dynamic_reconfigure server is: values that are set by a service, and told."""
+    """Stands in for a local planner's dynamic_reconfigure server: values are set by a service, and published."""
 
     def __init__(self, name):
         self._values = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1}
@@ -185,21 +185,21 @@ class OwnRobots(unittest.TestCase):
     # ------------------------------------------------------------- step 1: the map only
     def test_1_a_robot_reports_whether_it_plans_round_borders(self):
         self.start("rviz:=true", DISPLAY="", WAYLAND_DISPLAY="")
-        # within a minute it is printed what is wired and what is not, by this launch alone
+        # within a minute this launch file alone prints what is wired and what is not
         told = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
         self.wait(lambda: all(any(one in text for _, text in self.logged) for one in told), "what is connected")
         self.wait(lambda: ("robot_ignores_borders", "bob") in self.notices(), "the notice about bob")
         self.assertFalse([code for code, robot in self.notices() if robot == "ada"])
-        # nobody complains about cameras, detectors, or a manager, which do not belong to it
+        # no node complains about cameras, detectors or a manager, which this launch file does not have
         self.assertFalse([text for text in self.warnings() if "amera" in text or "interaction_manager" in text])
-        # no Stop that stops nothing; the header waits for nothing that is not meant to be there
+        # no Stop that would stop nothing; the header does not wait for nodes that are not meant to run
         self.browser.wait("document.body.dataset.state == 'robot_unready'", what="the header")
         self.assertFalse(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
         self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
         self.browser.wait_text("#notices", "bob drives through borders")
         # both robots are on the map
         self.browser.wait("Object.keys(window.virtualBorders.view.robots || {}).sort().join() == 'ada,bob'")
-        # without a screen RViz waits, and says so
+        # without a screen, RViz waits and says so
         self.wait(lambda: any(sentences.translate("no_screen") in text for _, text in self.logged), "RViz to wait")
         self.assertTrue(rosgraph.Master("/test").lookupNode("/rviz"))
 
@@ -214,11 +214,11 @@ class OwnRobots(unittest.TestCase):
         self.assertNotIn("Not kept", self.browser.text("#borders"))
         self.add("Desk", [(6.0, 3.5), (6.8, 3.5), (6.8, 4.2), (6.0, 4.2)])
         self.browser.wait_text("#borders", "Not kept by bob")
-        # a slow zone that nobody enforces is not said to be in force
+        # a slow zone that nobody enforces is not shown as in force
         self.add("Lane", [(5.3, 3.0), (5.9, 3.0), (5.9, 4.2), (5.3, 4.2)], zone=VirtualBorder.SLOW, max_speed=0.1)
         self.browser.wait_text("#borders", "No speed limit for ada, bob")
         self.browser.wait_text("#borders", "meant: at most 0.1 m/s")
-        # and cannot be chosen; which robots a border is for can
+        # such a zone cannot be chosen, but a border's robots can
         self.browser.run("[...document.querySelectorAll('#borders .name')][0].click()")
         self.browser.click("#dialog button", "Edit")
         self.browser.wait("document.querySelector('#review select')", what="the zones")
@@ -252,7 +252,7 @@ class OwnRobots(unittest.TestCase):
     def test_5_the_page_sends_a_robot_to_a_place(self):
         self.add("Rug")
         self.browser.click("#go")
-        # bob, which would drive through borders, is not offered
+        # bob is not offered, since it would drive through borders
         self.assertNotIn("bob", self.browser.text("#review"))
         self.browser.tap([4.1, 1.4])
         self.browser.wait_text("#toast", "'Rug'")
@@ -269,7 +269,7 @@ class OwnRobots(unittest.TestCase):
         self.start("rviz:=false", "obey:=true")
         self.browser.wait("document.body.dataset.state == 'default'", what="the manager")
         self.wait(lambda: self.status("ada").obeys_stop and self.status("ada").localized, "ada to obey")
-        # the stand-in has no local planner whose speed could be set: that is said, and not promised
+        # the stand-in has no local planner whose speed could be set: the page says so
         self.assertFalse(self.status("ada").obeys_speed)
         self.browser.wait_text("#drivers", "It does not obey slow zones")
         self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
@@ -296,7 +296,7 @@ class OwnRobots(unittest.TestCase):
         self.assertEqual(planner.limit(), 0.5)
         self.add("Lane", [(6.5, 2.5), (7.5, 2.5), (7.5, 3.5), (6.5, 3.5)], zone=VirtualBorder.SLOW, max_speed=0.1)
         self.wait(lambda: planner.limit() == 0.1, "bob to be slow")
-        # where it is not known that it has left the zone, it stays slow
+        # while it is not known to have left the zone, it stays slow
         self.addCleanup(setattr, self.robots, "localized", True)
         self.robots.localized = False
         self.wait(lambda: not self.status("bob").localized, "bob to be lost")

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Stops and resumes from five sources in any order, with slow services and killed nodes, over the real nodes.
 
-What is asked at the end of each sequence: if a stop that was heard is newer than every resume that was given, the robot
-stands; and one more resume, by somebody who looks, lets it drive again.
+At the end of each sequence, the robot must stand if an acknowledged stop is newer than every resume; and one more
+resume, by somebody who looks at the state, must let it drive again.
 """
 
 import os
@@ -52,7 +52,7 @@ class StopSequences(unittest.TestCase):
         for person in cls.people:
             person.connect()
         rospy.wait_for_service(names.COMMAND, 120)
-        # a person presses what the page shows, so it must have been told something
+        # a person reacts to what the page shows, so it needs a first state
         assert cls.state.message and cls.driver.message
 
     @classmethod
@@ -66,7 +66,7 @@ class StopSequences(unittest.TestCase):
             cls.answers.append((request.command, request.id, context, answer.code if answer else error.code))
 
     def press_page(self, command, at):
-        """As the page does: what the person saw when they pressed, from a thread of its own."""
+        """Sends a command as the page does: from a thread of its own, with the stop that the person saw."""
         request = commands.make_request(command, "page", 30.0, seen_stop=self.state.message.stop_number)
         if command == "stop":
             self.topic.publish(Stop(id=request.id, source="page"))
@@ -97,7 +97,7 @@ class StopSequences(unittest.TestCase):
     def test_no_stop_is_released_by_an_older_command_and_none_is_lost(self):
         released = judged = 0
         for seed in range(FIRST, FIRST + SEQUENCES):
-            print(f"sequence {seed}")  # rosunit swallows what a subTest raises
+            print(f"sequence {seed}")  # rosunit swallows a subTest's failures
             obeyed, newest = self.run_sequence(random.Random(seed))
             released, judged = released + obeyed, judged + newest
         print(f"{SEQUENCES} sequences; a resume was obeyed in {released}, a stop came last in {judged} of them")
@@ -106,7 +106,7 @@ class StopSequences(unittest.TestCase):
         """Returns whether a resume was obeyed, and whether a stop was newer than every resume."""
         self.answers.clear()
         resumes, given = [], 0
-        pauses = random.Random(choice.random())  # drawn by another thread, which must not change the sequence
+        pauses = random.Random(choice.random())  # own generator: another thread draws from it
         self.neighbors.before_add = lambda: time.sleep(pauses.choice([0.0, 0.3, 2.0]))
         for _ in range(STEPS):
             at = time.monotonic()
@@ -132,7 +132,7 @@ class StopSequences(unittest.TestCase):
             time.sleep(choice.choice([0.0, 0.05, 0.2, 0.5]))
         wait_until(lambda: len(self.answers) >= given, "all answers")
         rospy.wait_for_service(names.COMMAND, 120)
-        # what holds now must have been told to and by both since
+        # by now both must have exchanged their current state
         for messages in (self.state, self.driver):
             messages.next(4)
         told = [
@@ -151,7 +151,7 @@ class StopSequences(unittest.TestCase):
         return obeyed, newest
 
     def resume(self):
-        """Asks for it as somebody who looks; returns whether robots may drive."""
+        """Gives a resume as somebody who looks at the state; returns whether robots may drive."""
         self.press_page("resume", time.monotonic())
         time.sleep(0.3)
         return not self.state.message.stopped and not self.driver.message.stops

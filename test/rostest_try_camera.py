@@ -26,7 +26,7 @@ class TestTryCamera(unittest.TestCase):
         truth = yaml.safe_load((Path(rospkg.RosPack().get_path("vb_bringup")) / "try/room.yaml").read_text())
         self.assertTrue(border.closed)
         self.assertLess(directed_hausdorff(truth["border"], border.points)[0], 0.02)
-        sides = shapely.LinearRing(truth["border"])  # and no point is elsewhere than on these
+        sides = shapely.LinearRing(truth["border"])  # no point lies off these
         self.assertLess(shapely.distance(sides, shapely.points(border.points)).max(), 0.02)
 
 

@@ -20,14 +20,14 @@ from vb_sim.lab_simulator_node import MIN_PACE
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
-# what people must not be told while a sound lab starts and somebody begins to draw
+# notices that must not appear while a faultless lab starts and somebody begins to draw
 ALARMS = ("camera_", "detector_", "lab_", "spot_not_seen_no_robot")
 RATE = 25.0  # [1/s] of the lab's cameras
-NEAR = 0.1  # [m] between what was seen of a hand and the line that is made of it
+NEAR = 0.1  # [m] between the spots seen and the line extracted from them
 
 
 class Pace:
-    """Slows simulated time down until this computer searches at least half of the cameras' images, however busy it is."""
+    """Slows simulated time down until this computer searches at least half of the cameras' images, even if busy."""
 
     def __init__(self) -> None:
         self._pace, self._publisher = 1.0, rospy.Publisher(names.PACE, Float64, queue_size=1)
@@ -49,7 +49,7 @@ class WholeScenario(unittest.TestCase):
         def hear(message: NoticeArray) -> None:
             told.update(one.code for one in message.notices)
             if not (observer.state and observer.state.name == "border" and len(seen) > 20):
-                # a busy computer is told rightly that its cameras are slow
+                # on a busy computer, slow cameras are rightly reported
                 codes = {one.code for one in message.notices if one.code.startswith(ALARMS)}
                 alarms.update(codes - {"camera_slow"})
 
@@ -66,15 +66,15 @@ class WholeScenario(unittest.TestCase):
 
         self.assertEqual(alarms, set())
 
-        # the person's line became one open border that no ceiling camera saw alone
+        # the person's line became one open border, which no ceiling camera saw alone
         border = observer.borders[0]
         self.assertEqual(border.id, observer.state.last_border_id)
         self.assertEqual(border.kind, border.SEPARATING_CURVE)
-        # of all that was seen of the hand, and no longer. A busy computer's cameras may miss some of it, and what they see
-        # after a pause may be told as left out: a glint, or an end of the line
+        # it has all spots that were seen, and is no longer than these. A busy computer's cameras may miss some, and
+        # spots after a pause may be reported as left out: a glint, or an end of the line
         subscriber.unregister()
         line = resample_chain(np.array([(p.x, p.y) for p in border.points]), 0.02)
-        # were they collected, the extraction left them out; else they came after the state had changed
+        # missing spots were left out by the extraction if they were collected, else they came after the state
         collected = f"{observer.progress.border_spots} of {len(seen)} spots were collected"
         left_out = np.array([(p.x, p.y) for p in observer.progress.left_out]).reshape(-1, 2)
         self.assertLess(directed_hausdorff(seen, np.vstack([line, left_out]))[0], NEAR, collected)
@@ -83,17 +83,17 @@ class WholeScenario(unittest.TestCase):
         self.assertLess(directed_hausdorff(line[[0, -1]], seen)[0], NEAR)
         self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
 
-        # it restricts what was meant, and nothing but free cells changed
+        # it restricts the intended area, and nothing else changed
         truth = floor_plan.ground_truth(world, scenario)
         region = metrics.restricted_cells(observer.prior, observer.posterior)
         self.assertGreater(metrics.jaccard(truth, region), 0.9)
         kept = ~region
         self.assertTrue((observer.posterior.data[kept] == observer.prior.data[kept]).all())
 
-        # how exactly interactions are timed is shown where the clock is the test's (rostest_input_methods.py)
+        # exact times are tested where the test controls the clock (rostest_input_methods.py)
         self.assertGreater(min(observer.state.border_s, observer.state.seed_s), 0.0)
 
-        # navigation respects it: the room cannot be reached, its outside can
+        # navigation respects it: the room cannot be reached, the floor outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
         start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)
         wait_until(

@@ -1,4 +1,4 @@
-"""Runs each bench on a sample of a few seconds, to see that it ends well; its figures are not checked."""
+"""Runs each bench on a sample of a few seconds, to check that it succeeds; its figures are not checked."""
 
 import shlex
 import sys
@@ -35,12 +35,12 @@ def test_every_bench_has_a_sample():
         for path in TOP.glob("bench/**/*.py")
         if "def main(" in path.read_text(encoding="utf-8") and path.parent.name != "voice"
     }
-    assert benches == set(SAMPLES) | {"robots/drives.py"}  # which needs `make navigation`
+    assert benches == set(SAMPLES) | {"robots/drives.py"}  # the last one needs `make navigation`
 
 
 @pytest.fixture(scope="module")
 def clips(tmp_path_factory):
-    """A folder with one labelled clip: a spot on a grey floor."""
+    """Returns a folder with one labelled clip: a spot on a grey floor."""
     folder = tmp_path_factory.mktemp("labelled")
     (folder / "clips").mkdir()
     writer = cv2.VideoWriter(str(folder / "clips" / "one.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))

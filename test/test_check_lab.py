@@ -26,7 +26,7 @@ def codes(lines):
 
 
 def graph(*publishers, topic="/north/image_raw", type="sensor_msgs/Image"):
-    """A detector that reads /north/image_raw, and who publishes a topic."""
+    """Returns the graph of a detector that reads /north/image_raw, and of a topic's publishers."""
     return NodeGraph(
         [(topic, publishers)],
         [("/north/image_raw", ["/spot_detector_north"])],
@@ -78,7 +78,7 @@ def test_each_mistake_in_a_lab_is_named(what, changes, code):
 
 @pytest.mark.parametrize("free_thresh, is_reported", [(0.196, False), (0.25, True)])
 def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_thresh, is_reported):
-    """10 of 183 maps of public repositories had free_thresh 0.25 with pixels of 205."""
+    """Of 183 maps in public repositories, 10 had free_thresh 0.25 with pixels of 205."""
     cells = np.full((20, 20), -1, np.int8)
     cells[5:15, 5:15] = 100
     cells[6:14, 6:14] = 0
@@ -86,7 +86,7 @@ def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_t
     path.write_text(path.read_text().replace("free_thresh: 0.196", f"free_thresh: {free_thresh}"))
     again = read_map(path).data
     assert is_all_known(again) is is_reported
-    assert not is_all_known(again[5:15, 5:15])  # a room that is known completely, with walls all round
+    assert not is_all_known(again[5:15, 5:15])  # a completely known room, with walls all round
 
 
 @pytest.mark.parametrize("height, width", [(0, 0), (3, 4), (2, 2)])
@@ -109,7 +109,7 @@ SCAN = LaserScan(angle_min=-1.5, angle_max=1.5)
         (True, {"topic": "front/scan"}, "/ada/front/scan", []),
         (True, {"topic": "/front"}, "/ada/scan", [("lab_robot_no_scan", "/front")]),
         (True, {"present": False}, "", []),
-        (False, {}, "", []),  # without a driver nobody here needs it
+        (False, {}, "", []),  # without a driver nothing here needs the scan
     ],
 )
 def test_a_robot_s_scan_is_looked_for_where_its_profile_says(monkeypatch, driver, scanner, heard, expected):

@@ -1,8 +1,8 @@
-"""Whatever comes from outside is taken or refused with a code: examples drawn from the inputs' own schemas.
+"""Every input from outside is taken or refused with a code: examples are drawn from the inputs' own schemas.
 
-The idea: no list of attacks. The strategy of a message follows from its definition (genpy's slots), that of a parameter
-class from its fields, that of a file from the bytes of a good one, some of them changed; so a new field or argument is in
-the examples by itself. FUZZ_EXAMPLES says how many per test: few in `make test`, thousands before a release.
+There is no list of attacks. The strategy for a message follows from its definition (genpy's slots), for a parameter
+class from its fields, and for a file from the bytes of a good one, some of them changed; so the examples cover new
+fields by themselves. FUZZ_EXAMPLES sets their number per test: few in `make test`, thousands before a release.
 """
 
 import dataclasses
@@ -42,7 +42,7 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 
 def bounded(share=1.0):
-    """Returns the settings of one test; `share` for those whose examples cost more or less than others'."""
+    """Returns the settings of one test; `share` scales the number of examples that cost more or less than others."""
     return settings(
         max_examples=max(3, int(EXAMPLES * share)),
         deadline=None,
@@ -78,7 +78,7 @@ def field(kind):
 
 def message(cls):
     """Makes a strategy for a message, by its definition."""
-    # the type "Header" of old stands for std_msgs/Header
+    # the old type "Header" stands for std_msgs/Header
     kinds = ["std_msgs/Header" if kind == "Header" else kind for kind in cls._slot_types]
     return st.builds(cls, **{name: field(kind) for name, kind in zip(cls.__slots__, kinds)})
 
@@ -91,7 +91,7 @@ ANYTHING = st.recursive(
 
 
 def damaged(good):
-    """Makes a strategy for a file's bytes: cut off, bytes changed, pieces put in."""
+    """Makes a strategy for a file's bytes: truncated, bytes changed, pieces inserted."""
     change = st.tuples(st.integers(0, max(len(good) - 1, 0)), st.integers(0, 12), st.binary(max_size=12))
 
     def apply(changes, end):
@@ -104,7 +104,7 @@ def damaged(good):
 
 
 def check_taken(read, found):
-    """Whatever is read is taken, or refused with a code."""
+    """Checks that an input is taken, or refused with a code."""
     try:
         read(found)
     except CodedError as error:
@@ -151,7 +151,7 @@ def test_messages_are_taken_or_refused_with_a_code(what):
 
 # ---------------------------------------------------------------------- parameters
 def parameter_classes():
-    """Finds every parameter class of the lab's packages; those of the study read no parameter server."""
+    """Finds every parameter class of the lab's packages; the study's do not read the parameter server."""
     for path in sorted(TOP.glob("src/vb_*/src/vb_*/**/*.py")):
         if "(Parameters)" in path.read_text(encoding="utf-8"):
             importlib.import_module(".".join(path.relative_to(TOP / "src").with_suffix("").parts[2:]))

@@ -1,4 +1,4 @@
-"""A launch that cannot work is refused in one sentence, before roslaunch starts anything."""
+"""A launch that cannot work is refused with one sentence, before roslaunch starts anything."""
 
 import os
 import re
@@ -34,7 +34,7 @@ def code_of(check, *arguments):
 
 @pytest.fixture
 def lab():
-    """The URI of a ROS master that knows a lab, whose node answers at the same address."""
+    """Yields the URI of a ROS master that knows a lab's node, which answers at the same address."""
     server = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
     uri = "http://127.0.0.1:{}/".format(server.server_address[1])
     server.register_function(lambda caller, node: (1, "", uri), "lookupNode")
@@ -58,7 +58,7 @@ def test_a_mistyped_argument_is_refused_with_a_suggestion():
         check_arguments(["camera"], ["cameras", "robot"])
     assert caught.value.values["nearest"] == "cameras"
     with refused("launch_unknown_argument") as caught:
-        check_arguments(["zzz"], ["cameras", "robot"])  # like none of them: nothing is guessed
+        check_arguments(["zzz"], ["cameras", "robot"])  # like neither of them: there is no suggestion
     assert caught.value.values["known"] == "cameras, robot"
     assert code_of(check_arguments, ["cameras"], []) == "launch_unknown_argument"
     assert code_of(check_arguments, ["robot"], ["cameras", "robot"]) == ""
@@ -75,7 +75,7 @@ def test_only_a_files_own_arguments_count(tmp_path):
 
 @pytest.fixture
 def files(tmp_path):
-    """Good and bad files, by the words that stand for their paths below."""
+    """Writes good and bad files, whose names stand for their paths below."""
     for name, text in (
         ("good.yaml", "image: x\ndetector: {max_dwell_time: 12}"),
         ("empty.yaml", "{}"),
@@ -171,13 +171,13 @@ def test_a_lab_runs_alone_on_its_master(lab):
 )
 def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
     done = with_master(lab, "roslaunch", *words)
-    # our sentence is the last that people read
+    # our sentence is the last line of the output
     assert done.returncode != 0 and f"[{code}]" in done.stdout.strip().splitlines()[-1]
     assert "process[" not in done.stdout  # which roslaunch prints for each node
 
 
 def test_calls_that_start_nothing_there_are_not_refused(lab):
-    """A test has a master of its own, whatever the environment says; and one may ask what a launch file holds."""
+    """A test has its own master, whatever the environment says; and asking what a launch file contains is allowed."""
     assert with_master(lab, sys.executable, "-m", "vb_bringup.launch_check", "lab").returncode == 0
     asked = with_master(lab, "roslaunch", "--nodes", LAUNCH / "lab.launch", "cameras:=none")
     assert asked.returncode == 0 and "/map_integrator" in asked.stdout

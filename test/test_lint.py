@@ -1,4 +1,4 @@
-"""What linters find: unused code, unclear names, missing docstrings, misspelt words, packages that catkin would not install."""
+"""Linters find no unused code, unclear names, missing docstrings, misspelt words, or packages catkin cannot install."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ LINTERS = {
     "ruff": ["ruff", "check", "--no-cache", "--quiet", "--output-format", "concise"],
     "format": ["ruff", "format", "--check", "--no-cache", "--quiet"],
     "codespell": ["codespell_lib"],
-    # offline: keys of rosdep are not checked, whose list would have to be fetched
+    # offline: rosdep keys are not checked, since their list would have to be fetched
     "catkin_lint": ["catkin_lint", "--offline", "--strict", "src"],
 }
 

@@ -1,6 +1,6 @@
 """The parameters that borders need are set, under the names that the navigation stack reads.
 
-The real stack ignores a misspelt parameter in silence and uses its default, which for borders is the wrong one.
+The stack silently ignores a misspelt parameter and uses its default, which is wrong for borders.
 """
 
 import re
@@ -20,7 +20,7 @@ PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots
 
 
 def merged(below, above):
-    """Merges nested parameters as the parameter server does when both are set, the second one last."""
+    """Merges nested parameters as the parameter server does when `above` is set after `below`."""
     result = dict(below)
     for key, value in above.items():
         result[key] = merged(result.get(key, {}), value) if isinstance(value, dict) else value
@@ -28,7 +28,7 @@ def merged(below, above):
 
 
 def load(name, profile="turtlebot2"):
-    """Loads a file's parameters, and for move_base's own what follows from the robot's profile."""
+    """Loads a file's parameters; for move_base.yaml with those that follow from the robot's profile."""
     parameters = yaml.safe_load((CONFIG / name).read_text())
     if name == "move_base.yaml":
         planner = navigation_parameters(PROFILES[profile])["DWAPlannerROS"]
@@ -49,7 +49,7 @@ def test_robot_parameters_follow_from_the_profile(name):
     assert planner["min_vel_x"] >= 0.0, "many scanners do not look back"
     for which in ("global", "local"):
         settings = costmap(which, name)
-        # paths keep more than the controller needs
+        # paths keep more distance than the controller needs
         assert settings["robot_radius"] == pytest.approx(profile.radius + (0.04 if which == "global" else 0.0))
         assert settings["inflation_layer"]["inflation_radius"] > profile.radius
         assert settings["obstacle_layer"]["scan"]["topic"] == profile.scanner.topic
@@ -63,7 +63,7 @@ def test_robot_parameters_follow_from_the_profile(name):
 def test_borders_act_in_both_costmaps_below_inflation(name):
     settings = costmap(name)
     kinds = [plugin["type"].split("::")[1] for plugin in settings["plugins"]]
-    # an obstacle layer above the static one keeps its obstacles: it takes the larger value
+    # an obstacle layer above the static layers keeps their obstacles, as it takes the larger value
     assert kinds == ["StaticLayer", "StaticLayer", "ObstacleLayer", "InflationLayer"]
     static, keep_out = settings["static_layer"], settings["keep_out_layer"]
     assert static["map_topic"] == "/virtual_borders/map" and keep_out["map_topic"] == "robot_driver/keep_out"
@@ -78,7 +78,7 @@ def test_plans_keep_to_borders():
     assert settings["planner_frequency"] >= 1.0
     assert settings["make_plan_clear_costmap"] is False and settings["make_plan_add_unreachable_goal"] is False
     assert settings["NavfnROS"]["allow_unknown"] is False and settings["NavfnROS"]["default_tolerance"] == 0.0
-    # obstacle_layer.cpp takes the costmap's track_unknown_space, whose default makes unknown cells free
+    # obstacle_layer.cpp uses the costmap's track_unknown_space, whose default makes unknown cells free
     assert costmap("global")["track_unknown_space"] is True and costmap("global")["global_frame"] == "map"
     for name in ("conservative_reset", "aggressive_reset"):
         assert settings[name]["layer_names"] == ["obstacle_layer"]
@@ -89,13 +89,13 @@ def test_the_launch_file_gives_each_node_its_map():
     nodes = {node.get("name"): node for node in launch.iter("node")}
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
     assert amcl["use_map_topic"] == amcl["first_map_only"] == "true"
-    # the corrected model takes them as variances: the defaults, meant for the other, are half of each motion
+    # the corrected model takes them as variances: the defaults, meant for the other model, would be half of each motion
     assert amcl["odom_model_type"] == "diff-corrected" and all(
         float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4)
     )
     assert ("map", "/map") in {(remap.get("from"), remap.get("to")) for remap in nodes["amcl"].iter("remap")}
     loaded = [(param.get("file").rsplit("/", 1)[1], param.get("ns")) for param in nodes["move_base"].iter("rosparam")]
-    # what is common comes first: what is loaded later wins
+    # the common file comes first, as parameters loaded later win
     for name in ("global", "local"):
         own = [file for file, namespace in loaded if namespace == f"{name}_costmap"]
         assert own == ["costmap_common.yaml", f"{name}_costmap.yaml"]

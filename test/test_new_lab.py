@@ -1,4 +1,4 @@
-"""A lab's own folder: launch files that roslaunch can read, nothing overwritten."""
+"""A lab's own folder: launch files that roslaunch can read, and nothing is overwritten."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -35,14 +35,14 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
     assert all(path.is_file() for path in written)
     launch, stack = (ElementTree.parse(str(path / "lab.launch")).getroot() for path in (lab, TOP / "launch"))
     given, common = ({arg.get("name"): arg.get("default") for arg in of.findall("arg")} for of in (launch, stack))
-    # a lab's own values, and what else can be given at the start: as the stack has it
+    # apart from the lab's own values, the arguments have the stack's defaults
     assert {name for name in given if given[name] != common[name]} == OWN
     (of_container,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
     kit = {name for arguments in yaml.safe_load(conduct.TEMPLATE)["methods"].values() for name in arguments}
     assert {"record", *kit, *re.findall(r"(\w+):=", of_container)} <= set(given)
     assert given["cameras"] == "north south" and given["map"] == "$(dirname)/map.yaml" and given["robot"] == "true"
     assert len(given["configs"].split()) == 2
-    # what the lab versions is whole without the map's first place
+    # the lab's folder is complete without the original map file
     (tmp_path / "room.pgm").unlink()
     copy = read_map(lab / "map.yaml")
     assert copy.origin == grid.origin and (copy.data == grid.data).all()

@@ -33,19 +33,19 @@ def python_files():
 
 
 def run_python(*arguments):
-    """Runs Python in a process of its own, which has to end well."""
+    """Runs Python in a process of its own, which has to succeed."""
     done = run_command(sys.executable, *arguments)
     assert done.returncode == 0, done.stdout
 
 
 def listed_by_git(*given):
-    """Names of the repository's files, as `git ls-files` lists them; those that are on the disk."""
+    """Lists the repository's files as `git ls-files` does, if they are on disk."""
     listed = run_command("git", "ls-files", *given, cwd=TOP, check=True).stdout
     return [name for name in listed.splitlines() if (TOP / name).is_file()]
 
 
 def imported(path):
-    """Names of the top-level packages that a file imports."""
+    """Returns the names of the top-level packages that a file imports."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -57,7 +57,7 @@ def imported(path):
 
 @pytest.mark.parametrize("path", python_files(), ids=lambda path: str(path.relative_to(TOP)))
 def test_syntax_is_that_of_python_3_8(path):
-    # ROS Noetic's; the interpreter that runs the tests may be newer
+    # ROS Noetic's version; the interpreter that runs the tests may be newer
     ast.parse(path.read_text(encoding="utf-8"), filename=str(path), feature_version=(3, 8))
 
 
@@ -123,7 +123,7 @@ def module_name(path):
 
 
 def says_it_needs_ros(path):
-    """A file that imports ROS or the ROS side of the project says so; all others promise to do without."""
+    """Returns whether a file needs ROS, by its imports and its name; all others promise to work without."""
     ours = re.search(r"(from|import) vb_core\.ros", path.read_text(encoding="utf-8"))
     return (
         bool(ours)
@@ -147,7 +147,7 @@ def test_pure_modules_load_without_ros(package):
 
 # ------------------------------------------------------------ launch files and reference
 def test_parameters_removed_from_a_launch_file_are_gone():
-    # parameters outlive their nodes on the ROS master: a misspelt one would kill its node until the master is restarted
+    # parameters outlive their nodes on the master: a misspelt one would end its node until the master is restarted
     kept = []
     for path in sorted(TOP.glob("launch/**/*.launch")):
         for node in ElementTree.parse(str(path)).getroot().iter("node"):
@@ -167,7 +167,7 @@ def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
         for executable, docstring in entries:
             source = reference["find_source"](TOP / "src" / package / "scripts" / executable, package)
             if not source.stem.endswith("_node"):
-                continue  # a command, which ends by itself
+                continue  # a command that ends by itself
             for used in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
                 if isinstance(used, ast.Attribute) and getattr(used.value, "id", "") == "names":
                     name = getattr(names, used.attr)
@@ -185,7 +185,7 @@ def test_the_table_of_topics_has_every_fixed_name():
 
 # ------------------------------------------------------------ words
 def calls(source):
-    """Lists the calls in a program's text: by what name, with which arguments, and with which by keyword."""
+    """Lists the calls in a program's text: (name, arguments, keyword arguments)."""
     nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
     return [
         (
@@ -198,7 +198,7 @@ def calls(source):
 
 
 def own_sentences(source):
-    """Lists the codes of the catalogue that a file raises, or reports, with a sentence of its own."""
+    """Lists the catalogue's codes that a file raises or reports with a sentence of its own."""
     given_one = [
         given[0]
         for name, given, named in calls(source)
@@ -253,12 +253,12 @@ def test_links_lead_somewhere():
     assert not broken, broken
 
 
-MADE_BY_NEW_LAB = {"lab.launch"}  # a lab's own, outside of this repository
+MADE_BY_NEW_LAB = {"lab.launch"}  # a lab's own file, outside this repository
 COMMAND = re.compile(r"(?:^ {4,}|`|&& )(?:sudo )?(make|roslaunch|rosrun)((?: +[\w.~/*-]+)+)", re.M)
 
 
 def missing_commands(text):
-    """Commands in a page that start what does not exist: targets of make, our launch files, our executables."""
+    """Lists a page's commands whose make target, launch file or executable of ours does not exist."""
     targets = set(re.findall(r"^([a-z]+):", (TOP / "Makefile").read_text(encoding="utf-8"), re.M))
     missing = []
     for program, rest in COMMAND.findall(text):
@@ -269,7 +269,7 @@ def missing_commands(text):
             found = (TOP / words[0]).is_file() or (words[0].startswith("~") and Path(words[0]).name in MADE_BY_NEW_LAB)
         elif words[0] in PACKAGES:
             folder = "launch" if program == "roslaunch" else "scripts"
-            place = (TOP / "src" / words[0] / folder).resolve()  # roslaunch looks into folders, too
+            place = (TOP / "src" / words[0] / folder).resolve()  # roslaunch also looks into subfolders
             found = len(words) > 1 and any(place.rglob(words[1]))
         else:
             found = not words[0].startswith("vb_")  # other people's packages
@@ -302,7 +302,7 @@ def test_the_demonstration_needs_only_what_a_container_has():
 
 
 def test_the_analysis_knows_no_simulator():
-    """Nothing that measures or reports imports what simulates, so that both can go their own ways."""
+    """Nothing that measures or reports imports the simulator, so that both can be changed independently."""
     parts = ("statistics.py", "metrics.py", "report/*.py", "study_kit/*.py")
     modules = [module_name(path) for part in parts for path in TOP.glob(f"src/vb_evaluation/src/vb_evaluation/{part}")]
     assert len(modules) > len(parts)
@@ -312,7 +312,7 @@ def test_the_analysis_knows_no_simulator():
 # ------------------------------------------------------------ what `pip install .` installs
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """The wheel of the committed and changed files, unpacked; nothing is downloaded."""
+    """Builds the wheel of the working copy's files and unpacks it, without downloads; returns its folder."""
     folder = tmp_path_factory.mktemp("wheel")
     for name in listed_by_git("-co", "--exclude-standard", "pyproject.toml", "README.md", "src"):
         if not (TOP / name).is_symlink():

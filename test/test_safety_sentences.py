@@ -1,4 +1,4 @@
-"""Each sentence that promises something of a robot's safety has a test by name, see safety_sentences.yaml."""
+"""Each sentence that promises something about a robot's safety names its tests, see safety_sentences.yaml."""
 
 import ast
 import re
@@ -10,7 +10,7 @@ import yaml
 TOP = Path(__file__).resolve().parents[1]
 TABLE = yaml.safe_load((TOP / "test" / "safety_sentences.yaml").read_text(encoding="utf-8"))
 FILES, EXPLAINS = TABLE.pop("files"), TABLE.pop("explains")
-# where each page promises something: from here to there
+# the parts of each page that make promises: (beginning, end)
 SECTIONS = {
     "README.md": [("- **When in doubt, the robot", "\n## ")],
     "docs/explanation/robots.md": [("## What is connected\n", "## Robot types"), ("## Borders and loc", "## Limits")],
@@ -18,7 +18,7 @@ SECTIONS = {
 
 
 def sentences_of(page):
-    """Splits a page's parts into sentences and rows of tables."""
+    """Splits these parts of a page into sentences and table rows."""
     whole, text = (TOP / page).read_text(encoding="utf-8"), ""
     for begin, end in SECTIONS[page]:
         start = whole.index(begin)

@@ -1,4 +1,4 @@
-"""The page that asks for the corners of something on the floor: each answer that it gets says what is wrong."""
+"""The page that asks for a rectangle's corners on the floor: each refusal says what is wrong."""
 
 import json
 from types import SimpleNamespace
@@ -31,9 +31,9 @@ def test_a_rectangle_is_answered_with_lines_on_the_floor():
 @pytest.mark.parametrize(
     "changes, image",
     [
-        ({"width": 20.0, "depth": 20.0}, (720, 1280, 3)),  # all of the floor that is seen would be far away
+        ({"width": 20.0, "depth": 20.0}, (720, 1280, 3)),  # all visible floor would be far away
         ({"corners": [[1, 2]]}, (720, 1280, 3)),
-        ({}, None),  # the camera is being opened
+        ({}, None),  # the camera is not open yet
     ],
 )
 def test_what_gives_no_floor_is_refused_with_a_sentence(changes, image):

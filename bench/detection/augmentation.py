@@ -1,8 +1,8 @@
 """Labelled pictures as other cameras would have taken them.
 
-What real cameras do to a scene is done to a picture of it, in their order: another exposure in linear light, with flicker
-that rolls through the image; noise; de-noising; another tone curve; sharpening; and compression, which halves the
-colours' resolution. A saturated spot's light is not in the picture: its profile is continued inwards as a Gaussian's.
+A picture goes through what real cameras do to a scene: another exposure in linear light, with flicker that rolls
+through the image; another tone curve; noise; denoising; sharpening; and compression, which halves the colours'
+resolution. A saturated spot's light is not in the picture: its profile is continued inwards as a Gaussian.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 GAMMA, SATURATED = 2.2, 245
-PAINT_EVERY, _SHOWS = 12, 30  # [pictures]; [grey levels] that a painted spot must stand out by to be asked for
+PAINT_EVERY, _SHOWS = 12, 30  # [pictures]; [grey levels] by which a painted spot must stand out to count
 _SIGMAS = 0.7, 5.0  # [px] of painted spots
 _LEVELS = 16383  # of linear light
 
@@ -24,11 +24,11 @@ class Taken(NamedTuple):
     Attributes:
         exposure: times that of the picture, in linear light.
         spot_widths: radius of the saturated core, in the spot's sigmas: 1.5 makes a peak of 3 times white, 2 of 7.
-        bands: of mains flicker, part of the light that comes and goes; they roll.
+        bands: amplitude of the rolling bands of mains flicker, as a share of the light.
         noise: [grey levels]
-        denoised: weight of the last picture in each one where little changed, and a median filter.
+        denoised: whether a median filter is applied, and the last picture blended in where little changed.
         gamma: of the tone curve, times the usual one's.
-        sharpening: part of the difference to the blurred picture that is added.
+        sharpening: share of the difference to the blurred picture that is added.
         quality: of the JPEG.
     """
 
@@ -43,7 +43,7 @@ class Taken(NamedTuple):
 
     @staticmethod
     def draw(random: np.random.Generator, exposure: Tuple[float, float]) -> "Taken":
-        """Draws a camera, with an exposure between two [stops]."""
+        """Draws a camera, with an exposure between two limits [stops]."""
         return Taken(
             exposure=float(2.0 ** random.uniform(*exposure)),
             spot_widths=float(random.uniform(1.3, 2.1)),
@@ -57,7 +57,7 @@ class Taken(NamedTuple):
 
 
 class PaintedSpot(NamedTuple):
-    """A spot at (u, v) [px]: its sigma [px], its peak in the camera's white, its part in blue, green and red."""
+    """A spot at (u, v) [px]: its sigma [px], its peak in units of white, its share in blue, green and red."""
 
     u: float
     v: float
@@ -67,7 +67,7 @@ class PaintedSpot(NamedTuple):
 
     @staticmethod
     def draw(random: np.random.Generator, width: int, height: int) -> "PaintedSpot":
-        """Draws one that is within an image, from barely seen to saturated, as small as from a ceiling or seen from near."""
+        """Draws a spot within an image, barely visible to saturated, in the sizes seen from a ceiling to close by."""
         u, v = random.uniform((24, 24), (width - 24, height - 24))
         strong, leak = int(random.integers(1, 3)), random.uniform(0.05, 0.6, 3)
         color = tuple(1.0 if channel == strong else float(leak[channel]) for channel in range(3))
@@ -75,7 +75,7 @@ class PaintedSpot(NamedTuple):
         return PaintedSpot(float(u), float(v), sigma, peak, color)
 
     def shows_in(self, picture: np.ndarray) -> bool:
-        """Returns whether it stands out from what is around it."""
+        """Returns whether the spot stands out from its surroundings."""
         u, v = int(round(self.u)), int(round(self.v))
         reach = max(7, int(3.0 * self.sigma))
         part = picture[v - reach : v + reach + 1, u - reach : u + reach + 1].max(axis=2).astype(int)
@@ -87,7 +87,7 @@ class OtherCamera:
     """Takes the pictures of a clip again, one after the other.
 
     Args:
-        taken: how.
+        taken: how it takes them.
         seed: of its noise.
     """
 
@@ -96,7 +96,7 @@ class OtherCamera:
         self._last: Optional[np.ndarray] = None
         self._painted: Optional[PaintedSpot] = None
         self._curve = (np.arange(256) / 255.0).astype(np.float32) ** GAMMA
-        # tables and one drawing of noise, moved about: powers and draws for each pixel would take most of the time
+        # lookup tables, and one noise image shifted about: powers and draws for each pixel would take most of the time
         levels = 255.0 * (np.arange(_LEVELS + 1) / _LEVELS) ** (1.0 / (GAMMA * taken.gamma))
         self._shown = levels.astype(np.float32)
         self._noise = self._random.normal(0.0, taken.noise, (512, 2048, 3)).astype(np.float32)
@@ -104,12 +104,12 @@ class OtherCamera:
     def take(
         self, image: np.ndarray, spots: Sequence[Tuple[float, float]], paint: bool = False
     ) -> Tuple[np.ndarray, List[Tuple[float, float]], List[Tuple[float, float]]]:
-        """Returns a bgr picture (H, W, 3) as this camera takes it, and the places of spots that were painted into it.
+        """Returns a bgr picture (H, W, 3) as this camera takes it, and the positions of spots painted into it.
 
-        Those that can be seen come first, then those that can hardly be.
+        The visible ones are the first list, the hardly visible ones the second.
 
         Args:
-            spots: (u, v) [px] of those in it.
+            spots: (u, v) [px] of the spots in it.
             paint: whether spots may be added; they are, for three pictures of each twelve.
         """
         painted = []
@@ -181,7 +181,7 @@ def _continue_inwards(image: np.ndarray, light: np.ndarray, u: float, v: float, 
 
 
 def takes(name: str, random: np.random.Generator) -> List[Tuple[str, Taken]]:
-    """Returns the ways in which a clip is taken again for training: as bright as it is, and set dark."""
+    """Returns the ways in which a clip is taken again for training: about as bright as it is, and set dark."""
     return [
         (f"taken again: {name}", Taken.draw(random, (-1.0, 0.5))),
         (f"set dark: {name}", Taken.draw(random, (-4.5, -1.5))),

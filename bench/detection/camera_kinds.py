@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""One row for each kind of camera and images, in both roles: encodings, lasers, white levels, rates, sizes, JPEG.
+"""Makes one row for each kind of camera, in both roles: encodings, lasers, white levels, rates, sizes, JPEG.
 
     python3 bench/detection/camera_kinds.py [--other REVISION|SRC] [--rows WORD ...] [--csv FILE]
 
-Rendered floors with a spot that is drawn across at the same speed per second, 1.5 s without it and 4 s (at least 24 images)
-with it (large images: 0.5 s and 1 s); a robot's camera looks round meanwhile, by up to 3 px per image. All versions see the
-same pictures in turns, as each comes. Times are a thread's own, [ms] per image; on a busy computer only their ratio to the
-other version's counts.
+Rendered floors on which a spot moves equally fast at all rates, 1.5 s without it and 4 s (at least 24 images) with it
+(large images: 0.5 s and 1 s); a robot's camera looks around meanwhile, by up to 3 px per image. All versions see the
+same pictures, taking turns at each. Times are a thread's own, [ms] per image; on a busy computer only their ratio
+to the other version's is meaningful.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def uyvy(image: np.ndarray) -> np.ndarray:
     return np.dstack([second, np.clip(16 + luminance * 219 / 255, 0, 255)]).astype(np.uint8)
 
 
-# what a driver sends of an image, by encoding
+# converts an image to what a driver sends, by encoding
 SENT = {
     "rgb8": lambda image: image[:, :, ::-1].copy(),
     "mono8": lambda image: image[:, :, 1].copy(),

@@ -1,4 +1,4 @@
-"""Frames of the labelled clips with what is known of them, as the cameras of each role see them, or others take them."""
+"""Frames of the labelled clips with their labels, as cameras of each role see them or other cameras take them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from bench.detection.finder import LabeledFrame
 
 REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")
-NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
-# frames with pulses that nobody labelled, looked at one by one; 115 and 116 fall on a wall that is white already
+NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips, frames near a shot and the first ones are enough
+# frames with pulses that nobody labelled, looked at one by one; in 115 and 116 on a wall that is white already
 UNLABELED = {"logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)}
 # as the clips' names tell
 CAMERAS, ROOMS = (
@@ -37,12 +37,12 @@ def is_clip(group: str) -> bool:
 
 
 def reach_in(video: dict) -> float:
-    """Returns how near to a label [px] a clip's spot is right."""
+    """Returns how near [px] to a label a spot in a clip must be to be right."""
     return REACH_PX * max(1.0, video["width"] / 640.0)
 
 
 def left_out_with(groups: Sequence[str]) -> Dict[str, List[str]]:
-    """Returns what is left out with each clip, all of its camera and all of its room, and with each scene: a fifth."""
+    """Returns what is left out with each group: with a clip all of its camera or room, with a scene a fifth of all."""
     parts = np.random.default_rng(1).permutation(np.arange(len(groups)) % 5)
     kin = {group: set(camera_and_room(group)) for group in groups if is_clip(group)}
     return {
@@ -56,7 +56,7 @@ def left_out_with(groups: Sequence[str]) -> Dict[str, List[str]]:
 def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
     """Returns the transform (2, 3) from the picture to a window of four fifths of it, in the frame of this number.
 
-    Pan and tilt swing by a tenth of the picture, at up to 4 px per frame; the roll by 2.5 degrees.
+    Pan and tilt swing by 7 % of the picture, at up to 4 px per frame (of 640 x 480); roll swings by 2.5 degrees.
     """
     random = np.random.default_rng(seed)
     phases, periods = random.uniform(0, 2 * math.pi, 3), random.uniform((90, 90, 70), (140, 140, 160))
@@ -68,7 +68,7 @@ def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
 
 
 def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
-    """Yields all frames of a clip; labels of frames shortly before and after are unclear."""
+    """Yields all frames of a clip; spots labelled in frames shortly before and after are unclear."""
     by_frame: Dict[int, List[dict]] = {}
     for label in video["labels"]:
         by_frame.setdefault(label["frame"], []).append(label)
@@ -85,7 +85,7 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
             moved = window_at(index, width, height, seed)
             width, height = int(0.8 * width), int(0.8 * height)
             image = cv2.warpAffine(image, moved, (width, height), flags=cv2.INTER_CUBIC)
-            # a sensor's noise does not move with the scene; it is a frame's own, whichever clips were seen before
+            # a sensor's noise does not move with the scene; it depends on the frame alone, not on earlier clips
             cv2.setRNGSeed(seed % 2**31 + index)
             image = cv2.add(image, cv2.randn(np.empty(image.shape, np.int8), 0, 1.5), dtype=cv2.CV_8U)
         spots, unclear, shots = [], [], []
@@ -94,7 +94,7 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
         for near in range(-FRINGE, FRINGE + 1):
             for label in by_frame.get(index + near, []):
                 x, y = moved @ (label["x"], label["y"], 1.0)
-                # what the window's edge cuts off is neither asked for nor wrong
+                # a spot cut off by the window's edge is neither required nor wrong
                 inside = 4.0 < x < width - 5.0 and 4.0 < y < height - 5.0 or role != "window"
                 (spots if near == 0 and inside else unclear).append((x, y))
                 shots += [label["event"]] if near == 0 and inside else []
@@ -104,11 +104,11 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
 def frames_near_shots(
     folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None
 ) -> Iterator[LabeledFrame]:
-    """Yields the frames of one clip that tell enough, seen by a camera that stands still: near a shot, and the first ones.
+    """Yields the informative frames of one clip, seen by a camera that stands still: near a shot, and the first ones.
 
     Args:
         group: its name, and how it was taken.
-        taken: how another camera takes the same pictures, and spots that are painted into them.
+        taken: how another camera takes the same pictures; spots are then painted into them.
     """
     labelled = np.array([one["frame"] for one in video["labels"]])
     other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None

@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""How right the spot detector is on labelled clips, in each role that a camera can have.
+"""Measures the spot detector's accuracy on labelled clips, in each role that a camera can have.
 
     python3 bench/detection/clips.py DIR [--roles stationary mobile window] [--left-out EXAMPLES]
                                      [--other REVISION|SRC] [--csv FILE]
 
-DIR holds labels.json and clips/. Roles: a camera that stands still; the same pictures as a robot's camera sees them
-while it stands; and as a robot sees them that looks around, through a window that pans, tilts and rolls over the
+DIR holds labels.json and clips/. Roles: stationary, a camera that stands still; mobile, a robot's camera that sees the
+same pictures while it stands; window, a robot's camera that looks around: a window pans, tilts and rolls over the
 pictures by a few pixels per image. Detectors know neither focal length nor pose.
 
-All versions see the same pictures in turn, and confirm nothing: the detector as it comes; with `--left-out` (examples
-that training.py kept) one whose classifier was fitted without all clips of its camera and of its room.
+All versions see the same pictures in turn, without confirming spots: the detector as it comes; with `--left-out`
+(examples that training.py kept), one whose classifier was fitted without the clips of the same camera or room.
 
 A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and *off fringe*:
-without those close to a label up to 2 frames earlier or later, where a pulse's first or last light is seen, and without those
-in frames with pulses that nobody labelled. Frames are not independent: Wilson's intervals are too narrow.
+without those close to a label up to 2 frames earlier or later, where a pulse's first or last light is seen, and without
+those in frames with pulses that nobody labelled. Frames are not independent: Wilson's intervals are too narrow.
 """
 
 from __future__ import annotations

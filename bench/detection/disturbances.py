@@ -1,6 +1,6 @@
 """Rooms in which more changes than robots, participant and laser: light, sun, reflections, other people.
 
-`disturbed` makes a simulated camera's view one that shows a `DisturbedSnapshot` with all that changes in it.
+`disturbed` makes a simulated camera's view show a `DisturbedSnapshot` with all that changes in it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SHIFT = 4
 
 @dataclass(frozen=True)
 class Bystander:
-    """A person who stands or walks there without a laser pointer.
+    """A person who stands or walks in the room without a laser pointer.
 
     Attributes:
         pose: (x, y, yaw) [m, m, rad].
@@ -86,13 +86,13 @@ class SceneConditions:
 
 @dataclass(frozen=True)
 class DisturbedSnapshot(Snapshot):
-    """A snapshot with what else changes in the room."""
+    """A snapshot, and what else changes in the room."""
 
     around: SceneConditions = SceneConditions()
 
 
 def disturbed(kind: Type[Any]) -> Type[Any]:
-    """Makes the class of a view that shows disturbances of the class of one that does not."""
+    """Derives, from a class of views, one that also shows disturbances."""
 
     class Disturbed(kind):
         def _bodies(self, snapshot: DisturbedSnapshot) -> List[Body]:

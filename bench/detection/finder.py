@@ -1,6 +1,6 @@
-"""A spot detector of this or another version, wired as the node does it, and what it makes of labelled frames.
+"""A spot detector of this or another version, wired as in the node, and its score on labelled frames.
 
-The only place that knows the detector's interface, and the only one that says which of its spots are right.
+Only this module knows the detector's interface, and only this one decides which of its spots are right.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class LabeledFrame(NamedTuple):
 
     Attributes:
         image: as a driver sends it, in `encoding`.
-        spots: places of those in it, (u, v) [px] where nothing else is said.
-        unclear: of what is neither asked for nor wrong: a pulse's first or last light, pulses without a label, a spot half hidden.
-        geometry: makes its `ImageGeometry` with a version's module `projection`; None: it is not known.
-        shots: which one each of the spots belongs to, a clip's.
+        spots: positions of the spots in it, (u, v) [px] unless stated otherwise.
+        unclear: positions that count neither way: a pulse's first or last light, unlabelled pulses, half-hidden spots.
+        geometry: makes its `ImageGeometry` with a version's module `projection`; None if it is unknown.
+        shots: in a clip, the shot that each of the spots belongs to.
     """
 
     stamp: float
@@ -39,12 +39,12 @@ class LabeledFrame(NamedTuple):
 
 
 class Finder:
-    """Searches images.
+    """Searches images with a detector.
 
     Args:
         role: "stationary" or "mobile".
         source: folder `src` of another version; None: this one.
-        judge: another classifier than the one that comes with the package.
+        judge: a classifier instead of the one that comes with the package.
         changes: parameters that differ from the role's.
     """
 
@@ -56,24 +56,24 @@ class Finder:
         self._reader = images.PixelReader()
 
     def find(self, frame: LabeledFrame) -> List[Any]:
-        """Searches an image; returns spots, also of earlier images that were confirmed only now."""
+        """Searches an image; returns spots, also those of earlier images that are confirmed only now."""
         geometry = frame.geometry(self._projection) if frame.geometry else None
         return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry)
 
 
 class Count:
-    """What a detector makes of the frames of one clip, scene or camera.
+    """Scores a detector on the frames of one clip, scene or camera.
 
     Args:
-        reach: a spot so near to a frame's is right.
-        place_of: where a spot is, as the frames have it.
+        reach: a spot nearer than this to one of the frame's is right.
+        place_of: returns a detected spot's position in the frames' coordinates.
         recalls: whether spots of earlier images, confirmed only now, count too.
 
     Attributes:
-        found: stamp of each frame's spot that was found, and which of them it is.
-        errors: of those that are right.
-        false: frame's number, u, v [px] of the others; `fringe` of them are at unclear places.
-        ms: what each search took, of the thread's own time.
+        found: (stamp, index) of each of the frames' spots that was found.
+        errors: distances of the right spots from the frames'.
+        false: (frame number, u, v [px]) of the others; `fringe` of them are at unclear positions.
+        ms: thread time of each search.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Count:
                 self.fringe += min(near, default=math.inf) < self._reach
 
     def missed(self) -> List[Tuple[int, int, int]]:
-        """Lists frame's number and place of what was not found."""
+        """Lists frame number and position of each spot that was not found."""
         return [
             (number, round(place[0]), round(place[1]))
             for stamp, (number, frame) in self._frames.items()
@@ -117,7 +117,7 @@ class Count:
         ]
 
     def sums(self) -> Dict[str, int]:
-        """Returns what can be added up over clips."""
+        """Returns the counts that can be added up over clips."""
         frames = [frame for _, frame in self._frames.values()]
         of_found = ((self._frames[stamp][1].shots, which) for stamp, which in self.found)
         return {
@@ -132,7 +132,7 @@ class Count:
 
 
 def figures(counts: Sequence[Count], unit: str = "px") -> Dict[str, Any]:
-    """Computes the figures of one count, or of several."""
+    """Computes the figures of one count, or of several together."""
     sums: Dict[str, int] = {key: sum(one.sums()[key] for one in counts) for key in counts[0].sums()}
     errors = [error for one in counts for error in one.errors] or [math.nan]
     wrong = sum(len({number for number, *_ in one.false}) for one in counts)  # images with a false spot

@@ -19,10 +19,10 @@ from bench.detection.clip_frames import is_clip, left_out_with
 from vb_laser_detect.detection.features import SpotClassifier
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
-_WEIGHT = 1500.0  # of the spots of a kind
+_WEIGHT = 1500.0  # total weight of the spots of a kind
 _FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
-_STRENGTH = 0.3  # of the fit against the wish for low ramps
-# which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
+_STRENGTH = 0.3  # inverse strength of the regularisation, which keeps ramps low
+# features that speak for a spot; those that do up to a value, and then against it; all others speak against it
 _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
@@ -37,8 +37,8 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
 
     Within a kind (clips; each kind of rendered scene, "kind: name") each example counts alike, a false spot
-    as three missed ones; the spots of all kinds weigh the same together. Classes must not be balanced within a kind:
-    one that shows few other bright things would price each at dozens of spots, and shift its limits into the spots.
+    as three missed ones; the spots of each kind have the same total weight. Classes must not be balanced within a kind:
+    one with few other bright things would weigh each like dozens of spots, and shift its limits into the spots.
     """
     names, truth = examples.columns[:-1], examples.truth.to_numpy()
     columns = examples[names].to_numpy().T
@@ -47,11 +47,11 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     for kind in np.unique(kinds):
         of_kind = kinds == kind
         weights[of_kind] *= _WEIGHT / (np.count_nonzero(of_kind & truth) or np.count_nonzero(of_kind))
-    # where a feature says nothing it counts as a usual spot's
+    # an unknown feature counts as a usual spot's
     known = [column[truth & ~np.isnan(column)] for column in columns]
     usual = np.array([np.median(column) if len(column) else np.nan for column in known])
     values = np.where(np.isnan(columns.T), usual, columns.T)
-    # what speaks against a spot counts from the usual one on: less of it is no merit, a still room lays down no paint
+    # a feature against a spot counts only beyond a usual spot's value: less of it does not speak for a spot
     against = np.array([name not in _FOR and name not in _UP_TO for name in names])
     values = np.where(against, np.maximum(values, usual), values)
     knots = [_knots(np.where(np.isnan(given), np.nan, x), truth) for given, x in zip(columns, values.T)]
@@ -69,7 +69,7 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
             design.T @ slopes + pull * heights,
         )
 
-    # a ramp that goes the wrong way is an accident of these examples: it stays level
+    # a ramp that would go the wrong way, by accident of these examples, stays level
     bounds = [(0.0, None)] * (len(signs) - 1) + [(None, None)]
     found = minimize(
         loss,
@@ -98,13 +98,13 @@ def _kind(group: str) -> str:
 
 
 def logits(classifier: SpotClassifier, examples: pandas.DataFrame) -> np.ndarray:
-    """Returns what (N,) the classifier says of each example, from all features."""
+    """Returns the classifier's logits (N,) of the examples, from all features."""
     parts = [np.nan_to_num(np.interp(examples[name], *curve)) for name, curve in classifier.curves.items()]
     return classifier.intercept + np.sum(parts, axis=0)
 
 
 class LeftOut(NamedTuple):
-    """What a classifier that was fitted without a clip or scene, and all that is left out with it, says of its examples.
+    """A classifier fitted without a clip or scene and all that is left out with it, and its logits for these examples.
 
     Attributes:
         truth, logits: (N,) of its examples.
@@ -116,7 +116,7 @@ class LeftOut(NamedTuple):
 
 
 def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str, LeftOut]:
-    """Leaves out each clip, with all of its camera and of its room, and each scene."""
+    """Fits a classifier without each clip or scene and what is left out with it: see `left_out_with`."""
     judges: Dict[Tuple[str, ...], SpotClassifier] = {}
     found = {}
     for group, out in sorted(left_out_with(sorted(set(examples.index))).items()):
@@ -131,7 +131,7 @@ def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str,
 
 
 def calibrate(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
-    """Makes a classifier's probabilities right on average on cameras and rooms that were not seen (Platt's scaling)."""
+    """Makes a classifier's probabilities right on average for unseen cameras and rooms (Platt scaling)."""
     truth, judged = (np.concatenate(arrays) for arrays in zip(*((one.truth, one.logits) for one in left_out)))
 
     def loss(scaling: np.ndarray) -> float:
@@ -175,7 +175,7 @@ def _knots(column: np.ndarray, truth: np.ndarray) -> np.ndarray:
     known = ~np.isnan(column)
     if not known.any():
         return np.zeros(0)
-    # most values of some features are 0: what the others are like tells apart too
+    # most values of some features are 0: the quantiles of the others matter too
     parts = [
         np.quantile(column[rows], _QUANTILES)
         for kind in (True, False)

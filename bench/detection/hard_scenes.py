@@ -1,4 +1,4 @@
-"""Rendered scenes for the spot detector (scene_list.py): a scene says at each time where everything is; `frames` renders it."""
+"""Rendered scenes for the spot detector (scene_list.py): a scene says what is where at a time; `frames` renders it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vb_sim.room.world import World
 RATE = 25.0
 LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0  # [s] the empty room, the disturbance alone, then with the laser
 NEAR_MM = 100.0  # a spot further from the laser is a false one
-SEEN = 0.5  # a camera sees the spot if so much of its light arrives
+SEEN = 0.5  # a camera sees the spot if this share of its light arrives
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Scene:
         worlds: the rooms; `world_at` says which of them is there at a time [s], for things that are moved.
         laser_at: (x, y) [m] of the spot at a time [s].
         around_at: what else changes at a time [s].
-        robot_at: (x, y, yaw) of the robot at a time [s]; its camera looks if `mobile`, else the ceiling's.
+        robot_at: (x, y, yaw) of the robot at a time [s]; its camera is used if `mobile`, else the ceiling's.
     """
 
     name: str
@@ -54,12 +54,12 @@ class Scene:
 
     @property
     def title(self) -> str:
-        """The name that also says which camera looks."""
+        """The name, prefixed with the camera that is used."""
         return ("robot: " if self.mobile else "ceiling: ") + self.name
 
 
 def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterator[Tuple[int, DisturbedSnapshot]]:
-    """Worlds and snapshots of so much of a scene: the empty room, the disturbance alone, then the laser too."""
+    """Yields (world's index, snapshot) of a share of a scene: the empty room, the disturbance alone, the laser too."""
     before = learn_s + share * QUIET_S
     for k in range(int(RATE * (before + share * DRAW_S))):
         t = k / RATE
@@ -78,11 +78,11 @@ def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterat
 def frames(
     scene: Scene, rooms: Rooms, share: float = 1.0, learn_s: float = LEARN_S, clear: float = SEEN, on_floor: bool = True
 ) -> Iterator[LabeledFrame]:
-    """Renders so much of one scene's time.
+    """Renders a share of one scene's time.
 
     Args:
-        clear: how much of its light must arrive, or a spot is unclear.
-        on_floor: whether spots are given on the floor [mm], as `floor_place` has those that were found, or in the image [px].
+        clear: share of a spot's light below which the spot is unclear.
+        on_floor: whether spots are given on the floor [mm], as `floor_place` gives detected ones, or in the image [px].
     """
     config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{scene.role}.yaml").read_text())["projection"]
     floor = physical_map(scene.worlds[0])
@@ -97,7 +97,7 @@ def frames(
     views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
     first = next(course(scene))[1]
     for view in views:
-        # a scene's noise is its own, whichever scenes were played before in the same room
+        # a scene's noise depends on the scene alone, not on those played before in the same room
         view.draw_from(make_generator(rooms.seed, f"scene {scene.name}"))
         if not scene.mobile:
             view.frame(first)

@@ -30,7 +30,7 @@ def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[flo
 
 
 def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], Place]:
-    """Returns the motion of a spot that is held on one place, with a tremor [m]."""
+    """Returns the motion of a spot that is held at one point, with a tremor [m]."""
     return lambda t: (x + tremor * math.sin(5.0 * t), y + tremor * math.sin(7.3 * t + 0.5))
 
 
@@ -88,7 +88,7 @@ def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
 
 
 def every(period: float, *values: Any) -> Callable[[float], Any]:
-    """Takes one value after the other, each for a period [s]."""
+    """Returns a function of time that takes one value after the other, each for a period [s]."""
     return lambda t: values[int(t / period) % len(values)]
 
 

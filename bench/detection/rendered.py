@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""How right the spot detector is in the rendered scenes, every hard case of scene_list.py; labelled clips: clips.py.
+"""Measures the spot detector's accuracy in the rendered scenes, every hard case of scene_list.py (for clips: clips.py).
 
     python3 bench/detection/rendered.py [WORD ...] [--share PART] [--other REVISION|SRC] [--csv FILE]
 
-Only scenes with a WORD in their name, and so much of each one's time; other versions see the same images.
+Runs only scenes with a WORD in their name, and this PART of each one's time; other versions see the same images.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rooms of rendered scenes: the simulated lab, changed; each is drawn once."""
+"""Rooms of rendered scenes: variants of the simulated lab, each drawn once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_sim.room.world import FloorPatch, World, load_world
 
 
 def lab(**changes: Any) -> World:
-    """Returns the lab, changed."""
+    """Returns the lab with these changes."""
     return replace(load_world(str(TOP / "src/vb_sim/worlds/lab.yaml")), **changes)
 
 
@@ -27,7 +27,7 @@ def tiles(room: World, color: Sequence[int], contrast: float = 0.06) -> World:
 
 
 def with_camera(world: World, **changes: Any) -> World:
-    """Changes the ceiling camera that looks."""
+    """Returns the world with changes to the ceiling camera that is used."""
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == "green" else c for c in world.cameras))
 
 

@@ -63,7 +63,7 @@ def ceiling_scenes(room: World) -> List[Scene]:
 
 
 def training_scenes(room: World) -> List[Scene]:
-    """Lists what only training sees: printed dots of other colours and sizes on other floors, under both cameras.
+    """Lists scenes for training only: printed dots of other colours and sizes on other floors, under both cameras.
 
     The dots of the other scenes thus remain a test of whether paint is told from light.
     """
@@ -76,14 +76,14 @@ def training_scenes(room: World) -> List[Scene]:
         bare = lab(floor=floor, patches=())
         for mobile, places, laser in ((False, ceiling, still(4.0, 3.0)), (True, ahead, still(5.8, 0.9))):
             worlds = bare, printed(bare, places, colors, size)
-            # twice within the time that is learnt from; a robot stands still, so that they are new to it
+            # dots appear twice in the time that is learnt from; the robot stands still, so that they are new to it
             more = {"mobile": mobile, "person": False, "robot_at": lambda t: START}
             scenes.append(Scene(f"dots on a {name} floor", laser, worlds, every(1.0, 1, 0), **more))
     return scenes
 
 
 def mobile_scenes(room: World) -> List[Scene]:
-    """Lists the scenes of the robot's camera: distances, motion, and what is no spot."""
+    """Lists the scenes of the robot's camera: distances, motion, and things that are no spot."""
     dark = lab(floor=replace(room.floor, color=(38, 34, 32)), patches=())
     bright = lab(floor=replace(room.floor, kind="tiles", color=(195, 192, 186), contrast=0.06), patches=())
     dotted = printed(room, ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1)), (RED, GREEN, PAPER))
@@ -92,7 +92,7 @@ def mobile_scenes(room: World) -> List[Scene]:
     line = np.array([[5.6, 0.7], [5.6, 1.3]])
 
     def ahead(distance: float) -> Callable[[float], Place]:
-        """[m] from the camera's foot; the spot goes to and fro across the view at about 0.2 m/s."""
+        """Returns a motion to and fro across the view at about 0.2 m/s, at a distance [m] from the camera's foot."""
         return lambda t: (START[0] - 0.1 - distance, START[1] + 0.15 * math.sin(1.3 * t))
 
     def drive(t: float) -> Tuple[float, float, float]:

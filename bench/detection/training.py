@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
 """Trains the spot classifier on rendered scenes and labelled clips.
 
-    python3 bench/detection/training.py --clips DIR --out FILE     makes the classifier that comes with the package, with DIR as
+    python3 bench/detection/training.py --clips DIR --out FILE     makes the packaged classifier, with DIR as
                                                         clips.py takes it; the clips are not part of the project
-    python3 bench/detection/training.py --out FILE                  from rendered scenes alone: says so in the file, and is the
-                                                        worse for it on real pictures
+    python3 bench/detection/training.py --out FILE                  from rendered scenes alone: the file says so,
+                                                        and it is worse on real pictures
     ... --examples FOLDER                               where the examples of each scene and clip are kept, a file
-                                                        each (default: out/spot_examples): what is there is not rendered
+                                                        each (default: out/spot_examples); existing ones are not made
                                                         again. Delete the folder when the detector has changed
 
-Each clip is also taken again as other cameras would have taken it (augmentation.py). Validates on what was left out: with
-a clip all of its camera and all of its room, with a scene a fifth of all. Probabilities are calibrated on what was
-left out so. Everything is seeded, so that on one machine the same file is made; another processor may round rendered
+Each clip is also taken again as other cameras would have taken it (augmentation.py). Validates on held-out examples:
+with a clip all of its camera and all of its room, with a scene a fifth of all. Probabilities are calibrated on the same
+examples. Everything is seeded, so that on one machine the same file is made; another processor may round rendered
 images differently.
 """
 
@@ -46,8 +46,8 @@ SCENE_REACH_PX, CLEAR = 14.0, 0.7  # [px], and how much of a spot's light must a
 class Oracle(SpotClassifier):
     """Stands in for the classifier: answers from the current frame's labels, and records the candidates.
 
-    The detector itself proposes and measures, and the background adopts what a right classifier would leave to it. What is
-    beside a labelled spot is not recorded: in each image it is much the same, and would count many times.
+    The detector itself proposes and measures, and the background adopts what a right classifier would leave to it. In
+    images with a labelled spot nothing else is recorded: it is much the same in each, and would count many times.
     """
 
     def __init__(self, reach: float) -> None:
@@ -58,7 +58,7 @@ class Oracle(SpotClassifier):
         self.truth: List[bool] = []
 
     def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
-        """Returns the truth."""
+        """Returns the truth as a probability."""
         right = self._near(blob, self.frame.spots)
         if right or not (self.frame.spots or self._near(blob, self.frame.unclear)):
             self.rows.append(dict(features))
@@ -73,37 +73,37 @@ def collect(shown: Iterable[LabeledFrame], role: str, group: str, reach: float) 
     """Collects the examples of one clip or scene.
 
     Args:
-        reach: [px] a blob so near to a spot's place is the spot.
+        reach: [px] a blob nearer than this to a spot's position is the spot.
         group: its name; validation leaves whole groups out.
 
     Returns:
-        A row for each blob: its features, NaN where one says nothing, and its truth; the group is the index.
+        A row for each blob: its features, NaN where unknown, and its truth; the group is the index.
     """
     oracle = Oracle(reach)
     finder = Finder(role, None, oracle, confirm_frames=1)
     for frame in shown:
         oracle.frame = frame
         finder.find(frame)
-    # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
+    # OpenCV's sums in single precision depend on memory alignment, far beyond these digits
     values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
     names = list(oracle.rows[0]) if oracle.rows else None
     return pandas.DataFrame(values, index=[group] * len(values), columns=names).assign(truth=oracle.truth)
 
 
 def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> pandas.DataFrame:
-    """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
+    """Collects the examples of one clip, seen by a camera that stands still; moving ones are for evaluation only."""
     shown = clip_frames.frames_near_shots(folder, name, video, group, taken)
     return collect(shown, "stationary", group, clip_frames.reach_in(video))
 
 
 def from_scene(scene: Scene, rooms: Rooms) -> pandas.DataFrame:
-    """Examples of the first part of a rendered scene."""
+    """Collects the examples of the first part of a rendered scene."""
     shown = frames(scene, rooms, SCENES_SHARE, LEARN_S, CLEAR, on_floor=False)
     return collect(shown, scene.role, scene.title, SCENE_REACH_PX)
 
 
 def parts_of(clips: Optional[Path], words: Sequence[str]) -> Iterator[Tuple[str, Callable[[], pandas.DataFrame]]]:
-    """Names of the scenes and clips that the command asks for, and what makes their examples."""
+    """Yields the names of the scenes and clips that are asked for, and functions that collect their examples."""
     room, rooms = lab(), Rooms(SCENES_SEED)
     for scene in ceiling_scenes(room) + mobile_scenes(room) + training_scenes(room):
         if any(word in scene.title for word in words):
@@ -130,7 +130,7 @@ def main() -> int:
     for name, make in parts_of(given.clips, given.scenes):
         file = given.examples / (re.sub(r"\W+", "_", name) + ".csv")
         if not file.exists():
-            part = file.with_suffix(".part")  # the file is there once it is whole
+            part = file.with_suffix(".part")  # the file appears only once it is complete
             make().to_csv(part)
             part.replace(file)
             print(f"made {file.name}", flush=True)

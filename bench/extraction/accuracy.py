@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Border extraction judged: people's strokes and our own generator, this version beside the paper's mode and another one.
+"""Judges border extraction on people's strokes and generated ones, beside the paper's mode and another version.
 
     python3 bench/extraction/accuracy.py --judge              people's strokes and the generator on judging data, about an hour
     python3 bench/extraction/accuracy.py --judge --strokes 20 --only people usual
     python3 bench/extraction/accuracy.py --other 3655b17      also the code of another revision, on the same strokes
-    python3 bench/extraction/accuracy.py --judge --seed 300000 seeds that nobody has seen: a range is fresh once
+    python3 bench/extraction/accuracy.py --judge --seed 300000 unseen seeds: a range is fresh only once
 
-Without --judge the developing half of people's strokes and seeds below 1,000 are used; with it the other half and
-seeds from 100,000 or --seed. A stroke of the generator is bad if its chain is more than 0.25 m (Hausdorff distance)
+Without --judge the development half of people's strokes and seeds below 1,000 are used; with it the other half and
+seeds from 100,000 or --seed. A generated stroke is bad if its chain is more than 0.25 m (Hausdorff distance)
 from the intended one, or if there is none. A person's stroke is bad if the line lies more than 0.25 m from what was
 drawn; where a polygon was meant, the distance is that from the extracted line to the drawn one, and a Jaccard index
 below 0.8 is bad too. Times are processor time.
@@ -67,7 +67,7 @@ Group = Tuple[str, Iterator[Stroke]]  # name of a cell, and its strokes
 
 
 def strokes_of_people(which: str, draws: int, base: int) -> Iterator[Group]:
-    """Yields people's strokes of one half, each seen several times, a cell for each way of seeing."""
+    """Yields one half of people's strokes, each seen several times; a cell for each way of seeing."""
     drawings = [one for one in enumerate(people.drawings()) if which == people.half(one[1])]
     for name, seen in PEOPLE.items():
         rngs = (
@@ -113,7 +113,7 @@ def disturbed(count: int, base: int) -> Iterator[Group]:
 
 
 def extracting(module: Any, mode: str, known: bool) -> Extract:
-    """Returns a version's extraction; `known`: with stamps and cameras."""
+    """Returns a version's extraction; `known`: it gets stamps and cameras."""
 
     def extract(stroke: Stroke) -> Any:
         extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}

@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""The border of a hand that moves by published models.
+"""Judges the border that a hand moving by published models draws.
 
     python3 bench/extraction/model_hand.py --other 8df6eb0     beside another version, on the same strokes
-    python3 bench/extraction/model_hand.py --seed 500000       seeds below 1,000 are for development; a range is fresh once
+    python3 bench/extraction/model_hand.py --seed 500000       below 1,000 for development; a range is fresh only once
 
-Sides are minimum-jerk movements (Flash and Hogan, J. Neurosci. 5, 1985); on curves the speed is proportional to the
-curvature's power -1/3 (Lacquaniti, Terzuolo and Viviani, Acta Psychol. 54, 1983). Corners are missed by 0.75 % of the
-figure and 5 mm, sides bend by 1 % of their length (assumed). Two cameras at 25 and 30 images/s are off by 3 cm each; the
-hand trembles by 1.2 cm; 20 % of the images and bursts of 0.2 s are dropped; 3 % of the spots are strays near the drawing.
+Sides are minimum-jerk movements (Flash and Hogan, J. Neurosci. 5, 1985); the speed on curves is proportional to
+curvature^(-1/3) (Lacquaniti, Terzuolo and Viviani, Acta Psychol. 54, 1983). Corners are missed by 0.75 % of the figure
+and 5 mm, sides bend by 1 % of their length (assumed). Two cameras at 25 and 30 images/s are off by 3 cm each; the hand
+trembles by 1.2 cm; 20 % of the images and bursts of 0.2 s are dropped; 3 % of the spots are strays near the drawing.
 
 A border is bad if it is more than 0.25 m (Hausdorff distance) from what was drawn, its kind is wrong, or there is none;
-a bad one is silent if nothing tells that something was left out or not seen; *told* is how often that was said at all.
+a bad one is silent if nothing tells that something was left out or not seen; *told* is how often that was told at all.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ MODULES = (
 )
 BAD_M = 0.25
 Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and how far off [m]
-MARGIN = 0.5  # [m] about the drawing in which strays are seen
-SLOW = 0.1  # [m/s]
+MARGIN = 0.5  # [m] around the drawing in which strays are seen
+SLOW = 0.1  # [m/s] a slower hand moves at an even speed
 STEP = 0.005  # [s] of the hand's movement
 BEND = 0.01  # of a side's length
 BOX = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2]])
@@ -61,7 +61,7 @@ class Scene:
 
 
 def side(start, end, speed: float, rng: np.random.Generator) -> np.ndarray:
-    """Moves from one place to another with minimum jerk; a slow hand in so many small movements that its speed is even."""
+    """Moves from one point to another with minimum jerk; a slow hand in so many small ones that its speed is even."""
     along = np.subtract(end, start)
     length = float(np.hypot(*along))
     u = np.linspace(0.0, 1.0, max(2, int(length / speed / STEP)))
@@ -82,7 +82,7 @@ def curve(line: np.ndarray, speed: float) -> np.ndarray:
 
 
 def missed(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Places (N, 2) as a hand that aims at them hits them."""
+    """Returns the points that a hand aiming at points (N, 2) hits."""
     return at + rng.normal(0.0, 1.0, at.shape) * (0.005 + 0.0075 * np.hypot(*np.ptp(at, axis=0)))
 
 
@@ -106,7 +106,7 @@ def ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat
 
 
 def hidden(width: float, rng: np.random.Generator) -> Scene:
-    """Draws a box of which a piece is seen by no camera."""
+    """Draws a box, a piece of which no camera sees."""
     scene = polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
     arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(scene.way, axis=0).T)))
     scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
@@ -114,7 +114,7 @@ def hidden(width: float, rng: np.random.Generator) -> Scene:
 
 
 def lifted(rng: np.random.Generator) -> Scene:
-    """Draws a box and switches the pointer off once, going on some centimetres before or after that place."""
+    """Draws a box and switches the pointer off once, going on some centimetres before or after that point."""
     scene = polygon(BOX, True, rng)
     at = int(rng.uniform(0.2, 0.8) * len(scene.way))
     pause = int(rng.uniform(0.5, 3.0) / STEP)
@@ -140,7 +140,7 @@ def sides_apart(rng: np.random.Generator) -> Scene:
 
 
 def look(scene: Scene, rng: np.random.Generator):
-    """Sees a scene; returns points, stamps and cameras, in the order in which they arrive."""
+    """Simulates how cameras see a scene; returns points, stamps and cameras, in order of arrival."""
     end = len(scene.way) * STEP
     keep = np.exp(-STEP / 0.25)
     hand = lfilter([1.0], [1.0, -keep], rng.normal(0.0, TREMOR * np.sqrt(1 - keep**2), scene.way.shape), axis=0)
@@ -184,7 +184,7 @@ def slow(rng: np.random.Generator) -> Scene:
 
 
 def held(rng: np.random.Generator) -> Scene:
-    """Holds the pointer at a wrong place, and then, for a shorter time, at the one that is meant; on or off between."""
+    """Holds the pointer at a wrong point, and then, for a shorter time, at the intended one; on or off in between."""
     seconds = ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0))[rng.integers(3)]
     wrong, angle = rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 2.0 * np.pi)
     right = wrong + rng.uniform(0.4, 1.6) * np.array([np.cos(angle), np.sin(angle)])
@@ -196,7 +196,7 @@ def held(rng: np.random.Generator) -> Scene:
 
 
 def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
-    """Judges the seed as `judge` does a border; 15 cm beside the place that is meant it is bad."""
+    """Judges the seed as `judge` does a border; it is bad more than 15 cm from the intended point."""
     scene, live, finding = make(rng), *modules[3:]
     points, stamps, cameras = look(scene, rng)
     drawn = live.DrawnBorder(dwells=finding.find_dwells(points, stamps=stamps, cameras=cameras))

@@ -1,7 +1,7 @@
-"""What the simulated cameras of cameras.py and image_cost.py send: 20 s of 1080p motion JPEG, from a server.
+"""The clip that cameras.py and image_cost.py play: 20 s of 1080p motion JPEG, from a server.
 
-The simulated lab with tiles as its floor and a camera's denoising: an image has about 51 kB. A person stands there all
-the time; in a quarter of the images they draw.
+It shows the simulated lab with a tiled floor and a camera's denoising; an image has about 51 kB. A person stands there
+all the time, and draws in a quarter of the images.
 """
 
 from __future__ import annotations

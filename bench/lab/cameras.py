@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""How many cameras of 1080p motion JPEG, which their detectors read themselves, this computer carries.
+"""Measures how many 1080p motion JPEG cameras, whose streams the detectors read themselves, this computer can handle.
 
     python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server
 
-Fusion and page run too. camera_clip.py says what is played; each camera begins elsewhere in it, so that at any time a quarter
-of them see the spot: it is one pointer's, and with 24 cameras no more than that see one place. Stamps are the arrival of an
-image: exposure, readout and network of a real camera come on top.
+Fusion and page run too. Each camera begins elsewhere in the clip of camera_clip.py, so that at any time a quarter of
+them see the spot: there is one pointer, and of 24 cameras no more than that see one place. Images are stamped on
+arrival: a real camera's exposure, readout and network come on top.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ WARM_S = 6.0  # detectors learn the floor
 
 
 class Running:
-    """Fusion, page and the detectors of some cameras: what they took and found.
+    """Fusion, page and the detectors of some cameras: their processor time, and how late spots come.
 
     Args:
-        address: what each detector reads.
+        address: the URL that each detector reads.
     """
 
     def __init__(self, stack: ExitStack, count: int, address: str) -> None:
@@ -81,7 +81,7 @@ class Running:
     def watch(
         self, seconds: float, others: Dict[str, psutil.Process]
     ) -> Tuple[Dict[str, Dict[str, float]], Dict[str, float]]:
-        """Watches for a time; returns each camera's figures, and the cores that other processes took."""
+        """Watches for some seconds; returns each camera's figures, and the cores that other processes took."""
         wait(
             lambda: len(self.status) == len(self.cameras) and all(one.processed for one in self.status.values()),
             lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
@@ -97,7 +97,7 @@ class Running:
         lasted, used = time.monotonic() - began, self._used({**nodes, **others})
         found = {}
         for name in self.cameras:
-            # a detector tells its numbers once a second: over its own span
+            # a detector reports its counts once a second: the span is that between two reports
             span = (self.status[name].header.stamp - status[name].header.stamp).to_sec()
             searched = self.status[name].processed - status[name].processed
             found[name] = {
@@ -112,14 +112,14 @@ class Running:
 
 
 def measure(csv: Optional[Path], count: int, seconds: float, jpegs: List[bytes]) -> None:
-    """Measures one number of cameras, and adds to a table a row for each camera and one of all."""
+    """Measures one number of cameras, and adds to a table a row for each camera and one for all."""
     table = Table(csv)
     with ExitStack() as stack:
         address, server = serving(stack, jpegs)
         running = Running(stack, count, address)
         others = {"fusion": node_process("/border_fusion"), "page": node_process(), "server": server}
         found, shares = running.watch(seconds, others)
-        # at once: while the detectors end, their spots are late
+        # now: while the detectors shut down, their spots are late
         rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
         everything = quantiles([delay for delays in running.delays.values() for delay in delays])
     means = {key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")}
@@ -132,7 +132,7 @@ def main() -> int:
     parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
     parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
     given = parser.parse_args()
-    # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
+    # a shell starts background jobs with interrupts ignored, and the nodes would ignore them too
     signal.signal(signal.SIGINT, signal.default_int_handler)
     cv2.setNumThreads(1)
     jpegs, failed = clip(), 0

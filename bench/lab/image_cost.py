@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What an image of a 1080p camera costs its detector, beside decoding it to grey and searching it, in one thread.
+"""Measures what a 1080p camera's image costs its detector, compared with grey decoding and searching, in one thread.
 
     python3 bench/lab/image_cost.py
 
@@ -50,7 +50,7 @@ def main() -> int:
     for number in range(2 * FRAMES):
         for one in (ours, alone) if number % 2 else (alone, ours):
             one.look(jpegs[number % FRAMES], number / RATE)
-    # each second of images by itself, the first lap is for learning
+    # sums over each second of images; the first lap is for learning
     seconds = np.array([np.array(one.times[FRAMES:]).reshape(-1, int(RATE)).sum(axis=1) for one in (ours, alone)])
     shows = np.isin(np.arange(FRAMES), DRAWN).reshape(-1, int(RATE)).all(axis=1)
     for name, chosen in (("all", shows | True), ("with a spot", shows), ("without", ~shows)):

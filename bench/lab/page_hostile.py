@@ -2,7 +2,7 @@
 """The page under attack: how soon an operator's *stop* is answered, over its open link and from a phone that connects.
 
 Every attack runs in a process of its own, against the page's real nodes with codes and https; attackers come from other
-addresses (127.0.x.y) than the operator. What is not answered within 5 s counts as lost.
+addresses (127.0.x.y) than the operator. A request not answered within 5 s counts as lost.
 
 python3 bench/lab/page_hostile.py [--seconds 10] [--only NAME ...]
 """
@@ -35,7 +35,7 @@ ANY.check_hostname, ANY.verify_mode = False, ssl.CERT_NONE
 
 
 class Page:
-    """The page's address, and what a person or an attacker does with it, from a machine's address."""
+    """The page's address, and the requests that a person or an attacker makes from a machine's address."""
 
     def __init__(self, port, codes):
         self.port, self.codes = port, codes
@@ -56,7 +56,7 @@ class Page:
         return await websocket_connect(self.request("wss", "link", address, cookie, connect_timeout=5.0))
 
     async def connect(self, address, secure=ANY):
-        """Opens a connection and returns what reads from it, and what writes to it."""
+        """Opens a connection; returns its reader and its writer."""
         return await asyncio.open_connection("127.0.0.1", self.port, ssl=secure, local_addr=(address, 0))
 
 
@@ -74,7 +74,7 @@ async def answer(link, **request):
 
 
 def address(number):
-    """The address of an attacker's machine."""
+    """Returns the address of an attacker's machine."""
     return f"127.0.{1 + number // 200}.{1 + number % 200}"
 
 
@@ -84,7 +84,7 @@ async def nothing(_page):
 
 
 async def for_ever(opens):
-    """Keeps connections open: `opens` make one each and wait for its end, again as soon as it has ended."""
+    """Keeps connections open: each of `opens` makes one and waits for its end, and is then called again."""
 
     async def hold(make):
         while True:
@@ -146,7 +146,7 @@ def run_attack(attack, page):
 
 # ------------------------------------------------------------------ the operator
 async def timed(work):
-    """Runs work; returns how long it took [s], infinite for what failed."""
+    """Awaits work; returns how long it took [s], infinity if it failed."""
     began = time.monotonic()
     try:
         await asyncio.wait_for(work, LIMIT)
@@ -156,7 +156,7 @@ async def timed(work):
 
 
 async def measure(page, cookie, link, seconds, number):
-    """Times *stop* over a link that is open, *stop* from a new one, another command, and a new phone's login."""
+    """Times *stop* over the open link, *stop* over a new one, another command, and a new phone's login."""
     found = {"link": [], "new_link": [], "command": [], "login": []}
     stop = {"do": "command", "command": "stop", "seen_stop": "", "age": 0}
 

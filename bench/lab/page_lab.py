@@ -38,7 +38,7 @@ CERTIFICATE = (
 
 
 def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
-    """Waits for a condition; ends the bench, with what was waited for, if it does not come."""
+    """Waits for a condition; if it does not hold in time, ends the bench and says what was waited for."""
     if not wait_until(condition, seconds):
         raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Whether a crash ever costs a border: random kills and damaged bytes.
+"""Tests whether a crash ever loses a border: random kills and damaged bytes.
 
     python3 bench/maps/crashes.py --crashes 1000 --seed 1
 
-Each crash: a child process opens the database, tells every change to its parent once it is answered, and is killed at a
-random instant of random changes; half of the times up to three bytes, or a block of 512, of one of its files change then
-(flip). The parent starts an integrator on what is left and compares every border with what was acknowledged. A change
-that was under way may have been made or not. Exits non-zero if a border was lost. What a full disk does, unit tests show.
+In each crash, a child process opens the database, makes random changes, reports each to the parent once it is answered,
+and is killed at a random instant; after half of the kills up to three bytes, or a block of 512, of one of its files are
+changed (flip). The parent starts an integrator on what is left, and compares all borders with the acknowledged ones; a
+change under way may have been made or not. Exits non-zero after a loss or a failed start. Unit tests cover a full disk.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from vb_map_integration.integrator import MapIntegrator
 
 KINDS = ("kill", "flip")
 BAD = ("LOST OR MOVED", "did not start")
-# what each change does to the one border that it is of: whether that was there before, and is there afterwards
+# for each kind of change, whether the one border that it concerns exists before and after it
 ADDED, REMOVED, CHANGED = (False, True), (True, False), (True, True)
 EFFECTS = {
     "": (),
@@ -53,12 +53,12 @@ def start(folder: Path) -> MapIntegrator:
 
 
 def state(keeper: MapIntegrator) -> str:
-    """Returns every border, to the last bit."""
+    """Serialises every border, to the last bit."""
     return json.dumps([border_to_feature(border) for border in keeper.borders])
 
 
 def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: int) -> None:
-    """Makes a random change, announced; one that is refused changes nothing."""
+    """Announces and makes a random change; a refused one changes nothing."""
     ids = [border.id for border in keeper.borders]
     some = str(random.choice(ids)) if ids else "b0"
     column, row = random.uniform(3, 130), random.uniform(3, 90)
@@ -80,7 +80,7 @@ def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: 
 
 
 def child(folder: Path, out: int, seed: int) -> None:
-    """Says the state, changes, and says the state again, for ever."""
+    """Reports the state, makes a change, and reports the state again, until it is killed."""
     random = np.random.default_rng(seed)
     keeper = start(folder)
     os.write(out, f"{state(keeper)}\n".encode())
@@ -91,7 +91,7 @@ def child(folder: Path, out: int, seed: int) -> None:
 
 
 def flip(folder: Path, random: np.random.Generator) -> None:
-    """Damages one of the files; nothing if a start was killed before it wrote any."""
+    """Damages one of the files; does nothing if a start was killed before it wrote any."""
     where = folder.glob("borders*") if random.random() < 0.7 else folder.rglob("*")
     files = [path for path in sorted(where) if path.is_file() and path.stat().st_size]
     if not files:
@@ -108,7 +108,7 @@ def flip(folder: Path, random: np.random.Generator) -> None:
 
 
 def crash(kind: str, folder: Path, seed: int, before: str) -> Dict[str, Any]:
-    """Crashes once on a folder that goes on; returns what came of it."""
+    """Crashes once on a folder, which the next crash goes on with; returns what happened."""
     random = np.random.default_rng(seed)
     reader, writer = os.pipe()
     process = os.fork()
@@ -142,7 +142,7 @@ def crash(kind: str, folder: Path, seed: int, before: str) -> Dict[str, Any]:
 
 
 def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
-    """Compares what came back with what was acknowledged; gives the present state."""
+    """Compares the restored borders with the acknowledged ones; returns the present state."""
     acknowledged = row.pop("acknowledged")
     try:
         keeper = start(folder)
@@ -170,7 +170,7 @@ def main() -> int:
     rows, root = [], Path(tempfile.mkdtemp(prefix="border_crashes_"))
     folder, before = root / "0", "[]"
     for number in range(given.crashes):
-        if number % 60 == 0:  # from an empty folder now and then
+        if number % 60 == 0:  # starts from an empty folder now and then
             shutil.rmtree(str(folder), ignore_errors=True)
             folder, before = root / str(number), "[]"
         folder.mkdir(exist_ok=True)

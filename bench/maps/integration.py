@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Integration and changes over map sizes; beside another version if there is one.
+"""Times integration and changes over map sizes, and another version's if one is given.
 
     python3 bench/maps/integration.py [--sizes 320x200 4000x4000] [--borders 10 500] [--other REVISION|SRC]
 
 The map is a house of many rooms with doors and table legs, which is harder for the fills than one room. Times are a
 thread's own, [ms], medians of --rounds; versions do the same operations in turns. *There*: how many borders were added
-before; a change includes its check, the files and the composed map.
+before. A change includes its check, the files and the composed map.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vb_core.grid_map import GridMap
 
 
 def house(width: int, height: int) -> GridMap:
-    """Rooms of 160 x 100 cells, with doors and table legs."""
+    """Returns a map of rooms of 160 x 100 cells, with doors and table legs."""
     data = np.zeros((height, width), np.int8)
     data[::100], data[:, ::160], data[[-1]], data[:, [-1]] = 100, 100, 100, 100
     for row in range(50, height - 1, 100):
@@ -34,7 +34,7 @@ def house(width: int, height: int) -> GridMap:
 
 
 def border(grid: GridMap, points: np.ndarray, draw: Callable[[], np.ndarray], closed: bool) -> Dict[str, Any]:
-    """A border of points (column, row); its seed is the first one drawn that is on free floor."""
+    """Returns a border of points (column, row); its seed is the first one drawn that is on free floor."""
     seed = draw()
     while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
         seed = draw()
@@ -42,7 +42,7 @@ def border(grid: GridMap, points: np.ndarray, draw: Callable[[], np.ndarray], cl
 
 
 def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Dict[str, Any]:
-    """A polygon with 100 points; its diameter is a share of the map's shorter side."""
+    """Returns a polygon with 100 points; its diameter is a share of the map's shorter side."""
     height, width = grid.shape
     radius = 0.5 * share * min(height, width)
     center = random.uniform((radius, radius), (width - radius, height - radius))
@@ -53,7 +53,7 @@ def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Dict[st
 
 
 def curve(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
-    """A drawn curve of 100 points across half of the map: its extensions go through rooms and doors."""
+    """Returns a curve of 100 points across half of the map; its extensions go through rooms and doors."""
     height, width = grid.shape
     x, rows = width * random.uniform(0.3, 0.7), np.linspace(0.25, 0.75, 100) * height
     points = np.column_stack([x + 3.0 * np.sin(rows / 20.0), rows])
@@ -87,7 +87,7 @@ class Version:
         return self.border.VirtualBorder(**kind(self.grid, self.random, *more))
 
     def operations(self) -> Dict[str, Callable[[], Any]]:
-        """What is timed, in this order in each round."""
+        """Returns what is timed, in this order in each round."""
         integrate = self.integration.integrate
         return {
             "integrate a small polygon": lambda: integrate(self.grid, self.make(polygon, 0.1)).posterior,

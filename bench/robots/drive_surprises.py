@@ -1,4 +1,4 @@
-"""What happens to a robot under way in drives.py: a border right before its nose, a box that was not there."""
+"""Surprises for a robot under way in drives.py: a border right in front of it, a box that was not there."""
 
 import math
 import threading
@@ -17,7 +17,7 @@ BOX_AHEAD = np.arange(0.7, 2.0, 0.1)  # [m] along the path: near enough for the 
 
 
 def surprise(lab, rng, act, slowly):
-    """Drives to the farther of two ends, and calls `act` once the robot is under way; returns what was driven, and its row."""
+    """Drives to the farther of two ends, and calls `act` once the robot is under way; returns outcome and row."""
     goal = max(ENDS, key=lambda end: math.dist(end[:2], lab.pose()[:2]))
     start, driven_before = lab.pose(), float(rng.uniform(1.0, 3.0))
 
@@ -37,7 +37,7 @@ def surprise(lab, rng, act, slowly):
 
 
 def drive_nose(lab, number, seed) -> dict:
-    """Measures a border drawn across the path of a robot under way, 0.25 to 0.6 m before its nose."""
+    """Measures a drive in which a border is drawn across the path, 0.25 to 0.6 m in front of the robot."""
     rng = np.random.default_rng([seed, 1000 + number])
     gap = float(rng.uniform(0.25, 0.6))
     put = {}
@@ -71,10 +71,10 @@ def drive_nose(lab, number, seed) -> dict:
 
 
 def drive_box(lab, number, seed) -> dict:
-    """Measures a box that is put where a robot's path is narrowest, beside the carpet's border, and taken away again."""
+    """Measures a drive with a box put where the path is narrowest, beside the carpet's border, and taken away again."""
     what = lab.world.scenarios["carpet"]
     if min(math.dist(end[:2], lab.pose()[:2]) for end in ENDS) > 0.5:
-        lab.drive(ENDS[0])  # it was refused a goal on its way, perhaps where the border will be
+        lab.drive(ENDS[0])  # its last goal was refused under way; it may stand where the border will be
     border = lab.add(what.border, what.seed, what.closed)
     blocked = lab.observer.posterior
     clearance = distance_to((blocked.data >= 65) | (blocked.data < 0)) * blocked.resolution

@@ -1,4 +1,4 @@
-"""What is to be driven by drives.py: places round each scenario's border and inside it, by a seed."""
+"""The drives of drives.py: goals round each scenario's border and inside it, drawn by a seed."""
 
 import functools
 
@@ -17,16 +17,16 @@ from vb_sim.room.world import load_world
 WORLDS = TOP / "src" / "vb_sim" / "worlds"
 SCENARIOS = ("carpet", "corner", "room")
 RADIUS = 0.18  # [m] of the larger robot: both drive to the same places
-ROUNDS, NOSES = 40, 20  # goals round each border; borders put before the nose, and as many boxes on the path
-INSIDE = 2  # goals inside of each border
-MIN_LEG = 0.6  # [m] between two places
+ROUNDS, NOSES = 40, 20  # goals round each border; borders put in front of the robot, and as many boxes on the path
+INSIDE = 2  # goals inside each border
+MIN_LEG = 0.6  # [m] at least, between two poses
 
 
 @functools.lru_cache(maxsize=None)
 def places(scenario: str, seed: int):
-    """Places (x, y, yaw) [m, m, deg]: a chain round a scenario's border, and places inside of what it restricts.
+    """Returns poses (x, y, yaw) [m, m, deg]: a chain round a scenario's border, and some inside the restricted area.
 
-    A robot of RADIUS has as much room there as the dispatcher gives one, and a path leads from each to the next.
+    In the chain a robot of RADIUS has the room that the dispatcher requires, and a path from each pose to the next.
     """
     world = load_world(str(WORLDS / "lab.yaml"))
     what, grid = world.scenarios[scenario], physical_map(world)
@@ -37,7 +37,7 @@ def places(scenario: str, seed: int):
     cells = posterior.cell_to_world(np.argwhere(clearance_map.clearance >= RADIUS + STOP_MARGIN))
     yaws = rng.integers(-180, 180, 1000)
     chain = [(*cells[rng.integers(len(cells))], 0)]
-    if scenario == "corner":  # what is not restricted may have other parts, as behind furniture
+    if scenario == "corner":  # the unrestricted floor may have other parts, such as behind furniture
         chain = [(6.8, 4.2, 0)]
     while len(chain) <= ROUNDS // 2:
         here = np.array(chain[-1][:2])
@@ -46,7 +46,7 @@ def places(scenario: str, seed: int):
             (np.linalg.norm(drawn - here, axis=1) >= MIN_LEG) & np.isfinite(clearance_map.path_lengths(here, drawn))
         ]
         if not len(drawn):
-            chain[-1] = (*cells[rng.integers(len(cells))], 0)  # a place that nothing leads to
+            chain[-1] = (*cells[rng.integers(len(cells))], 0)  # no path leads on from here
             continue
         lines = here + np.linspace(0.0, 1.0, 100)[None, :, None] * (drawn - here)[:, None, :]
         through = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(drawn), -1).any(axis=1)
@@ -59,7 +59,7 @@ def places(scenario: str, seed: int):
 
 
 def tasks(seed: int):
-    """Lists what is to be driven: (kind, scenario, number, from, to). In turns, so that each part tells of all."""
+    """Yields the drives, (kind, scenario, number, from, to), in turns, so that each part of them covers all."""
     for begin in range(0, ROUNDS, 10):
         for scenario in SCENARIOS:
             chain, inside = places(scenario, seed)[:-INSIDE], places(scenario, seed)[-INSIDE:]

@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""Drives with the real move_base: round each scenario's border, into it, a border before the nose, a box on the path.
+"""Drives with the real move_base: round a border, into it, with a border right in front, with a box on the path.
 
     make navigation                                                     once
     python3 bench/robots/drives.py --robot turtlebot2                    all drives of a seed, for hours
     python3 bench/robots/drives.py --drives 10 --kinds nose              ten, of one kind
 
 A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
-through its driver. The judge sees where the robot truly is. Goals are drawn by a seed: in each scenario a chain of
-places chosen so that, where possible, the straight line from one to the next crosses the border's area, driven
-forth and back, so that both directions come up.
+through its driver. Drives are judged by the robot's true position. Goals are drawn by a seed: in each scenario a chain
+of places chosen so that, where possible, the straight line from one to the next crosses the border's area, driven forth
+and back to cover both directions.
 
-The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as fast as
-this computer allows, and a busy one makes drives last longer without changing them. A border is put before the nose
-while time runs slowly, because the services that put it there take real time; the row says how much simulated time
-that was.
+Simulated time waits for the driving nodes and for AMCL (the simulator's ~lockstep), so that it runs as fast as this
+computer allows, and a busy computer makes drives last longer without changing them. A border is put in front of the
+robot while time runs slowly, because the services that put it there take real time; the row says how much simulated
+time passed.
 
 Each drive is a row.
 """
@@ -39,7 +39,7 @@ STUCK = 60.0  # [s] without moving, with a goal
 
 
 def drive_scenario(lab, scenario, todo, keep) -> None:
-    """Brings the robot to where the first drive begins, adds the border, drives."""
+    """Brings the robot to the start of the first drive, adds the border, and does the drives."""
     what, start = lab.world.scenarios[scenario], todo[0][3]
     if math.dist(lab.pose()[:2], start[:2]) > 0.2:
         lab.drive(start)

@@ -1,4 +1,4 @@
-"""The running lab of drives.py: move_base and AMCL as they are shipped, borders, goals, and what truly happened."""
+"""The running lab of drives.py: move_base and AMCL as shipped, borders, goals, and the robot's true motion."""
 
 import math
 import os
@@ -34,12 +34,12 @@ from vb_sim.room.world import load_world
 WORLDS = TOP / "src" / "vb_sim" / "worlds"
 LIMIT_S = 120.0  # [s] of simulated time for one goal: 10 m at the slower robot's 0.2 m/s, twice
 FASTEST = 4.0  # simulated seconds per real second: more than two slow cores can do
-SLOW = 0.5  # simulated seconds per real second while a border is put before the nose
-STILL = 0.1  # [m] a robot that moves less stands
+SLOW = 0.5  # simulated seconds per real second while a border is put in front of the robot
+STILL = 0.1  # [m] a robot that moves less counts as standing
 
 
 class Lab:
-    """The running lab: borders, goals, and what truly happened."""
+    """The running lab: borders, goals, and the robot's true motion."""
 
     def __init__(self, robot: str, start, seed: int) -> None:
         state = Path(tempfile.mkdtemp(prefix="drives_"))
@@ -56,7 +56,7 @@ class Lab:
         arguments.update(zip(("x", "y", "yaw"), self.world.robots[0].start_pose()))
         self.child = roslaunch([launch], state / "roslaunch.txt", port, **arguments)
         wait(rosgraph.is_master_online, "the master")
-        # before that this program would take wall time for the time of its node
+        # until then this node would use wall time
         wait(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
         self.observer = Observer()
@@ -66,7 +66,7 @@ class Lab:
         observer = self.observer
         wait(lambda: observer.posterior is not None and observer.lab is not None, f"maps, see {state}")
         self._truth, self._off, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
-        self._stood, self._still = (0.0, 0.0, 0.0), 0.0  # since when [s] and where, and the longest of a drive [s]
+        self._stood, self._still = (0.0, 0.0, 0.0), 0.0  # since when [s] and where; a drive's longest stand [s]
         self.plan = np.zeros((0, 2))
         self._participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1, latch=True)
         self._subscribers = [
@@ -105,7 +105,7 @@ class Lab:
         self._pace.publish(SLOW if held else FASTEST)
 
     def drive(self, goal):
-        """Sends the robot to a goal; returns what was driven, and the row of results that all drives have."""
+        """Sends the robot to a goal; returns the outcome, and the row of results that all drives have."""
         self._codes.clear()
         self._recoveries, self._still, self._off, began = 0, 0.0, 0.0, time.monotonic()
         self._stood = (rospy.get_time(), *self.pose()[:2])
@@ -130,7 +130,7 @@ class Lab:
         return pose.x, pose.y, pose.theta
 
     def put_box(self, place) -> None:
-        """Puts something round that scanners see and no map has at a place (2,) [m]; None: takes it away."""
+        """Puts a round obstacle that scanners see and no map has at a point (2,) [m]; None removes it."""
         x, y = (0.0, 0.0) if place is None else place
         state = ParticipantState(laser=Point(), person_present=place is not None, person=Pose2D(x, y, 0.0), doing="box")
         state.header.stamp = rospy.Time.now()
@@ -153,7 +153,7 @@ class Lab:
         wait_until(lambda: self.observer.posterior is not before, 10.0)
 
     def entered(self, path) -> float:
-        """Returns how deep [m] the footprint came into what borders restrict, beyond a cell's diagonal; 0 or less is fine."""
+        """Returns how deep [m] the footprint entered the restricted area, beyond 1.5 cells; 0 or less is fine."""
         prior, posterior = self.observer.prior, self.observer.posterior
         restricted = posterior.data > np.maximum(prior.data, 0)
         if not len(path) or not restricted.any():

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""How well spoken commands are recognised, in one unbroken stream, by the object that the node runs.
+"""Measures how well the object that the node runs recognises spoken commands in an unbroken stream.
 
-    python3 bench/voice/recognition.py FOLDER --half development     the speakers that choices were made with
+    python3 bench/voice/recognition.py FOLDER --half development     the speakers used for development
     python3 bench/voice/recognition.py FOLDER --half judging         the other speakers
     python3 bench/voice/recognition.py FOLDER --talk                 hours of talk: what is taken for a command
 
-FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's noise in
-kitchen.flac; with --talk, recordings in which nobody says a command, at any depth. Speakers are recognised by their file's name
-and split by its checksum. All of it goes through one CommandListener as a microphone's samples do: in pieces, with a clock,
-beside our own sounds, and never reset. The last rows are what was taken for a command that was not meant.
+FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's noise
+in kitchen.flac; with --talk, recordings in which nobody says a command, at any depth. Speakers are identified by file
+name and split by a checksum. In each room everything goes through one CommandListener as a microphone's samples do: in
+pieces, with a clock, beside our own sounds, and never reset. The last rows list what was wrongly taken for a command.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
 
 
 class Tally:
-    """Counts what became of what was said, figure by figure, and notes what was taken wrongly."""
+    """Counts the outcomes of utterances, figure by figure, and lists those wrongly taken for commands."""
 
     def __init__(self) -> None:
         self.figures: Dict[str, List[bool]] = defaultdict(list)
         self.wrong: List[str] = []
 
     def other(self, where: str, clip: Clip, taken: List[RecognitionResult]) -> None:
-        """Counts an utterance that is not a command, and whether it would be done at once or was only asked about."""
+        """Counts an utterance that is no command, and whether it was taken for one that matters and is done at once."""
         matters = [one for one in taken if one.certain and one.command in ANSWERS.values()]
         self.figures[f"other speech taken, {where}"].append(bool(taken))
         self.figures["other speech done at once, that matters"].append(bool(matters))
@@ -74,7 +74,7 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
 
 
 def judge_talk(folder: Path, tally: Tally) -> float:
-    """Plays recordings one after the other, with short pauses; returns how long they are [h]."""
+    """Plays recordings one after the other, with short pauses; returns their total length [h]."""
     room, random = Room(CommandRecognizer()), np.random.default_rng(1)
     for path in sorted(path for path in folder.rglob("*") if path.suffix in (".g722", ".flac", ".wav", ".ogg")):
         clip = Clip(path.parent.name, path.stem, load(path))

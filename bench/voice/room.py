@@ -1,4 +1,4 @@
-"""People's recordings, and places in which they are heard; for recognition.py."""
+"""People's recordings, and rooms in which they are heard; for recognition.py."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RATE = 16000
 PIECE = RATE // 20  # a microphone's samples come in such pieces
 PEAK = 8000.0  # of a voice's loudest sample
 SNR_DB = 10.0  # of the kitchen
-AFTER = 1.2  # [s] of quiet after each utterance: more than ends it
+AFTER = 1.2  # [s] of quiet after each utterance: more than it takes to end it
 HALVES = ("development", "judging")
 
 
@@ -42,7 +42,7 @@ def load(path: Path) -> np.ndarray:
 
 
 def speaker(path: Path) -> str:
-    """Names who speaks, by the habits of Speech Commands (a checksum) and the digits (a first name), else the file itself."""
+    """Names the speaker by the file name: Speech Commands' checksum, the digits' first name, or else the whole name."""
     hashed = re.search(r"([0-9a-f]{8})_nohash", path.name)
     named = re.fullmatch(r"\d_([a-z]+)_\d+", path.stem)
     return hashed.group(1) if hashed else named.group(1) if named else path.name
@@ -65,20 +65,20 @@ def trimmed(pcm: np.ndarray) -> np.ndarray:
 
 
 def power(pcm: np.ndarray) -> float:
-    """Computes the mean power of where there is speech: of frames that are not 15 dB below the loudest."""
+    """Computes the mean power of the speech: of frames at most 15 dB below the loudest."""
     frames = pcm[: len(pcm) // 320 * 320].reshape(-1, 320)
     powers = np.mean(frames**2, axis=1)
     return float(powers[powers >= 0.03 * powers.max()].mean()) if len(powers) else 1.0
 
 
 class Room:
-    """A place with a background, in which one listener hears one thing after the other."""
+    """A room with background noise, in which one listener hears one recording after the other."""
 
     def __init__(self, recognizer: CommandRecognizer, noise: Iterable[np.ndarray] = ()) -> None:
         self._listener = CommandListener(recognizer)
         self._noise = list(noise)
         self._random = np.random.default_rng(1)
-        self._now = self.seconds = 0.0  # of what was played, without pauses between
+        self._now = self.seconds = 0.0  # [s]: the clock, and the length of what was played, without pauses
 
     def hear(
         self, *clips: np.ndarray, before: float = 0.5, sound: str = "", at: float = 0.0
@@ -87,7 +87,7 @@ class Room:
 
         Args:
             before: [s] of quiet before.
-            sound: one of ours that plays too, [s] `at` from the beginning of the recordings, half as loud as they are.
+            sound: one of our own sounds, played too from `at` [s] after the recordings begin, half as loud as they are.
         """
         spoken = np.concatenate([clip * (PEAK / max(1.0, np.abs(clip).max())) for clip in clips])
         self.seconds += len(spoken) / RATE
@@ -107,11 +107,11 @@ class Room:
         return found
 
     def hears_stop(self, *clips: np.ndarray, **more: Any) -> bool:
-        """Returns whether a *stop* was heard in them."""
+        """Returns whether a *stop* was heard in the recordings."""
         return any(one.command == STOP for one in self.hear(*clips, **more))
 
     def _background(self, count: int, loudness: float) -> np.ndarray:
-        sound = self._random.normal(size=count) * 12.0  # the microphone's own
+        sound = self._random.normal(size=count) * 12.0  # the microphone's own noise
         if self._noise:
             others = np.zeros(count)
             for one in self._noise:

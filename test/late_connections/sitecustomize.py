@@ -1,7 +1,7 @@
-"""Lets each of a process's subscribers connect late: some at once, some after LATE_CONNECTIONS seconds, some between.
+"""Delays the connections of a process's subscribers: some by nothing, some by LATE_CONNECTIONS seconds, some between.
 
-Python runs a module of this name at its start, if it is on the path: `scripts/test --late SECONDS` puts it there. What
-a test or a node then misses, it may miss on a busy computer too.
+Python runs a module of this name at its start if it is on the path: `scripts/test --late SECONDS` puts it there. What a
+test or a node then misses, it may also miss on a busy computer.
 """
 
 import importlib.abc
@@ -16,7 +16,7 @@ MODULE = "rospy.impl.registration"
 
 
 class LateConnections(importlib.abc.MetaPathFinder):
-    """Finds the module with rospy's connections, and makes them wait."""
+    """Finds the module that makes rospy's connections, and delays them."""
 
     def find_spec(self, fullname, path, target=None):
         if fullname != MODULE:

@@ -1,4 +1,4 @@
-"""Malformed and hostile messages, drawn from good ones, for the tests of the page."""
+"""Malformed and hostile messages, derived from good ones, for the tests of the page."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _places(value, path=()):
 
 @st.composite
 def hostile_messages(draw):
-    """Texts that are almost a request, the beginning of one, or none at all; a few of them are requests by accident."""
+    """Draws texts that are almost a request, the beginning of one, or none at all; a few happen to be valid."""
     kind = draw(st.integers(0, 9))
     if kind == 0:
         return draw(st.sampled_from(RAW) | st.text())

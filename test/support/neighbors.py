@@ -24,7 +24,7 @@ def point(x, y):
 
 
 class StubNeighbors:
-    """border_fusion and map_integrator, as far as tests need them."""
+    """Stubs of border_fusion and map_integrator, as far as tests need them."""
 
     def __init__(self) -> None:
         self.candidate = GetDrawnBorderResponse(success=True, code="ok")
@@ -39,7 +39,7 @@ class StubNeighbors:
         self.services = []
 
     def offer(self) -> None:
-        """Starts the services; one border, "Nursery", can be taken back once."""
+        """Starts the services; one border, "Nursery", can be undone once."""
         self.undone = 0
         self.services += [
             rospy.Service("/virtual_borders/preview_border", PreviewBorder, self._on_preview),
@@ -62,7 +62,7 @@ class StubNeighbors:
         return response
 
     def withdraw(self) -> None:
-        """Stops them."""
+        """Stops the services."""
         for service in self.services:
             service.shutdown()
         self.services = []
@@ -76,7 +76,7 @@ class StubNeighbors:
         return self.preview_answer(request)
 
     def preview_answer(self, _request):
-        """A test may put another one in its place."""
+        """Answers a preview request; a test may replace this method."""
         return self.preview
 
     def _on_add(self, request):

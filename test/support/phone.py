@@ -1,5 +1,5 @@
-"""Chromium as a phone or a wall display, for the tests of the page; Debian's packages chromium, chromium-driver and
-python3-selenium."""
+"""Chromium as a phone or a wall display, for the tests of the page; needs Debian's packages chromium, chromium-driver
+and python3-selenium."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SWITCHES = (
 
 
 class Browser:
-    """One browser with the page open."""
+    """A browser with the page open."""
 
     def __init__(self, url, size=PHONE, language="en", dark=False, mobile=False):
         options = webdriver.ChromeOptions()
@@ -37,7 +37,7 @@ class Browser:
         self.driver = webdriver.Chrome(service=Service("/usr/bin/chromedriver"), options=options)
         self.driver.set_script_timeout(TIMEOUT)
         self.url = url
-        self.mobile = mobile  # two fingers enlarge the page
+        self.mobile = mobile  # whether two fingers enlarge the page
         self.resize(size, dark)
         self.driver.get(url)
 
@@ -56,14 +56,14 @@ class Browser:
         return self.driver.execute_script(script, *arguments)
 
     def wait(self, script, *arguments, what=None):
-        """Waits until a script gives something true, and gives that."""
+        """Waits until a script returns a true value, and returns that."""
         return wait_until(
             lambda: self.run(f"return ({script})", *arguments),
             lambda: f"{what or script}; the page says: {self.said()}",
         )
 
     def said(self):
-        """The page's words on one line, what is urgent last: a report of failed tests keeps the end."""
+        """Returns the page's text on one line, the most urgent last: a report of failed tests keeps the end."""
         return " | ".join(
             line
             for part in ("main", "#dialog", "#toast", "#banners")
@@ -72,7 +72,7 @@ class Browser:
         )
 
     def wait_ready(self):
-        """The map is there and fitted, and the system's state is known."""
+        """Waits until the map is shown and fitted, and the system's state is known."""
         self.wait(
             "window.virtualBorders && window.virtualBorders.map.info && document.body.dataset.state == 'default'"
             " && document.getElementById('base').classList.contains('there')",
@@ -85,8 +85,8 @@ class Browser:
             (e) => !e.disabled && e.getClientRects().length && (!arguments[1] || e.textContent.trim() === arguments[1]))"""
         for _ in range(10):
             element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
-            self.wait_arrived()  # it may have come up only now
-            # what came from the nodes meanwhile may have replaced it, or locks its surroundings for a moment
+            self.wait_arrived()  # it may only just have appeared
+            # an update from the nodes may have replaced it meanwhile, or blocks its surroundings for a moment
             with contextlib.suppress(StaleElementReferenceException, ElementClickInterceptedException):
                 self.run("arguments[0].scrollIntoView({block: 'center'})", element)
                 element.click()
@@ -94,14 +94,14 @@ class Browser:
         raise AssertionError(f"cannot be pressed: {selector} {text or ''}; the page says: {self.said()}")
 
     def wait_arrived(self):
-        """Waits until what has just come up, or was below a dialog that has just closed, can be pressed."""
+        """Waits until elements that have just appeared, or were below a dialog that has just closed, can be pressed."""
         self.wait(
             "[...document.querySelectorAll('main, #line, #panel, #dialog')].every((one) => getComputedStyle(one).pointerEvents !== 'none')"
             " && document.querySelector('main').inert === document.getElementById('dialog').open"
         )
 
     def field(self, selector):
-        """Returns a field that one can write in, at its end. It has the focus: the page does not replace it."""
+        """Returns a field to type into, with the caret at its end. It has the focus, so the page keeps it."""
         self.wait_arrived()
         script = """const field = document.querySelector(arguments[0]);
             field.focus();
@@ -121,7 +121,7 @@ class Browser:
         )
 
     def on_screen(self, point):
-        """A point of the floor [m] on the screen [px]."""
+        """Returns the position on the screen [px] of a point of the floor [m]."""
         return self.run(
             """const b = document.getElementById('map').getBoundingClientRect();
             const p = window.virtualBorders.map.toScreen(arguments[0]); return [Math.round(b.left + p[0]), Math.round(b.top + p[1])]""",
@@ -129,7 +129,7 @@ class Browser:
         )
 
     def stroke(self, points):
-        """Moves a finger over points of the floor [m], as the browser hears it: it may also scroll, and a tap clicks."""
+        """Moves a finger over points of the floor [m] by touch events: it may also scroll, and a tap clicks."""
         self.wait_arrived()
         self.run("document.getElementById('map').scrollIntoView({block: 'center'})")
         corners = [self.on_screen(point) for point in points]
@@ -167,7 +167,7 @@ class Browser:
         self.stroke([point])
 
     def faults(self):
-        """What the browser's console has of faults in the page itself; a server that is away is none."""
+        """Returns the page's own faults in the browser's console, without those of a missing server."""
         return [
             entry["message"]
             for entry in self.driver.get_log("browser")

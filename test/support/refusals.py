@@ -1,4 +1,4 @@
-"""What tests expect of a refusal: its code, not its words."""
+"""Tests check a refusal by its code, not by its words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 
 @contextlib.contextmanager
 def refused(code):
-    """Expects what is done within it to be refused with a code; the refusal is in `.value` of what it gives."""
+    """Expects the code in its block to be refused with a code; it yields an object with the refusal in `.value`."""
     with pytest.raises(CodedError) as caught:
         yield caught
     assert caught.value.code == code

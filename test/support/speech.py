@@ -1,4 +1,4 @@
-"""Speech for the tests: espeak-ng in room noise; and what the recogniser makes of a recording."""
+"""Speech for the tests: espeak-ng in room noise, and the recogniser's results for a recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ESPEAK_RATE = 22050
 
 
 def say(text: str, voice: str = "en-us", pause: float = 0.6, snr_db: float = 20.0, seed: int = 0) -> np.ndarray:
-    """(N,) int16 at 16 kHz: a pause, the text, a pause, all in noise with the spectrum of a room."""
+    """Returns (N,) int16 at 16 kHz: a pause, the text, a pause, all in noise with a room's spectrum."""
     command = ["espeak-ng", "-v", voice, "-s", "150", "--stdout", text]
     data = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
     samples = np.frombuffer(data[44 : len(data) // 2 * 2], "<i2").astype(float)
@@ -30,14 +30,14 @@ def say(text: str, voice: str = "en-us", pause: float = 0.6, snr_db: float = 20.
 
 
 def pieces(pcm: np.ndarray) -> list:
-    """A recording as the messages, of a tenth of a second each, that a microphone at a topic sends."""
+    """Splits a recording into messages of a tenth of a second each, as a microphone node publishes them."""
     return [
         Audio(sample_rate=RATE, data=part.tobytes()) for part in np.split(pcm, range(RATE // 10, len(pcm), RATE // 10))
     ]
 
 
 def room_noise(count: int, level: float, seed: int = 0) -> np.ndarray:
-    """(count,) float samples of pink noise of that effective value."""
+    """Returns (count,) float samples of pink noise with this RMS level."""
     frequency = np.maximum(np.fft.rfftfreq(count, 1 / RATE), 40.0)
     white = np.random.default_rng(seed).normal(size=count)
     noise = np.fft.irfft(np.fft.rfft(white) / np.sqrt(frequency), count)
@@ -45,20 +45,20 @@ def room_noise(count: int, level: float, seed: int = 0) -> np.ndarray:
 
 
 def tone(hertz: float, duration: float) -> np.ndarray:
-    """(N,) int16: a beep."""
+    """Returns (N,) int16, a beep."""
     return (6000 * np.sin(2 * np.pi * hertz * np.arange(int(duration * RATE)) / RATE)).astype(np.int16)
 
 
 def utterances(pcm: np.ndarray) -> list:
-    """All utterances of a recording, (N,) int16, after which nothing is heard for a second."""
+    """Returns all utterances of a recording, (N,) int16, followed by a second of silence."""
     return Endpointer().push(np.concatenate([pcm, np.zeros(RATE, np.int16)]))
 
 
 def examine(recognizer, pcm: np.ndarray) -> list:
-    """What became of each utterance in a recording."""
+    """Returns the recogniser's result for each utterance of a recording."""
     return [recognizer.classify(utterance) for utterance in utterances(pcm)]
 
 
 def command_in(recognizer, pcm: np.ndarray):
-    """The first command in a recording; None if there is none."""
+    """Returns the first command in a recording, or None."""
     return next((issue.command for issue in examine(recognizer, pcm) if issue.command), None)

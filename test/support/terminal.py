@@ -15,11 +15,11 @@ from vb_testing import wait_until
 
 
 class Terminal:
-    """The wizard console, or another command, in a pseudo-terminal; keeps all it wrote, without escape sequences."""
+    """The wizard console, or another command, in a pseudo-terminal; keeps all its output."""
 
     def __init__(self, command=("rosrun", "vb_voice_wizard", "wizard_console")):
         self.master, self.slave = pty.openpty()
-        # 24 rows of 80 columns: the smallest there is over ssh
+        # 24 rows of 80 columns: the smallest usual over ssh
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
         self.settings = termios.tcgetattr(self.slave)
         self.raw = b""
@@ -40,30 +40,30 @@ class Terminal:
             try:
                 self.raw += os.read(self.master, 65536)
             except OSError:
-                return  # nobody has the other end open any more
+                return  # the other end is closed
 
     @property
     def text(self):
-        """All that was ever written."""
+        """All output so far, without escape sequences."""
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
 
     def shows(self, what, since=0):
-        """Waits until some text was written."""
+        """Waits until a text has been written."""
         wait_until(
             lambda: what in self.text[since:], lambda: f"'{what}' on the screen, which ends\n{self.text[-3000:]}"
         )
 
     def press(self, key):
-        """Types."""
+        """Types a key or a text."""
         os.write(self.master, key.encode())
 
     def leave(self):
-        """Quits; gives the exit status, and whether the terminal is as it was before: with echo, line by line."""
+        """Quits; returns the exit status, and whether the terminal is as before: with echo, line by line."""
         self.press("q")
         status = self.process.wait(timeout=240)
         same = termios.tcgetattr(self.slave)[3] == self.settings[3]
         os.close(self.slave)
-        # the reader first: the number of a file that is closed belongs to the next one that is opened
+        # the reader ends first: a closed file's descriptor may be reused by the next file opened
         self._reader.join()
         os.close(self.master)
         return status, same

@@ -1,4 +1,4 @@
-"""What tests share: waiting for what has to come, the messages of a topic, commands, and nodes that are killed or do not start.
+"""Helpers for tests: waiting for conditions, messages of a topic, commands, and nodes that are killed or do not start.
 
 scripts/env.sh puts this folder on the path.
 """
@@ -16,15 +16,15 @@ import rospy
 from vb_evaluation.processes import spawn
 
 _HEARD = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; only a fault waits to the end
+TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; only a failure waits this long
 
 
 def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=time.sleep):
-    """Waits until a condition gives something true, and returns that.
+    """Waits until a condition returns a true value, and returns that.
 
     Args:
-        what: is waited for: words, or a function that finds them in the end.
-        clock, sleep: those of another time than this computer's.
+        what: is waited for: words, or a function that returns them at the end.
+        clock, sleep: of another time than this computer's.
 
     Raises:
         AssertionError: says what was waited for in vain.
@@ -40,22 +40,22 @@ def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=tim
 
 
 def run_command(*words, **options):
-    """Runs a command to its end; what it said is in `stdout` of what is returned, errors among it.
+    """Runs a command to its end; its output, errors included, is in `stdout` of the result.
 
     Args:
-        options: as of subprocess.run.
+        options: of subprocess.run.
     """
     return subprocess.run([str(word) for word in words], **{**_HEARD, **options})
 
 
 def is_listening(port):
-    """Returns whether something on this computer takes connections at a port."""
+    """Returns whether something on this computer accepts connections at a port."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def process_of(node):
-    """Returns the id of a node's process; None while there is none."""
+    """Returns a node's process id, or None while there is none."""
     try:
         return ServerProxy(rosgraph.Master("/test").lookupNode(node)).getPid("/test")[2]
     except (OSError, rosgraph.MasterException):
@@ -63,28 +63,28 @@ def process_of(node):
 
 
 def write_program(path, text):
-    """Writes a shell script that stands for a program, and returns its path as text."""
+    """Writes a shell script that stands in for a program, and returns its path as text."""
     path.write_text(f"#!/bin/sh\n{text}\n")
     path.chmod(0o755)
     return str(path)
 
 
 class Newest:
-    """Keeps the messages of a topic. When it is made there is none, whatever else the node already answers.
+    """Keeps the messages of a topic. At first there is none, even if the node already answers services.
 
     Args:
-        keep: how many messages at the most.
+        keep: how many messages at most.
     """
 
     def __init__(self, topic, message_type, keep=100_000):
-        self.all, self.count = [], 0  # what was kept, how many ever came
+        self.all, self.count = [], 0  # the messages kept, and how many ever came
         self.topic, self._keep = topic, keep
         self.subscriber = rospy.Subscriber(topic, message_type, self._take, queue_size=100, buff_size=2**22)
 
     def _take(self, message):
         self.all.append(message)
         del self.all[: -self._keep]
-        self.count += 1  # last: a test that counts it can see it
+        self.count += 1  # last: once it is counted, a test can see it
 
     @property
     def message(self):
@@ -100,17 +100,17 @@ class Newest:
         )
 
     def next(self, count=1):
-        """Waits for the next message that comes, or for more of them, and returns the newest."""
+        """Waits for this many further messages, and returns the newest."""
         wanted = self.count + count
         wait_until(lambda: self.count >= wanted, f"{count} more messages on {self.topic}")
         return self.all[-1]
 
 
 class Process:
-    """A node in a process of its own that can be killed and started again; it ends with the test.
+    """A node in a process of its own that can be killed and restarted; it ends with the test.
 
     Args:
-        options: as of Popen.
+        options: of Popen.
     """
 
     def __init__(self, package, executable, *arguments, **options):
@@ -118,15 +118,15 @@ class Process:
         self.start()
 
     def start(self):
-        self.process = spawn(self._command, **self._options)  # rosrun becomes the node: the pid is the node's own
+        self.process = spawn(self._command, **self._options)  # rosrun becomes the node: the pid is the node's
 
     def kill(self):
-        """The hard way, as a crash does it."""
+        """Kills the node, as a crash does."""
         self.process.kill()
         self.process.wait()
 
     def stop(self):
-        """The polite way."""
+        """Terminates the node, and kills it if it does not end."""
         self.process.terminate()
         try:
             self.process.wait(20)
@@ -135,11 +135,11 @@ class Process:
 
 
 def assert_ends_with_one_line(package, executable, cases, **options):
-    """Starts a node with arguments that it has to refuse: it ends with status 1 and says why, without a traceback.
+    """Checks that a node with arguments that it has to refuse ends with status 1 and says why, without a traceback.
 
     Args:
-        cases: for each start its arguments and a word that it has to say.
-        options: as of Popen.
+        cases: (arguments, a word that the node has to say) of each start.
+        options: of Popen.
     """
     started = [
         spawn(["rosrun", package, executable, f"__name:=bad_{executable}_{k}", *arguments], **_HEARD, **options)

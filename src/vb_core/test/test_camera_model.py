@@ -46,7 +46,7 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
     distortion, focal = LENSES[lens]
     matrix = np.array([[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]])
     camera = CameraModel(640, 480, matrix, np.array(distortion))
-    # OpenCV's own projection is the oracle, up to where the image's radius stops growing
+    # OpenCV's own projection is the oracle, up to where the radius in the image stops growing
     radii = np.linspace(0.0, 4.0, 4001)
     rise = cv2.projectPoints(
         np.column_stack([radii, np.zeros(4001), np.ones(4001)]), np.zeros(3), np.zeros(3), matrix, camera.distortion
@@ -60,7 +60,7 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
     rays = camera.rays(pixels[seen])
     assert seen.sum() > 500 and np.abs(rays - points[seen]).max() < 1e-6
     if len(falls):
-        # no ray for what the model cannot show, and no pixel for what lies beyond
+        # no ray for a pixel beyond the model's image, and no pixel for a point beyond its limit
         nowhere = np.array([(319.5 + 1.05 * (rise.max() - 319.5), 239.5), (0.0, 0.0)])
         assert np.isnan(camera.rays(nowhere)[:, 0]).all()
         assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]]))).all()
@@ -77,7 +77,7 @@ def test_a_fisheye_follows_its_polynomial_up_to_its_limit(k, end):
     pixels = camera.project(points)
     assert np.allclose(pixels, np.column_stack([639.5 + 0.6 * shown, 479.5 + 0.8 * shown]), atol=1e-6)
     assert np.allclose(camera.project(camera.rays(pixels)), pixels, atol=1e-3)
-    # exactly where 1 + 3 k1 a^2 + 5 k2 a^4 + ... is 0, if that is before 90 degrees
+    # the limit is where 1 + 3 k1 a^2 + 5 k2 a^4 + ... is 0, if that is below 90 degrees
     beyond = np.radians(1.01 * end)
     assert np.isnan(camera.project([[np.tan(beyond), 0.0, 1.0 if end < 90.0 else -1.0]])).all()
     assert np.degrees(np.arctan(camera.limit)) == pytest.approx(end, abs=0.01)
@@ -114,7 +114,7 @@ def test_projection_and_rays_agree_with_opencv(distortion, fisheye):
     assert np.abs(camera.project(points) - wanted).max() < 1e-6
     assert np.abs(camera.rays(wanted) - points / points[:, 2:]).max() < 1e-6
     assert camera.focal_px == 1100.0
-    # an image of another shape shows the same at the same share of its width and height
+    # in an image of another shape, a point lies at the same fraction of width and height
     half = camera.scaled_to(350, 600)
     shares = (camera.project(points) + 0.5) / (1400, 1200)
     assert np.allclose((half.project(points) + 0.5) / (350, 600), shares) and half.fisheye is fisheye
@@ -130,7 +130,7 @@ def test_an_image_contains_the_pixels_within_its_edges():
 
 
 def test_rays_meet_the_floor_or_nothing():
-    """A camera three metres up, which looks down: its x is the map's, its y and z are turned round."""
+    """A camera 3 m up, looking straight down: its x axis is the map's, its y and z axes are reversed."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = 1.0, 2.0, 3.0
     points = intersect_floor(pose, np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, -1], [1, 0, 0], [np.nan, 0, 1]]))

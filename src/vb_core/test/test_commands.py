@@ -1,4 +1,4 @@
-"""Bounded calls of services, and commands: each has an id and expires, and stop waits for nothing."""
+"""Service calls with timeouts, and commands: each has an id and expires, and stop waits for nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vb_msgs.srv import CommandResponse
 
 
 def test_no_message_constant_contains_a_comment():
-    """In a message definition, everything after the = of a string constant is its value."""
+    """In a message definition, everything after a string constant's = is its value, even a comment."""
     found = [
         f"{path.name}: {line}"
         for path in Path(__file__).resolve().parents[2].glob("vb_msgs/*/*.[ms]*")
@@ -32,7 +32,7 @@ def test_no_message_constant_contains_a_comment():
 
 
 class Manager:
-    """Stands in for the manager: lets commands hang, by name, until they are let go; answers, first what is `given`."""
+    """Stands in for the manager: named commands hang until released; the answers in `given` are used up first."""
 
     def __init__(self, hanging):
         self.asked, self.given, self._done, self._noted = [], [], [], threading.Semaphore(0)
@@ -65,7 +65,7 @@ class Manager:
 
 @pytest.fixture
 def sender(monkeypatch):
-    """Makes a sender, its manager and its clock."""
+    """Returns a function that makes a sender, its manager and its clock."""
 
     def make(*hanging):
         manager, now = Manager(hanging), [10.0]
@@ -88,7 +88,7 @@ def test_every_command_has_a_unique_id_and_expires(sender, monkeypatch):
     first, second = (commands.make_request("save", "test", 5.0, uncertain) for uncertain in (False, True))
     assert first.id and second.id and first.id != second.id
     assert first.expires == rospy.Time(105) and (first.uncertain, second.uncertain) == (False, True)
-    # before simulated time has begun nothing expires
+    # nothing expires before simulated time has begun
     monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(0))
     assert commands.make_request("save", "test", 5.0).expires.is_zero()
 
@@ -135,7 +135,7 @@ def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
     for number, command in enumerate(("save", "stop", "resume")):
         assert orders.put(command, number)
     orders.put("cancel", source="somebody else")
-    # neither the one that hangs nor the stop that hangs holds up others
+    # neither the hanging save nor the hanging stop holds up other people's commands
     assert [request.command for request, *_ in manager.wait_for(1)] == ["cancel"]
     manager.let("stop")
     assert manager.wait_for(2)[1][:2] == (manager.asked_for("stop"), 1)
@@ -189,7 +189,7 @@ def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
 # ------------------------------------------------------------------ services
 @pytest.fixture
 def neighbour(monkeypatch):
-    """A service: what becomes of waiting for it, and of asking it."""
+    """A stand-in for a service: tests set what happens when it is waited for (`wait`) and called (`ask`)."""
     found = SimpleNamespace(wait=Mock(), ask=Mock())
     monkeypatch.setattr(rospy, "wait_for_service", found.wait)
     monkeypatch.setattr(rospy, "ServiceProxy", lambda name, service: found.ask)

@@ -19,7 +19,7 @@ def test_rotations_agree_with_scipy(roll, pitch, yaw):
     assert np.allclose(ours, theirs.as_matrix(), atol=1e-9)
     quaternion = geometry.quaternion_from_rotation(ours)
     assert np.allclose(geometry.rotation_from_quaternion(quaternion), ours, atol=1e-9)
-    # of both quaternions it is the one with a positive real part
+    # of the two quaternions of a rotation, the one with a positive real part
     assert abs(abs(quaternion @ theirs.as_quat()) - 1.0) < 1e-9 and quaternion[3] >= 0.0
 
 

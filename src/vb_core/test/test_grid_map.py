@@ -16,7 +16,7 @@ from vb_core.grid_map import UNKNOWN, GridMap, distance_to
 def test_cells_lie_where_the_origin_says_and_points_are_their_inverse(x, y, yaw, resolution):
     grid = GridMap(np.zeros((7, 11), np.int8), resolution, (x, y, yaw))
     cells = np.argwhere(np.ones(grid.shape, bool))
-    # columns lie along the x of the origin's frame, rows along its y
+    # columns run along the x axis of the origin's frame, rows along its y axis
     in_frame = np.column_stack([resolution * (cells[:, ::-1] + 0.5), np.zeros(len(cells))])
     places = geometry.apply(geometry.transform_from_pose2d(x, y, yaw), in_frame)[:, :2]
     assert np.allclose(grid.cell_to_world(cells), places)
@@ -62,7 +62,7 @@ def test_distances_are_exact_and_reproducible():
     pairs = np.linalg.norm(cells[:, None] - np.argwhere(marked)[None], axis=2)
     expected = pairs.min(axis=1).reshape(marked.shape).astype(np.float32)
     ballast = []
-    for size in rng.integers(1, 5000, 500):  # rows come to lie at other addresses
+    for size in rng.integers(1, 5000, 500):  # shifts the rows to other memory addresses
         ballast = ballast[-20:] + [np.empty(size, np.uint8)]
         assert (distance_to(marked) == expected).all()
 
@@ -84,5 +84,5 @@ def test_geometries_differ_by_resolution_size_and_origin():
         GridMap(cells[:3], 0.05, (1.0, 2.0, 0.0)),
     ):
         assert not first.same_geometry(other)
-    # a point one cell to the right is one cell to the right, whatever a cell measures
+    # points one cell apart stay one cell apart in grid coordinates
     assert np.ptp(first.world_to_grid([[1.0, 2.0], [1.05, 2.0]]), axis=0) == pytest.approx([1.0, 0.0])

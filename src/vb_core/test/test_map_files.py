@@ -1,4 +1,4 @@
-"""Maps in map_server's format; and files that are written whole, or not at all."""
+"""Maps in map_server's format, and files that are written completely or not at all."""
 
 import cv2
 import numpy as np
@@ -94,7 +94,7 @@ def test_files_are_written_together_or_none_is(tmp_path):
     write_together({first: b"1", second: b"2"})
     assert (first.read_bytes(), second.read_bytes()) == (b"1", b"2")
     (tmp_path / "file").write_text("")
-    for beyond in (tmp_path / "file" / "c", tmp_path / "folder"):  # where no file can be made, or none replaced
+    for beyond in (tmp_path / "file" / "c", tmp_path / "folder"):  # where no file can be created or replaced
         with refused("cannot_write"):
             write_together({beyond: b"4", first: b"3"})
     assert first.read_bytes() == b"1"

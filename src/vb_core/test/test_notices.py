@@ -10,7 +10,7 @@ from vb_core.notices import EXPIRY_TIME, Notice, ActiveNotices, Severity
 
 
 def held(said, now):
-    """(code, who it is about) of the notices that hold at a time [s], after what nodes said: (node, time [s], notices)."""
+    """Returns (code, robot or camera) of the notices in force at `now` [s], given `said`: (node, time [s], notices)."""
     book = ActiveNotices()
     for node, at, those in said:
         book.update(node, those, at)
@@ -53,7 +53,7 @@ def test_the_reason_replaces_a_missing_pose_of_its_camera():
 
 @pytest.mark.parametrize("other", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
 def test_no_other_notice_hides_a_silent_camera(other):
-    # what two cameras saw minutes ago says nothing about the cable
+    # a notice of another kind says nothing about the cable
     silent = [Notice("camera_silent", Severity.ERROR, camera="north")]
     said = [
         ("spot_detector_north", 10.0, silent),

@@ -1,4 +1,4 @@
-"""What is offered, in every combination of connections."""
+"""What is offered to people, in every combination of connections."""
 
 import itertools
 from dataclasses import replace
@@ -10,18 +10,18 @@ from vb_core.notices import Severity
 from vb_core.zones import ZONES
 from vb_core.offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, unkept
 
-# what obeys stop and slow zones: nobody, robot_monitor with or without a known local planner, the driver
+# who enforces stop and slow zones: nobody, robot_monitor without or with a known local planner, the driver
 OBEDIENCE = [{}, dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True), dict(driver=True)]
 
 
 def robots(name):
-    """Yields every robot that there can be."""
+    """Yields every possible robot."""
     for wired, obedience, localized in itertools.product((True, False), OBEDIENCE, (True, False)):
         yield ConnectedRobot(name, navigation=True, plans_round_borders=wired, localized=localized, **obedience)
 
 
 def labs():
-    """Every lab: cameras or not, one robot or two in namespaces."""
+    """Yields every lab: with or without cameras, with one robot or with two in namespaces."""
     for cameras in (True, False):
         for robot in robots(""):
             yield Connections((robot,), cameras, cameras)
@@ -34,7 +34,7 @@ def test_every_lab_is_offered_exactly_what_has_an_effect():
     for lab in labs():
         count += 1
         offered = offer(lab)
-        # Stop stops something; of a robot that it does not stop, a line says so
+        # Stop is offered only if it stops a robot
         assert ("stop" in offered.commands) == any(robot.driver or robot.obeys_stop for robot in lab.robots)
         assert ("resume" in offered.commands) == ("stop" in offered.commands)
         laser = {"define_border", "define_seed", "save", "cancel"}
@@ -43,11 +43,11 @@ def test_every_lab_is_offered_exactly_what_has_an_effect():
         told = {(line.robot, line.code): line.severity for line in offered.lines}
         for robot in lab.robots:
             kept = [zone for zone in ZONES if robot.name not in offered.ignored_by[zone]]
-            # nobody claims a zone that neither plan nor driver keeps, or for a robot that is lost
+            # no zone counts as kept that neither planner nor driver enforces, or while the robot is lost
             assert ("keep_out" in kept) == (robot.localized and (robot.plans_round_borders or robot.driver))
             assert ("slow" in kept) == (robot.localized and (robot.driver or robot.obeys_speed))
             assert ("avoid" in kept) == (robot.localized and robot.plans_round_borders)
-            # no robot is sent through borders
+            # no robot that ignores borders is sent anywhere
             assert (robot.name in offered.goes) == (robot.localized and robot.plans_round_borders)
             lost = not robot.plans_round_borders and not robot.driver
             assert (told.get((robot.name, "robot_ignores_borders")) is Severity.ERROR) == lost

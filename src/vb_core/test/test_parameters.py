@@ -1,4 +1,4 @@
-"""Parameters, also changed while a node runs; the server's own part is tested over a real node in vb_laser_detect."""
+"""Parameters, also changed while a node runs; the server itself is tested with a real node in vb_laser_detect."""
 
 from __future__ import annotations
 
@@ -96,14 +96,14 @@ def test_the_description_follows_from_the_fields():
     assert entries["speed"]["type"] == "double" and entries["speed"]["description"] == "of the robot [m/s]"
     assert (entries["speed"]["min"], entries["speed"]["max"], entries["speed"]["default"]) == (0.0, 1.0, 0.5)
     assert entries["count"]["min"] == 1 and entries["count"]["max"] == 2**31 - 1
-    # as clients read it
+    # as clients decode it
     decoded = decode_description(encode_description(description))
     assert {entry["name"] for entry in decoded["parameters"]} == set(entries)
 
 
 @pytest.fixture
 def tuned(monkeypatch):
-    """What changes values as a server does, and what is stored, applied and warned of."""
+    """Returns a function that changes values as a server does, and the values stored, applied and warned of."""
     stored, applied, warned = {}, [], []
     monkeypatch.setattr(reconfigure, "Server", lambda *_: None)
     monkeypatch.setattr(rospy, "set_param", stored.__setitem__)

@@ -1,4 +1,4 @@
-"""Conversions, over the real message classes and without a master; transforms, with tf2's real buffer."""
+"""Conversions with the real message classes, without a master; transforms with tf2's real buffer."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_maps_round_trip_byte_for_byte():
     cells = np.random.default_rng(1).integers(-1, 101, (30, 40)).astype(np.int8)
     grid = GridMap(cells, 0.05, (-1.0, 2.0, 0.3))
     sent = bytes_of(messages.message_from_grid(grid, rospy.Time(7)))
-    # what the plain class reads and writes is the reference
+    # the generated message class is the reference
     plain = OccupancyGrid().deserialize(sent)
     assert bytes_of(plain) == sent
     for message in (plain, messages.OccupancyGridArray().deserialize(sent)):
@@ -88,7 +88,7 @@ def test_images_are_read_as_cv_bridge_reads_them(encoding, is_bigendian):
     row = 8 * channels * np.dtype(dtype).itemsize
     data = np.random.default_rng(5).integers(0, 64, 6 * row).astype(np.uint8).tobytes()
     message = Image(height=6, width=8, encoding=encoding, step=row, is_bigendian=is_bigendian, data=data)
-    # with numpy 2, Debian 13's cv_bridge raises for the other byte order: it is given the same numbers in this one
+    # with numpy 2, Debian 13's cv_bridge raises for the foreign byte order: it gets the same values in native order
     swapped = np.frombuffer(data, dtype).byteswap().tobytes() if is_bigendian else data
     expected = bridge.imgmsg_to_cv2(Image(height=6, width=8, encoding=encoding, step=row, data=swapped), "passthrough")
     pixels = images.array_from_image(message)
@@ -159,7 +159,7 @@ CAMERA = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2
 @pytest.fixture
 def lookup(monkeypatch):
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
-    # a buffer asks for the time, which no node gives here
+    # a buffer asks for the time, and no node provides it here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
@@ -174,7 +174,7 @@ def place(lookup, child, T=CAMERA, parent="map", stamp=5, static=True):
 def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
     place(lookup, "camera")
     assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(CAMERA)
-    # what is published later on /tf_static counts
+    # a later transform on /tf_static replaces it
     place(lookup, "camera", np.eye(4))
     assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(np.eye(4))
 

@@ -51,7 +51,7 @@ def test_a_queue_keeps_the_order_and_says_when_it_is_full():
     assert [queue.put(number) for number in range(3)] == [True, True, False]
     assert [queue.get(), queue.get()] == [0, 1] and queue.put(7)
     queue.close()
-    # what was accepted is still handled
+    # an accepted item is still handled
     assert [queue.get(), queue.get()] == [7, None]
 
 
@@ -65,7 +65,7 @@ def test_a_timer_wakes_after_its_period_or_an_announcement():
 
 
 class FakeClock:
-    """Wall time that passes while somebody waits, and simulated time that runs `pace` times as fast."""
+    """Wall time that advances only while the timer waits, and simulated time that runs `pace` times as fast."""
 
     def __init__(self, monkeypatch, timer, pace):
         self.wall, self.pace, self.waits = 50.0, pace, 0
@@ -87,7 +87,7 @@ class FakeClock:
 def test_a_timer_follows_the_faster_of_wall_and_simulated_time(monkeypatch, pace, expected):
     timer = WakeTimer(1.0)
     clock = FakeClock(monkeypatch, timer, pace)
-    assert timer.get() is False  # learns how fast time runs
+    assert timer.get() is False  # the timer learns how fast simulated time runs
     began = clock.wall
     clock.waits = 0
     assert [timer.get() for _ in range(20)] == [False] * 20
@@ -120,7 +120,7 @@ print("failures", [error.code for error in node._failures])
 
 
 def run(program, **changes):
-    """Runs a program by itself: it changes rospy, or reads from the environment."""
+    """Runs a program in a process of its own, since it changes rospy or reads the environment."""
     environment = {**os.environ, **changes}
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, env=environment)
     assert done.returncode == 0, done.stderr
@@ -181,7 +181,7 @@ print(before, len(asked))
 
 
 def test_logging_while_ending_does_not_end_the_successor():
-    # rospy registered the node at each logged line, upon which the master ended the newer node of the same name
+    # rospy registered the node with each logged line, whereupon the master shut down the newer node of the same name
     assert run(LOGGING).stdout == "1 1\n"
 
 

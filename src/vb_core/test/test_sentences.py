@@ -1,4 +1,4 @@
-"""Sentences: complete in every language; and the tables of commands, states and zones against what must stay apart."""
+"""Sentences, complete in every language; tables of commands, states and zones, whose rows must stay distinct."""
 
 import string
 
@@ -35,11 +35,11 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
     [
         ("no_service", {"who": "border_fusion"}, "en", "border_fusion is not running."),
         ("no_service", {"who": "border_fusion"}, "de", "border_fusion läuft nicht."),
-        # a sentence is never lost: without its value, by its code alone, in a language that nobody has
+        # there is always a sentence: without its value, from the code alone, in an unknown language
         ("no_service", {}, "en", "(who) is not running."),
         ("of_a_newer_version", {}, "en", "of a newer version"),
         ("no_response", {"who": "x"}, "tlh", "x is not responding."),
-        # a value may be a word of the reader's language, within a sentence and at its beginning
+        # a value may be a word in the reader's language, within a sentence or at its beginning
         ("no_service", {"who": "$map_integrator"}, "en", "The map integrator is not running."),
         ("no_service", {"who": "$map_integrator"}, "de", "Die Kartenverwaltung läuft nicht."),
         ("no_service", {"who": "$"}, "en", "$ is not running."),
@@ -53,7 +53,7 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
             "ada ist in Grenze ohne Namen ",
         ),
         ("robot_commands_unheard", {**CAUGHT, "topic": "/x"}, "en", "The velocities of the robot reach nobody"),
-        # a border that nobody named is numbered in the reader's language
+        # an unnamed border is numbered in the reader's language
         ("robot_caught_in_border", {"who": "ada", "border": "'border 3'"}, "de", "ada ist in 'Grenze 3' "),
         ("border_restored", {"borders": "border 3, wall 4, Rug"}, "de", "Wieder in der Karte: Grenze 3, Wand 4, Rug."),
         ("border_restored", {"borders": "border 3, Rug"}, "en", "In the map again: Border 3, Rug."),
@@ -110,7 +110,7 @@ def test_a_zone_changes_the_map_or_limits_the_speed():
     for zone in ZONES.values():
         assert (zone.value(0.6), zone.value(0.0)) == (60 * zone.restricts, 0)
         assert zone.restricts or zone.limits_speed
-        # what may be crossed must not be drawn as a wall, and the rest must be
+        # a zone that may be crossed must not look like a wall in the map, every other one must
         assert (zone.occupancy < 1.0) == zone.soft
         assert not zone.kept_by(ConnectedRobot("idle"))
 

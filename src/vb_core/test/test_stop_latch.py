@@ -1,4 +1,4 @@
-"""No stop is ever released by a command that was given before it, and none is lost, whatever is killed or full."""
+"""No stop is released by an earlier command or lost, whatever process is killed and whatever disk is full."""
 
 import random
 from pathlib import Path
@@ -51,7 +51,7 @@ def test_a_robot_with_a_damaged_file_counts_as_stopped(tmp_path, content):
 
 def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
     (tmp_path / "file").write_text("")
-    latch = StopLatch(tmp_path / "file" / "stop")  # no folder, and none can be made
+    latch = StopLatch(tmp_path / "file" / "stop")  # its folder is missing and cannot be created
     assert latch.stopped and latch.lost and not latch.stored
     assert latch.resume(latch.number) and not latch.stopped and not latch.store()
 
@@ -73,20 +73,20 @@ def full_disk(path, _content):
 
 
 class Lab:
-    """One manager, two robots and five people. Messages arrive late and in any order between two programs' connections.
+    """One manager, two robots and five people. Messages arrive late and in any order.
 
-    The oracle is what people did: when each stop was pressed, and when each resume that was obeyed was given.
+    The oracle is what people did: when each stop was pressed, and when each obeyed resume was given.
     """
 
     def __init__(self, random, full):
         self.random, self.time, self.full = random, 0.0, full
         self.queue = []  # (time of arrival, action)
         self.pressed, self.promised = {}, set()  # id: time; ids answered as stored
-        self.resumes = []  # times of obeyed ones
+        self.resumes = []  # obeyed: (time given, stops known)
         self.manager = StopLatch(Path("manager"))
         self.robots = [HeldStops(Path(f"robot {number}")) for number in range(2)]
         self.known = set()  # every stop that the manager ever knew of
-        self.heard = [set(), set()]  # by robot: stops that it has heard and, as far as it was killed since, stored
+        self.heard = [set(), set()]  # by robot: stops that it has heard and stored
         self.seen = [""] * 5  # by person: the newest stop that they saw
 
     def later(self, action):
@@ -97,7 +97,7 @@ class Lab:
         identity = new_id()
         self.pressed[identity] = self.time
         for robot in range(2):
-            if self.random.random() < 0.7:  # a message may find nobody
+            if self.random.random() < 0.7:  # a message may reach nobody
                 self.later(lambda robot=robot: self.hear(robot, identity))
         self.later(lambda: self.handle_stop(identity))
 
@@ -116,14 +116,14 @@ class Lab:
             return
         self.robots[robot].hear(identity)
         if self.random.random() < 0.05:
-            self.kill_robot(robot)  # before it is stored
+            self.kill_robot(robot)  # before the stop is stored
             return
         self.robots[robot].store()
         self.heard[robot].add(identity)
         self.count_own(robot)
 
     def count_own(self, robot):
-        """A stop of the robot's own stands for all that it had heard of."""
+        """Registers a robot's own stops, each of which stands for all those that it had heard."""
         own = [identity for identity in self.robots[robot].ids if identity not in self.pressed]
         for identity in own:
             self.pressed[identity], self.heard[robot] = self.time, set(self.robots[robot].ids)
@@ -134,7 +134,7 @@ class Lab:
         self.manager.stop(identity, "person")
         self.known.add(identity)
         if self.random.random() < 0.05:
-            self.kill_manager()  # before it is stored, and answered
+            self.kill_manager()  # before the stop is stored and answered
             return
         self.manager.store()
         self.promised.add(identity)
@@ -182,8 +182,8 @@ class Lab:
         self.robots[robot] = None
 
     def start(self):
-        """Starts what is dead."""
-        # what has lost its memory holds one stop of its own in the place of all that it knew
+        """Restarts every dead process."""
+        # a process that lost its file holds one stop of its own in place of all that it knew
         if self.manager is None:
             self.manager = StopLatch(Path("manager"))
             if self.manager.lost:
@@ -197,7 +197,7 @@ class Lab:
 
     # ------------------------------------------------------------- the oracle
     def released(self, identity):
-        """Whether somebody gave a resume after a stop, knowing of it."""
+        """Returns whether a resume was given after a stop, while the manager knew of that stop."""
         at = self.pressed[identity]
         return any(given > at and identity in known for given, known in self.resumes)
 
@@ -236,7 +236,7 @@ class Lab:
         self.check()
 
     def end_well(self):
-        """Everything runs again, and one person looks and says resume until robots drive."""
+        """Restarts everything; then one person looks and says resume until the robots may drive."""
         self.full.clear()
         self.queue.clear()
         for _ in range(4):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The check of a robot's navigation, on one that respects borders and on one that was left on the physical map."""
+"""The navigation check, run on a move_base that respects borders and on one left on the physical map."""
 
 import shutil
 import unittest
@@ -21,7 +21,7 @@ class NavigationCheckTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("test_navigation_check")
         node.wait_for_clock()
-        # the command takes them for granted: it is given beside a system that runs
+        # the command assumes that they exist: people run it beside a running system
         for service in ("/move_base/make_plan", "/miswired/move_base/make_plan", names.ADD_BORDER, names.LIST_BORDERS):
             rospy.wait_for_service(service, 120.0)
         rospy.wait_for_message(names.MAP_WITH_BORDERS, OccupancyGrid, 120.0)
@@ -35,7 +35,7 @@ class NavigationCheckTest(unittest.TestCase):
         return rospy.ServiceProxy(names.LIST_BORDERS, ListBorders)().borders.borders
 
     def test_a_good_navigation_passes_and_nothing_stays_behind(self):
-        # how fast is told by the command; here only that it happens, on however busy a machine
+        # generous limits: the command reports how fast; here it need only happen, on a busy machine too
         checks = NavigationCheck(GOAL, at_once=60.0, timeout=60.0).run()
         self.assertEqual([check for check in checks if check.good is False], [])
         self.assertGreaterEqual(sum(check.good is True for check in checks), 5)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""One interaction through the real nodes: to the bit the same as in one process, recorded into bags and a log, measured."""
+"""One interaction with real nodes: bit for bit the same as in one process, recorded in bags and a log, measured."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ ROOM = GridMap(np.zeros((100, 120), np.int8), 0.05)
 
 
 def drawn():
-    """(N, 2) [m] one spot per image, round a rectangle by a hand that trembles."""
+    """Returns (N, 2) [m], one spot per image: a rectangle drawn with a trembling hand."""
     path = resample_chain(np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.5], [1.0, 2.5], [1.0, 1.0]]), 0.05)
     return path + np.random.default_rng(3).normal(0.0, 0.01, path.shape)
 
 
 def wait(holds, what):
-    """Waits in ROS time."""
+    """Waits for a condition in ROS time."""
     wait_until(holds, what, clock=rospy.get_time, sleep=rospy.sleep)
 
 
 class Session:
-    """Gives commands and spots as rospy lets it, and keeps what the nodes say."""
+    """Sends commands and spots through whichever rospy is installed, and keeps the nodes' messages."""
 
     def __init__(self):
         self.state = self.progress = self.borders = self.grid = None
@@ -73,7 +73,7 @@ class Session:
         self.answers.append((command, answer.success, answer.code))
 
     def show(self, points):
-        """Shows the laser at places, at a fixed rate from when the state was entered."""
+        """Publishes spots at these points, at a fixed rate from the moment the state was entered."""
         begin, count = self.state.entered.to_sec() + 0.1, 0
         for point in points:
             message = LaserSpot(camera="red", confidence=0.9)
@@ -85,18 +85,18 @@ class Session:
             count += 1
 
     def run(self):
-        """A whole interaction; what came out."""
+        """Runs a whole interaction and returns its result."""
         wait(
             lambda: self.state is not None and self.spots.get_num_connections() >= 2,
             "the state, and fusion and manager, who see spots",
         )
         self.map.publish(message_from_grid(ROOM, rospy.Time.now()))
         wait(lambda: self.grid is not None, "the map")
-        # saved is what was previewed, which may be the mean of fewer spots: this one is exact whatever their number
+        # the previewed seed is saved, perhaps a mean of fewer spots: exact for 2.0 and 1.75, whatever their number
         border, seed = drawn(), np.tile([2.0, 1.75], (25, 1))
         self.give_command("define_border")
         wait(lambda: self.state.name == "border", "the state Border")
-        # the fusion may hear of it later than this test, and collects nothing until then
+        # the fusion may hear of the state later than this test, and collects nothing until then
         wait(lambda: self.progress and self.progress.interaction_id == self.state.interaction_id, "the fusion's Border")
         self.show(border)
         wait(lambda: self.progress is not None and self.progress.border_spots == len(border), "the border's spots")
@@ -122,7 +122,7 @@ class Session:
 
 
 def in_one_process():
-    """The session with the same launch file, without a ROS master."""
+    """Runs the session with the same launch file, without a ROS master, and returns its result."""
     scheduler, results = Scheduler(1_000_000_000_000), []
     graph = Graph(scheduler, {})
 
@@ -189,8 +189,8 @@ class RecordingTest(unittest.TestCase):
         return {"/border_fusion", "/recorder"} <= set(listeners) and self.spots.get_num_connections() >= len(listeners)
 
     def recorded(self) -> Optional[Recording]:
-        """Returns the recording if it has the border's map. rosbag gives a bag its name when it closes it; roslaunch starts
-        the recorder again, into the next bag, which gets what is latched."""
+        """Returns the recording if it has the border's map; else shuts the recorder down. rosbag names a bag on closing
+        it; roslaunch restarts the recorder with the next bag, which gets the latched messages."""
         recording = Recording(self.folder)
         with contextlib.suppress(CodedError):
             if [recording.result(one) for one in recording.interactions]:

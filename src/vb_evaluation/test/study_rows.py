@@ -1,4 +1,4 @@
-"""Studies for tests of the report: of the published one, the rows of its first participants."""
+"""Studies for tests of the report, made of the published study's first participants."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def make_study(folder, participants, worlds=True, maps=True, people=False):
 
 
 def write_maps(folder, names):
-    """Writes maps again from the areas that were published."""
+    """Writes maps, reconstructed from the published areas."""
     areas = np.load(PUBLISHED / "areas.npz")
     prior = GridMap(np.where(areas["floor"], np.int8(0), np.int8(100)), 0.025)
     write_truths(folder, prior, {name[len("truth_") :]: areas[name] for name in areas if name.startswith("truth_")})

@@ -1,4 +1,4 @@
-"""The demonstration's command line, and what it says of a result."""
+"""The demonstration's command line and its verdicts."""
 
 import contextlib
 import json
@@ -25,7 +25,7 @@ TOP = Path(__file__).resolve().parents[3]
         (["--method", "magic"], "METHOD"),
         (["--seed", "one"], "SEED"),
         (["--world", "/nowhere/world.yaml"], "/nowhere/world.yaml"),
-        # worlds, whose key is named
+        # faulty worlds; the message names the key
         ("robots: []", "robots"),
         ("rooms: {}", "rooms"),
         ("robots: [{name: a}]\nroom: {size: [8.0, -5.0]}", "room/size"),
@@ -56,7 +56,7 @@ ROUND = [OUT, (6.0, 0.3), (2.5, 0.3), GOAL]
         ("no_border", OUT, None, [], "", []),
         ("way_crosses", OUT, [OUT], ROUND, "reached", [OUT, IN, GOAL]),
         ("robot_entered", OUT, [OUT], [OUT, IN, GOAL], "reached", ROUND),
-        ("robot_entered", OUT, [OUT, IN], [IN], "refused", []),  # on the way to where the proof begins
+        ("robot_entered", OUT, [OUT, IN], [IN], "refused", []),  # on the way to the start of the proof
         ("robot_entered", OUT, [IN], [IN], "refused", []),  # between the save and the first goal
         ("robot_entered", IN, [IN, OUT], [OUT, IN], "reached", ROUND),
         ("saved_over_robot", IN, [], [IN], "refused", []),

@@ -41,7 +41,7 @@ def test_a_path_crosses_what_lies_between_its_points():
     assert metrics.crosses(np.array([[0.05, 0.55], [0.95, 0.55]]), grid, region)
     assert not metrics.crosses(np.array([[0.05, 0.45], [0.95, 0.45]]), grid, region)
     assert not metrics.crosses(np.zeros((0, 2)), grid, region)
-    # a path that leaves the map is judged by what lies on it
+    # a path that leaves the map is judged by its part on the map
     assert metrics.crosses(np.array([[-3.0, 0.55], [3.0, 0.55]]), grid, region)
 
 
@@ -63,7 +63,7 @@ def test_boundary_error_counts_only_free_floor_and_both_directions():
     truth[:, :30] = True
     truth &= data == 0
     spot = truth.copy()
-    spot[5, 50] = True  # one cell far away: nothing for what was asked, all for what was drawn
+    spot[5, 50] = True  # one cell far away: seen only in the direction from the drawn boundary to the true one
     error = metrics.boundary_error(grid, truth, spot)
     assert error.largest > 0.5 and error.mean == pytest.approx(4 * error.largest / 44, rel=0.1)
 
@@ -71,11 +71,11 @@ def test_boundary_error_counts_only_free_floor_and_both_directions():
 def test_the_area_drawn_round_shows_what_the_rest_hides():
     floor = np.ones((40, 100), bool)
     truth = floor.copy()
-    truth[:16, :20] = False  # all but the corner is to be restricted
+    truth[:16, :20] = False  # everything but the corner is to be restricted
     drawn = floor.copy()
     drawn[:16, :15] = False
     assert metrics.jaccard(truth, drawn) > 0.97
     inside = [metrics.enclosed(floor, cells, truth) for cells in (truth, drawn)]
     assert metrics.jaccard(*inside) == pytest.approx(15 / 20)
-    # what is restricted is the smaller part: nothing changes
+    # if the restricted part is the smaller one, nothing changes
     assert (metrics.enclosed(floor, ~drawn, ~truth) == ~drawn).all()

@@ -1,4 +1,4 @@
-"""check_navigation without the nodes that it asks."""
+"""check_navigation, with stand-ins for the nodes that it asks."""
 
 from types import SimpleNamespace
 
@@ -29,7 +29,7 @@ def test_without_move_base_it_says_so_at_once(monkeypatch):
 
 
 class Planner:
-    """A map integrator and a move_base in one: plans straight on, and round a border."""
+    """A map integrator and a move_base in one: it plans a straight line, or round a border if there is one."""
 
     def __init__(self, monkeypatch):
         self.borders = []

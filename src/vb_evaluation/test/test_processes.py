@@ -11,7 +11,7 @@ from vb_evaluation.processes import Child, free_port, spawn
 from vb_testing import wait_until
 
 
-# ignores the polite request, as a hanging node does
+# ignores SIGINT, as a hanging node does
 HANGING = """
 import signal
 import subprocess
@@ -59,9 +59,9 @@ time.sleep(3600)
 
 
 def commands_with(mark):
-    """The command lines of the processes in whose environment a word is."""
+    """Returns the command lines of the processes with this value in their environment."""
     found = [one.info for one in psutil.process_iter(["environ", "cmdline"])]
-    # an ended one that nobody has asked for has none
+    # a zombie has none
     return [one["cmdline"] for one in found if one["cmdline"] and mark in (one["environ"] or {}).values()]
 
 

@@ -1,4 +1,4 @@
-"""The report says what the CSV says, with intervals and caveats, and takes few or odd data; and the published one."""
+"""The report agrees with the CSV, has intervals and caveats, and copes with few or odd data; the published report."""
 
 import html
 import re
@@ -26,13 +26,13 @@ from vb_evaluation.statistics import Interval
 from vb_evaluation.study_kit import __main__ as command
 
 
-# the same examples on every computer, however busy
+# the same examples on every computer, even a busy one
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A study with everything, and its page."""
+    """Returns the folder of a study with every file, and its page."""
     folder = study_rows.make_study(tmp_path_factory.mktemp("study") / "full", participants=6)
     return folder, write_report(folder).read_text(encoding="utf-8")
 
@@ -74,7 +74,7 @@ def test_better_than_the_paper_is_no_agreement(full, low, high, reading):
 
 
 def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
-    """Seven worlds, in pairs of network robot system and robot only: (completed, time, error)."""
+    """Seven worlds, each with (completed, time, error) of the network robot system and of the robot alone."""
     worlds = [
         ((1, 10.0, 3.0), (1, 20.0, 1.0)),  # faster, error within a cell
         ((1, 10.0, 3.6), (1, 10.0, 1.0)),  # as fast, error larger by more than a cell
@@ -82,7 +82,7 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
         ((0, 10.0, 1.0), (1, 20.0, 1.0)),
         ((1, 30.0, 1.0), (0, 20.0, 1.0)),
         ((0, 30.0, 1.0), (0, 20.0, 1.0)),
-        ((1, 10.0, 1.0), (1, 20.0, 1.0)),  # in the first run of this one a camera was too bright
+        ((1, 10.0, 1.0), (1, 20.0, 1.0)),  # in its first run a camera was too bright
     ]
     same = {"scenario": "room", "seed": 1, "jaccard": 0.9, **dict.fromkeys(TIMES, 0)}
     rows = [
@@ -247,7 +247,7 @@ PAGE = PUBLISHED.parent / "README.md"
 
 
 def test_every_index_is_that_of_the_published_areas():
-    """With numpy alone, as somebody without this program would."""
+    """Recomputes the indices with numpy alone, as a reader without this program would."""
     areas = np.load(PUBLISHED / "areas.npz")
     saved = [row for row in rows_of(PUBLISHED / "runs.csv") if row["map"]]
     assert len(saved) > 20
@@ -274,7 +274,7 @@ def test_the_page_answers_what_the_rows_say(tmp_path):
 def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
     folder = study_rows.make_study(tmp_path / "study", 6, worlds=False, maps=False)
     rows = [row for row in rows_of(folder / "runs.csv") if row["scenario"] == "room"]
-    rows = [dict(row, scenario=scenario, pointed_right="") for row in rows]  # who points rightly only a simulator knows
+    rows = [dict(row, scenario=scenario, pointed_right="") for row in rows]  # only a simulator knows pointed_right
     study_rows.write(folder / "runs.csv", rows)
     found = answers(read_study(folder))
     questions = [line.split("**")[1].rstrip("?") for line in found[1].splitlines()]
@@ -293,13 +293,13 @@ def write_answers(path, rows, columns=None):
 
 
 def person(name, nrs, robot_only, helped="yes"):
-    """The same pair of answers to all statements."""
+    """Returns a row with the same pair of answers to all statements."""
     return [name, *[answer for _ in questionnaire.STATEMENTS for answer in (nrs, robot_only)], helped]
 
 
 def test_fifteen_people_as_in_the_paper(tmp_path):
-    # Sect. 5.8.2: 14 of 15 said yes; statement 3 has M = 4.47 and 3.13, which no one set of answers need have had:
-    # these sum to the same means
+    # Sect. 5.8.2: 14 of 15 said yes; statement 3 has M = 4.47 and 3.13. The single answers are not published: these are
+    # one set with the same means
     nrs, alone = [5, 5, 5, 5, 5, 5, 5, 4, 4, 4, 4, 4, 4, 4, 4], [3, 4, 3, 4, 3, 3, 4, 3, 3, 2, 3, 4, 2, 3, 3]
     rows = [
         person(f"p{number}", a, b, "no" if number == 1 else "yes") for number, (a, b) in enumerate(zip(nrs, alone), 1)

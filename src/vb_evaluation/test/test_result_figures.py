@@ -1,10 +1,10 @@
-"""Figures in README and docs are those of the files in docs/results.
+"""Figures in README and docs agree with the files in docs/results.
 
-A figure that comes from a file is followed by a comment that names file, row and column, counted from 1:
+A figure taken from a file is followed by a comment that names file, row and column (counted from 1):
 
     .868<!-- docs/results/study/hand.md "Carpet exclusion | people | robust" 6 -->
 
-The row is the first line that begins with these cells; the figure is the cell's first number, rounded as it is written.
+The row is the first line that begins with these cells; the figure is the cell's first number, rounded as on the page.
 """
 
 import csv
@@ -21,7 +21,7 @@ PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("**/*.md"))]
 
 
 def cells_of(line):
-    """The cells of a line of a Markdown table or a CSV file."""
+    """Splits a line of a Markdown table or a CSV file into cells."""
     return [
         cell.strip()
         for cell in (line.strip().strip("|").split("|") if line.startswith("|") else next(csv.reader([line]), []))
@@ -29,7 +29,7 @@ def cells_of(line):
 
 
 def figure_of(path, row, column):
-    """The first number in a cell, as text."""
+    """Returns the first number in a cell, as text."""
     wanted = [cell.strip() for cell in row.split("|" if "|" in row else ",")]
     for line in path.read_text(encoding="utf-8").splitlines():
         cells = cells_of(line)
@@ -39,7 +39,7 @@ def figure_of(path, row, column):
 
 
 def differences(text, top):
-    """What a page says beside what the file has."""
+    """Lists the figures in which a page differs from the file."""
     found = []
     for mark in MARK.finditer(text):
         said = mark["figure"].replace("−", "-")

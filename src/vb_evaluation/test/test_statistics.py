@@ -1,4 +1,4 @@
-"""Statistics against published worked examples, and against what the paper itself reports."""
+"""Statistics against published worked examples, and against the paper's own results."""
 
 import itertools
 import math
@@ -24,7 +24,7 @@ HAMILTON = (
 
 @pytest.mark.parametrize(
     "sunday_wednesday, sums, z, r",
-    # two differences of ECSTASY are zero and left out
+    # two differences of ECSTASY are zero and are left out
     [(ECSTASY, (0.0, 36.0), -2.53, 0.57), (ALCOHOL, (47.0, 8.0), -1.99, 0.44)],
 )
 def test_spss_as_in_fields_textbook(sunday_wednesday, sums, z, r):
@@ -53,7 +53,7 @@ def test_rank_biserial_of_a_worked_example():
 
 @pytest.mark.parametrize(
     "ties, z",
-    # Sect. 5.8.1: all 15 participants were faster; the three Z differ by ties alone (times of whole seconds)
+    # Sect. 5.8.1: all 15 participants were faster; the three Z differ only by ties (times in whole seconds)
     [((), -3.408), ((2, 2), -3.409), ((3,), -3.411)],
 )
 def test_the_papers_z_of_the_interaction_times(ties, z):
@@ -68,7 +68,7 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
 
 @pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
 def test_paper_accuracy_is_an_exact_test_of_13_pairs(w, z, p):
-    # Sect. 5.8.4: Z and p fit together for 13 pairs, those where both runs were completed (93.3 % each), and exact p
+    # Sect. 5.8.4: Z and p agree for an exact test of 13 pairs, those with both runs completed (93.3 % each)
     signs = next(
         chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w
     )
@@ -78,7 +78,7 @@ def test_paper_accuracy_is_an_exact_test_of_13_pairs(w, z, p):
 
 
 def ranks_of(values):
-    """Mean ranks of the magnitudes, and the sum of the positive ones' ranks under each choice of signs."""
+    """Returns the mean ranks of the magnitudes, and the sum of the positive values' ranks for each choice of signs."""
     sizes = np.abs(values)
     ranks = np.array([(sizes < size).sum() + ((sizes == size).sum() + 1) / 2 for size in sizes])
     return ranks, np.array(
@@ -113,7 +113,7 @@ def test_exchanging_the_samples_turns_the_signs(first, second):
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-40, 40), min_size=2, max_size=10, unique=True), st.sampled_from([0.6, 0.8, 0.9, 0.95]))
 def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
-    """Which also holds for the widest one, where there are too few values for the confidence that was asked for."""
+    """This also holds for the widest interval, where there are too few values for the requested confidence."""
     found = statistics.hodges_lehmann(np.array(values, float), confidence)
     means = [(a + b) / 2 for a, b in itertools.combinations_with_replacement(values, 2)]
     assert found.estimate == np.median(means) and {found.low, found.high} <= set(means)
@@ -121,7 +121,7 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
         inside, outside = (statistics.signed_rank(np.array(values) - limit + by).p_exact for by in (outward, -outward))
         assert outside <= 1 - found.confidence + 1e-9 and inside > 1 - found.confidence + 1e-9
     if 2.0 ** (1 - len(values)) <= 1 - confidence:
-        # and no narrower one would do
+        # no narrower interval would have the requested confidence
         assert found.confidence >= confidence
 
 
@@ -153,7 +153,7 @@ def test_a_comparison_of_few_participants_claims_no_more_than_they_show():
     assert one.test.p_exact == 1.0
     none = statistics.compare_paired([], [])
     assert none.n == 0 and math.isnan(none.r) and math.isnan(none.shift.estimate)
-    # ties that floating point hides
+    # ties hidden by floating-point error
     assert statistics.compare_paired([0.3, 0.4, 0.0], [0.1, 0.2, 0.1]).test.w_plus == 5.0
     equal = statistics.compare_paired([2.0, 2.0], [2.0, 2.0])
     assert equal.test.p_exact == 1.0 and math.isnan(equal.test.z) and math.isnan(equal.rank_biserial)
@@ -204,7 +204,7 @@ def test_a_difference_of_two_shares_has_newcombes_interval():
     found = shares(56, 70, 48, 80)
     assert (found.estimate, round(found.low, 4), round(found.high, 4)) == (pytest.approx(0.2), 0.0524, 0.3339)
     few = shares(8, 8, 8, 8, confidence=0.9)
-    assert few.estimate == 0.0 and few.low == pytest.approx(-few.high) and few.high > 0.2  # what nobody had may happen
+    assert few.estimate == 0.0 and few.low == pytest.approx(-few.high) and few.high > 0.2  # it may still differ
     assert math.isnan(shares(0, 0, 1, 1).estimate)
 
 
@@ -226,7 +226,7 @@ def test_ties_that_floating_point_hides_are_ties_with_a_margin_too():
 
 
 def test_holm_corrects_a_family():
-    # Holm 1979: times 3, 2, 1 in order, never smaller than one before
+    # Holm 1979: sorted p times 3, 2, 1, never smaller than the one before
     assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert statistics.holm([0.02, math.nan])[0] == pytest.approx(0.02)
 
@@ -239,7 +239,7 @@ def test_mcnemar_is_a_sign_test_of_those_who_differ():
 
 
 def test_people_needed_reach_the_power_that_was_asked_for():
-    """Simulated: about 80 % of the studies with so many people find the effect."""
+    """Of simulated studies with this many people, about 80 % find the effect."""
     rng, effect = np.random.default_rng(3), 0.8
     count = statistics.people_needed(effect)
     found = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]

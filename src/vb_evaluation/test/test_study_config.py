@@ -1,4 +1,4 @@
-"""The study's configuration: people, changes, hash, what the sensitivity consists of."""
+"""The study's configuration: people, changes, hash, and the worlds of the sensitivity analysis."""
 
 import re
 import textwrap
@@ -90,12 +90,12 @@ def test_orders_are_random_and_balanced():
     orders = [order_runs(number, scenarios, methods, 1) for number in range(1, 16)]
     for order in orders:
         assert len(set(order)) == 6
-        # one method after the other, as in the paper
+        # all runs of one method, then all of the other, as in the paper
         assert len({method for _, method in order[:3]}) == len({method for _, method in order[3:]}) == 1
     first = [order[0][1] for order in orders]
-    # each method begins as often as the other, however many take part
+    # each method comes first as often as the other, to within one, for any number of participants
     assert all(abs(first[:count].count("nrs") - first[:count].count("robot_only")) <= 1 for count in range(1, 16))
-    # in each half each scenario is as often at each place, exactly for whole blocks of three
+    # in each half, each scenario is equally often at each position, exactly so for whole blocks of three
     for half in (0, 3):
         for place in range(3):
             third = [order[half + place][0] for order in orders]
@@ -123,7 +123,7 @@ def test_the_marks_are_laid_for_each_person_beside_the_map():
         assert marks == STUDY.marks(1, key) and marks != STUDY.marks(1, "elsewhere")
         meant = [personal_scenario(STUDY.world, asked, STUDY.traits(number), grid, marks).border for number in (1, 2)]
         assert 0.002 < np.linalg.norm(meant[0] - asked.border, axis=1).max() < 0.2
-        assert np.allclose(*meant) != asked.closed  # people who draw round something keep a margin
+        assert np.allclose(*meant) != asked.closed  # people who draw round an object keep a margin
 
 
 def test_people_stand_off_the_line_on_free_floor():
@@ -139,14 +139,14 @@ def test_people_stand_off_the_line_on_free_floor():
 
 
 def leaves(document, path=""):
-    """Keys of all figures; a distribution is one."""
+    """Yields the keys of all figures; a distribution counts as one."""
     for key, value in document.items():
         inner = isinstance(value, dict) and not {"normal", "uniform", "lognormal", "mixture"} & set(value)
         yield from leaves(value, f"{path}{key}/") if inner else [f"{path}{key}"]
 
 
 def test_every_figure_has_its_source():
-    """Of the models, of people, marks and delays: none without an entry, no entry without a figure."""
+    """Figures of models, people, marks and delays: none lacks an entry, and no entry lacks its figure."""
     models = {key for key in leaves({"models": dict(STUDY.sources["models"])})}
     drawn = set(STUDY.document["participants"]["traits"])
     models -= {f"models/participant/{key}" for key in drawn} | {"models/body/height", "models/body/breadth"}
@@ -164,7 +164,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
         cells = np.floor(40 * np.log([factors[key] / low for factors in drawn]) / np.log(high / low) + 1e-3)
         assert len(set(np.clip(cells, 0, 39))) >= 39, key  # one draw in each of 40 equal parts
     assert drawn == assumptions.draw_worlds(STUDY, 40, 1) != assumptions.draw_worlds(STUDY, 40, 2)
-    # independent of each other as far as 40 draws can be
+    # as independent of each other as 40 draws can be
     values = np.array([list(factors.values()) for factors in drawn])
     assert np.abs(np.triu(stats.spearmanr(values).statistic, 1)).max() < 0.75
 
@@ -199,6 +199,6 @@ def test_the_quick_study_is_part_of_the_whole_one():
     )
     assert quick == whole[:6] and len(set(whole)) == len(whole) == 100
     assert {row[0] for row in whole} == {"runs.csv", "worlds.csv"}
-    # a row's file is in its place
+    # the names of the rows' files sort in the order of the jobs
     names = [job.name for job in plan.jobs(STUDY)]
     assert names[:60] == sorted(names[:60]) and names[60::2] == sorted(names[60::2])

@@ -1,4 +1,4 @@
-"""Ground truths, protocol, and measures of recordings that other packages' code writes."""
+"""Ground truths, protocol, and measures taken from recordings that the other packages' code writes."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ from vb_voice_wizard.dialogue.answers import Answer
 
 
 def room():
-    """A room of 4 m x 3 m with walls, unknown outside, a table in it; 5 cm cells."""
+    """Returns a map of a room of 4 m x 3 m with walls and a table, unknown outside; 5 cm cells."""
     cells = np.full((70, 90), -1, np.int8)
     cells[5:65, 5:85] = 100
     cells[7:63, 7:83] = 0
@@ -50,16 +50,16 @@ def truth_of(grid):
 
 
 def picture_of(grid):
-    """The map's picture, as an editor opens it."""
+    """Returns the map's picture, as an image editor opens it."""
     with tempfile.TemporaryDirectory() as folder:
         write_map(Path(folder) / "map", grid)
         return cv2.imread(f"{folder}/map.pgm")
 
 
 def painted(grid, color):
-    """The map's picture with the area painted in a colour (b, g, r), as an editor does it."""
+    """Returns the map's picture with the area painted in a colour (b, g, r), as in an image editor."""
     picture = picture_of(grid)
-    picture[::-1][10:30, 20:50] = color  # over anything that stands there
+    picture[::-1][10:30, 20:50] = color  # over walls and furniture too
     return picture
 
 
@@ -67,7 +67,7 @@ EXACT = ((0.751, 0.251), (2.249, 1.249))  # the ground truth's corners, to the c
 
 
 # ------------------------------------------------------------------ ground truths
-LAYER = np.zeros((70, 90, 4), np.uint8)  # of its own: transparent black marks nothing
+LAYER = np.zeros((70, 90, 4), np.uint8)  # a separate layer: transparent black marks nothing
 LAYER[::-1][10:30, 20:50] = (0, 215, 247, 255)
 
 
@@ -76,7 +76,7 @@ LAYER[::-1][10:30, 20:50] = (0, 215, 247, 255)
     [
         *((painted(room(), color), 1.0) for color in ((0, 215, 247), (0, 0, 255), (180, 90, 40))),
         (LAYER, 1.0),
-        # a soft edge is cut in its middle
+        # a soft edge is cut at its middle
         (cv2.GaussianBlur(painted(room(), (0, 200, 255)), (5, 5), 0), 0.91),
     ],
 )
@@ -109,7 +109,7 @@ def test_protocol_round_trip_and_spreadsheets(tmp_path):
     entries = protocol.read(path)
     assert len(entries) == 4 and entries[0].completed is None
     with pytest.raises(CodedError):
-        protocol.write(path, [])  # what was noted is not overwritten
+        protocol.write(path, [])  # an existing protocol is not overwritten
     path.write_text(
         "\ufeffparticipant;order;method;scenario;recording;completed;note\n"
         "p1;1;nrs;room;a;yes;fine\np2;1;nrs;room;;;ill\n;;;;;;\n",
@@ -137,7 +137,7 @@ def test_wrong_protocols_name_the_line(text, words, tmp_path):
 
 # ------------------------------------------------------------------ recordings
 def write_state(folder, grid, borders, stamp_s, cameras=()):
-    """Adds a map with its borders to a recording's bag, as the nodes publish them, and a sign of life of some cameras."""
+    """Adds a map with its borders to a recording's bag, as the nodes publish them, and the status of some detectors."""
     path, stamp = folder / "bags" / "session.bag", rospy.Time.from_sec(stamp_s)
     path.parent.mkdir(parents=True, exist_ok=True)
     with rosbag.Bag(str(path), "a" if path.exists() else "w") as bag:
@@ -207,7 +207,7 @@ def test_measures_of_one_recording_per_run(study):
     Lab(study / "b", grid, ()).interaction("i0", save=False, method="robot_only").interaction(
         "ib", (0.751, 0.251), (2.249, 0.749), method="robot_only"
     )
-    # `cameras:=none` was forgotten for the robot alone
+    # `cameras:=none` was forgotten in a robot_only run
     Lab(study / "c", grid).interaction("ic", *EXACT, method="robot_only")
     (study / "a" / "run.yaml").write_text("revision: abc\n")
     runs = ("p1,1,nrs,carpet,a,,", "p1,2,robot_only,carpet,b,yes,slow", "p2,1,robot_only,carpet,c,,")
@@ -364,7 +364,7 @@ MISHAPS = {  # recording: (what happened, outcome, completed)
 
 @pytest.fixture
 def mishaps(study):
-    """A study in which everything happened that can, and one pair in which nothing did."""
+    """A study in which every mishap happened, and one pair without any."""
     lines = []
     for number, name in enumerate(MISHAPS, 1):
         person, lab = f"p{number}", Lab(study / name, room())
@@ -388,7 +388,7 @@ def mishaps(study):
 
 def test_every_mishap_is_what_it_is_in_every_table(mishaps):
     rows_of(mishaps)
-    # the judge sees what was drawn, not by whom, with what method or in which order
+    # the judge sees what was drawn, but not by whom, with which method or in which order
     pictures = blind.write(mishaps, mishaps / "out")
     key = read_sheet(mishaps / "judging_key.csv", ("code", "recording")).set_index("recording").code
     assert {path.stem for path in pictures.glob("*.png")} == set(key) and "crash" not in key and "given_up" not in key
@@ -411,13 +411,13 @@ def test_every_mishap_is_what_it_is_in_every_table(mishaps):
     became = tables["outcomes"][0]
     assert [became[name] for name in ("not_started", "unreadable", "disputed", "judged_failed")] == ["1", "2", "2", "1"]
     assert (became["helped"], became["problems"]) == ("1", "1") and "not_as_planned" not in became
-    # one completed with both, five only with the robot alone, nobody only with the network: exact p of 0 of 5
+    # one completed with both methods, five only with the robot alone, none only with the network: exact p of 0 of 5
     (pairs,) = tables["who_completed"]
     assert [pairs[name] for name in ("both", "first", "second", "neither", "p")] == ["1", "0", "5", "0", ".062"]
-    # nobody who was helped is in the repetition
+    # the repeated analysis leaves out people who were helped
     whole, without = tables["summary"][0], tables["summary_without_help"][0]
     assert (whole["pairs"], without["pairs"], tables["not_completed"][0]["outcome"]) == ("6", "5", "not_saved")
-    # accuracy: only who completed, so that no index of a wrong seed is in it
+    # accuracy is that of completed runs only, so that it contains no index of a wrong seed
     accuracy = {row["method"]: row for row in tables["accuracy"]}
     assert accuracy["Network robot system"]["runs"] == "1" and float(accuracy["Network robot system"]["least"]) == 1.0
     assert "nothing was begun in this recording" in page and "1 runs were not done in the planned condition" in page
@@ -448,7 +448,7 @@ def test_an_export_identifies_nobody_and_data_is_deleted_on_request(mishaps):
     assert "p1" not in {row["participant"] for row in rows} and len(rows) == 2 * len(MISHAPS) - 2
     with pytest.raises(CodedError):
         privacy.delete(mishaps / "protocol.csv", "p99")
-    shutil.rmtree(mishaps / "judging")  # it is with the judge
+    shutil.rmtree(mishaps / "judging")  # the judge has it
     privacy.delete(mishaps / "protocol.csv", "p2")
     assert not len(read_sheet(mishaps / "demographics.csv", ()))
 

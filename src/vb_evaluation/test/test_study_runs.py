@@ -1,4 +1,4 @@
-"""Real runs in one process: one of each method, the same whatever runs beside or before them."""
+"""Real runs in one process, one of each method: they are the same whatever runs beside or before them."""
 
 import signal
 import sys
@@ -23,14 +23,14 @@ QUIET = Console(quiet=True)
 
 
 def moments(seconds, **changes):
-    """The study with runs that end after so many simulated seconds."""
+    """Returns the study with runs that end after this many simulated seconds."""
     return STUDY.changed({"timing/time_limit_s": seconds, **changes})
 
 
 def test_robot_only_is_led_there():
     result = run(moments(10.0), Job(1, "carpet", "robot_only"))
     assert result.spots and all(spot.mobile for spot in result.spots)
-    # time was up while the robot was being led
+    # the time limit came while the robot was being led
     assert result.records[0]["guide_s"] > 3.0 and result.records[0]["border_s"] == 0.0
     assert np.hypot(*np.subtract(result.lab.robots[0].pose, STUDY.world.robots[0].start_pose())[:2]) > 0.5
 
@@ -38,20 +38,20 @@ def test_robot_only_is_led_there():
 def test_the_same_whatever_was_run_before():
     task, study, extract = Job(2, "carpet", "nrs"), moments(7.0), live_extraction.extract_chain
     first = run(study, task)
-    # else the next run's borders are extracted in this one's time, which is over: they never come
+    # otherwise the next run would extract its borders on this run's clock, which has stopped: they would never come
     assert live_extraction.extract_chain is extract
     run(moments(0.1), Job(5, "corner", "nrs"))
     again = run(study, task)
     seen = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]
     assert seen[0] == seen[1]
-    # the last bits of what OpenCV works out depend on where its arrays lie in memory
+    # the last bits of OpenCV's results depend on where its arrays lie in memory
     places = [[(spot.position.x, spot.position.y) for spot in result.spots] for result in (first, again)]
     assert np.allclose(*places, atol=1e-6)
     assert len(first.spots) > 10 and np.allclose(first.lab.robots[0].pose, again.lab.robots[0].pose, atol=1e-6)
 
 
 def make_row(document, sources, job):
-    """What a worker of these tests does instead of a run: a row that depends on job and configuration."""
+    """Stands in for a run in a worker: returns a row that depends on job and configuration."""
     study = config.study_from_mapping(document, sources)
     row = {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(study.design.seed)}
     row["spots"] = int((study.changed(job.changes) if job.changes else study).hash, 16) % 10**6
@@ -77,7 +77,7 @@ sys.exit(command.main(["--quick", *sys.argv[1:]]))
 
 @pytest.mark.parametrize("processes", ["1", "2"])
 def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes, monkeypatch):
-    """Also where the shell had switched interruptions off, as for what it starts in the background."""
+    """This also holds where the shell had made it ignore SIGINT, as it does for background jobs."""
     monkeypatch.setattr(campaign, "_work", make_row)
     given = ["--out", tmp_path / "cut", "--processes", processes]
     deaf = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)}

@@ -1,4 +1,4 @@
-"""Locks, time and modules of nodes that run within one process."""
+"""Locks, time and modules of nodes that run in one process."""
 
 import pytest
 import rospy
@@ -23,7 +23,7 @@ def test_a_lock_goes_to_the_one_that_still_waits():
 
     def impatient():
         said.append(("impatient", lock.acquire(timeout=1.0)))
-        # nothing that the lock does ends this wait
+        # releasing the lock must not end this wait
         said.append(("woken", scheduler.wait(5 * SECOND)))
 
     def patient():
@@ -61,7 +61,7 @@ def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
 
 
 def test_a_node_sees_the_graph_it_is_in_and_no_other():
-    """Also where no master runs, or another one."""
+    """This also holds where no ROS master runs, or that of another graph."""
     scheduler, graphs = Scheduler(0), []
     graph = Graph(scheduler, {})
 

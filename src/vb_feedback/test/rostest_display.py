@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What people see, over a real roscore: display_markers, RViz, and floor_projector, which is calibrated by clicks."""
+"""What people see, over a real roscore: display_markers, RViz, and floor_projector with its calibration by clicks."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 
 SIZE = (320, 200)
-# a picture of 3.2 m x 2.0 m with its lower left corner at (1, 1), upright on the map
+# the projected picture covers 3.2 m x 2.0 m of the map, axis-aligned, its lower left corner at (1, 1)
 SCALE = 100.0
 
 
@@ -49,14 +49,14 @@ def floor_of(column, row):
 
 
 class Screen:
-    """What RViz would show: applies each marker message."""
+    """Stands in for RViz: applies each marker message."""
 
     def __init__(self):
         self.markers = {}
         self.subscriber = rospy.Subscriber("/virtual_borders/markers", MarkerArray, self.take, queue_size=100)
 
     def take(self, message):
-        markers = dict(self.markers)  # a test reads beside it, and never half a message
+        markers = dict(self.markers)  # a copy, so that a test in another thread never sees half a message
         for marker in message.markers:
             if marker.action == Marker.DELETEALL:
                 markers.clear()
@@ -206,7 +206,7 @@ class DisplayTest(unittest.TestCase):
             lambda: self.screen.text_of("words/notice/1") == "Saving would restrict 2.00 m\u00b2.", "its size in words"
         )
         self.assertEqual(self.screen.text_of("words/notice/2"), "Note: it parts the room")
-        # a code that no catalogue has yet: its own sentence, and no word of it matters
+        # a code that is in no catalogue: the notice's own sentence is shown, whatever its words
         inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
 
         def is_shown():
@@ -227,7 +227,7 @@ class DisplayTest(unittest.TestCase):
         wait_until(lambda: self.spots.get_num_connections(), "the subscriber")
 
         def point():
-            # again and again, as a camera does: on a busy machine one alone may be gone before it is drawn
+            # repeatedly, as from a camera: on a busy machine a single spot may expire before it is drawn
             for camera, x in (("red", 1.0), ("blue", float("nan"))):
                 spot = LaserSpot(camera=camera, position=Point(x, 2.0, 0.0))
                 spot.header.stamp = rospy.Time.now()
@@ -244,7 +244,7 @@ class DisplayTest(unittest.TestCase):
         config = Path(__file__).resolve().parents[3] / "rviz" / "smart_display.rviz"
         with tempfile.TemporaryDirectory() as folder:
             write_program(Path(folder) / "rviz", f'shift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments')
-            # a screen that is switched on after the start: the first look finds none
+            # a screen that is switched on after the start: the first check finds none
             write_program(Path(folder) / "xdpyinfo", f"test -e {folder}/on || {{ touch {folder}/on; exit 1; }}")
             run = subprocess.run(
                 [*"rosrun vb_feedback smart_display __name:=display _screen:=1280x720".split(), f"_config:={config}"],
@@ -280,7 +280,7 @@ class DisplayTest(unittest.TestCase):
     def test_5_a_newcomer_gets_everything(self):
         self.publish_state(name="guide", interaction_id="i", available_commands=["cancel"])
         wait_until(lambda: self.screen.text_of("words/state") == "Guide", "the guide state's title")
-        # two subscribers of one process share a connection: only a new connection makes a newcomer
+        # two subscribers in one process share a connection, and only a new connection gets the latched messages
         self.screen.subscriber.unregister()
         another = Screen()
         wait_until(lambda: another.text_of("words/state") == "Guide" and another.has("robot/body"), "everything")
@@ -316,7 +316,7 @@ class DisplayTest(unittest.TestCase):
             message.header.frame_id = frame
             clicks.publish(message)
 
-        # in another frame; then all on one line: the marker stays, or comes again
+        # a click in another frame: its marker stays; then four on one line: the markers come again
         click(0.0, 0.0, "odom")
         for number in range(4):
             wait_until(lambda: bright(number), f"marker {number}")
@@ -366,7 +366,7 @@ class DisplayTest(unittest.TestCase):
         count = len(self.pictures)
 
         def fades():
-            self.progress.publish(drawing)  # the same again draws nothing new
+            self.progress.publish(drawing)  # an unchanged drawing causes no new picture
             return self.at(3.0, 2.4) > 100
 
         wait_until(fades, "the spot's end")

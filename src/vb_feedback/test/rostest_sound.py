@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""feedback, sound_player with a program that takes the samples and without a sound device, kobuki_feedback without Kobuki."""
+"""feedback; sound_player with a program that takes the samples and without a device; kobuki_feedback, no Kobuki."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class SoundTest(unittest.TestCase):
         names = ["border", "tick", "error"]
         for name in names:
             self.sounds.publish(name=name)
-        # the tick may have to give way, and which of the two played first is not a matter of luck
+        # the tick may be skipped, but the order of the others is fixed
         wanted = [b"".join(synthesize(name).tobytes() for name in played) for played in (names[::2], names)]
         wait_until(lambda: self.written("pcm") in wanted, "the samples of both sounds")
 
@@ -62,7 +62,7 @@ class SoundTest(unittest.TestCase):
             return self.written("tried").count(b"tried") >= 2
 
         wait_until(try_again, "the device to be tried twice")
-        # rospy itself warns in a node's name, for instance of a connection that broke off
+        # rospy logs warnings of its own under the node's name, for instance of a broken connection
         said = [text for name, level, text in self.said if name == "/deaf" and level >= Log.WARN]
         said = [text for text in said if "there is no sound:" in text]
         self.assertEqual(len(said), 1, said)
@@ -89,11 +89,11 @@ class SoundTest(unittest.TestCase):
             spots.publish(LaserSpot(camera="red"))
         wait_until(lambda: "tick" in played(), "a tick")
         tell(3, "default", last_outcome="saved")
-        # ticks come beside the others, as often as spots are heard apart
+        # ticks come between the others, as many as the timing of the spots allows
         wait_until(lambda: [name for name in played() if name != "tick"] == ["border", "success"], played)
         self.assertNotEqual(lights.all[0], lights.all[1])
         self.assertEqual(lights.all[0], lights.all[2])
-        # latched: who comes later sees the light too
+        # latched: a later subscriber gets the light too
         self.assertEqual(rospy.wait_for_message("/virtual_borders/led", ColorRGBA, 60), lights.all[2])
 
     def test_4_kobuki_without_its_messages_ends_with_one_sentence(self):

@@ -1,4 +1,4 @@
-"""The smart display: where things go, what is shown, and its words, which can be read from afar."""
+"""The smart display: its layout, what it shows, and its words, which can be read from afar."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LONG = "The map integrator refuses this border because it would part the kitchen
 
 
 def text_boxes(shapes):
-    """Returns the boxes of all texts and plates."""
+    """Returns the bounding boxes of all texts and plates."""
     boxes = []
     for shape in shapes:
         x, y = shape.points[0] if shape.points else (0.0, 0.0)
@@ -52,7 +52,7 @@ def contains(outer, inner, tolerance=1e-9):
     return min(inner.x0 - outer.x0, inner.y0 - outer.y0, outer.x1 - inner.x1, outer.y1 - inner.y1) >= -tolerance
 
 
-# ------------------------------------------------------------------ where things go
+# ------------------------------------------------------------------ layout
 sizes = st.floats(0.5, 200.0)
 places = st.floats(-1000.0, 1000.0)
 aspects = st.floats(1.0, 3.0)
@@ -68,7 +68,7 @@ def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
     for part in (layout.panel, layout.strip):
         assert contains(layout.view, part, 1e-6) and not part.overlaps(layout.map)
     assert not layout.panel.overlaps(layout.strip)
-    # no smaller view would do: the map touches its room's margin in one direction
+    # the view is as small as possible: in one direction the map touches the margin of its area
     across = layout.panel.x0 - layout.view.x0
     upwards = layout.view.y1 - layout.strip.y1
     slack = min(across - width, upwards - height) / layout.unit
@@ -119,7 +119,7 @@ def test_words_stand_beside_each_other_centred():
 
 
 def test_plain_letters():
-    # what the font has stays as it is, also if it comes in two parts
+    # letters that the font has stay as they are, composed if they come as base and accent
     for name in (
         "K\u00fcche \u2013 Caf\u00e9",
         "\u0141\u00f3d\u017a",
@@ -128,7 +128,7 @@ def test_plain_letters():
     ):
         assert transliterate(name) == name and all(map(is_drawn, name))
     assert transliterate("Ku\u0308che") == "K\u00fcche"
-    # the rest in letters that people recognise, never in question marks
+    # others become letters that people recognise, never question marks
     assert transliterate("\u53a8\u623f") == "ChuFang" and transliterate("\u0645\u0637\u0628\u062e") == "mtbkh"
     assert transliterate("line\nbreak") == "line break"
 
@@ -142,7 +142,7 @@ def test_any_name_is_shown_in_letters_that_can_be_drawn(name):
 
 
 def test_rviz_is_asked_for_the_letters(tmp_path):
-    """A folder that stands for RViz's package: all its files, and a font that has what `transliterate` leaves."""
+    """An overlay of RViz's package has all its files, and its font every letter that `transliterate` leaves."""
     fonts = tmp_path / "rviz" / "ogre_media" / "fonts"
     fonts.mkdir(parents=True)
     (tmp_path / "rviz" / "package.xml").write_text("<package/>")
@@ -166,7 +166,7 @@ boxes = st.builds(Box.centered, st.floats(-5, 15), st.floats(-5, 12), st.floats(
 def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
     within = Box(0.0, 0.0, 8.0, 6.0)
     placed = place_labels(wanted, within)
-    if wanted and contains(within, wanted[0]):  # with room it stays
+    if wanted and contains(within, wanted[0]):  # a label within the map stays in place
         assert placed[0].center == pytest.approx(wanted[0].center)
     for number, box in enumerate(placed):
         assert contains(within, box, 1e-6)
@@ -175,11 +175,11 @@ def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
 
 
 def test_labels_that_are_wanted_at_one_place_find_room():
-    # five at the edge, and a flat one, whose own height is no measure of how far it has to go
+    # five at the edge, and a flat one, which has to move farther than its own height
     within, tall = Box(0.0, 0.0, 8.0, 6.0), Box.centered(0.0, 0.0, 1.0, 0.5)
     placed = place_labels([tall] * 5 + [Box.centered(0.0, 0.0, 1.0, 0.2)], within)
     assert not any(a.overlaps(b) for number, a in enumerate(placed) for b in placed[:number])
-    # the last one in a column that is full but for its own height
+    # the last one fits into the column only exactly
     narrow = Box(0.0, 0.0, 1.0, 2.0)
     column = [Box.centered(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
     full = place_labels(column + [Box.centered(0.5, 1.9, 1.0, 0.4)], narrow)
@@ -215,7 +215,7 @@ def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
     ends = np.array(before.points).reshape(-1, 2, 2)
     assert (np.abs(ends - 0.5).max(axis=2) == 0.5).all()  # on the old outline
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    assert 1.5 < lengths.sum() < 2.5  # dashes: about half of it
+    assert 1.5 < lengths.sum() < 2.5  # dashes cover about half of the outline
     assert len(after.points) == 8
     assert not {"borders/before", "borders/after"} & {shape.namespace for shape in scene.borders(LAYOUT, [border()])}
 
@@ -256,7 +256,7 @@ def test_spots_fade_and_go():
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
     assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
     assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
-    # long ago; and time that jumped back: what seems to come from the future is left out
+    # spots that are long past, or in the future because time jumped back, are left out
     for now in (20.0, 0.0):
         assert scene.live_spots(LAYOUT, seen, now) == []
 
@@ -307,7 +307,7 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
     found = draw_restrictions(physical, map_with_borders, 4, wanted)
     assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
     assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
-    # stripes run down to the right here and up to the right there
+    # preview stripes run down to the right, those of saved areas up to the right
     assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(
         found[24:30, 32:38], found[25:31, 33:39]
     )
@@ -337,7 +337,7 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
 
 
 def arc_minutes(size, layout):
-    """Of the capitals' height, seen from 3 m on 22 inches at 16:9, 0.274 m high; capitals are 0.6 of RViz's text height."""
+    """Returns the capitals' visual angle: 0.6 of RViz's text height, seen at 3 m on a 22 inch screen 0.274 m high."""
     return math.degrees(math.atan(size / layout.unit * 0.274 * 0.6 / 3.0)) * 60.0
 
 

@@ -1,4 +1,4 @@
-"""What the display says beside the last answer."""
+"""What the display says in addition to the last answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The projector's calibration, and what it shows."""
+"""The projector's calibration and its picture."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SIZE = (640, 400)
 
 
 def seen(pitch=0.3, yaw=0.4, height=2.5, x=0.0, y=0.0, mirrored=False):
-    """Floor points (4, 2) [m] of the markers of a pinhole projector that hangs over (x, y), worked out by its rays."""
+    """Returns (4, 2) [m], where the rays of the markers of a pinhole projector above (x, y) meet the floor."""
     focal = 600.0
     c, s = np.cos(pitch), np.sin(pitch)
     tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ np.diag([1.0, -1.0, -1.0])
@@ -39,7 +39,7 @@ def seen(pitch=0.3, yaw=0.4, height=2.5, x=0.0, y=0.0, mirrored=False):
 
 
 def projected(matrix, points):
-    """Points (N, 2) after a homography."""
+    """Returns points (N, 2) mapped by a homography."""
     return cv2.perspectiveTransform(np.asarray(points, float)[:, None], matrix)[:, 0]
 
 
@@ -153,7 +153,7 @@ def test_what_save_would_restrict_is_striped(yaw):
 
 
 def test_nothing_looks_like_a_laser_spot():
-    """No small bright thing: each connected piece of light is longer than the largest spot that a detector takes."""
+    """Each connected region of light is longer than the largest spot that a detector accepts."""
     drawing = Drawing(chain=SQUARE, seed=(4.0, 2.1))
     for content in (
         FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),), drawing),
@@ -179,7 +179,7 @@ def test_whatever_is_drawn_nothing_breaks(chain):
 # ----------------------------------------------------------------- the window
 @pytest.fixture
 def screen():
-    # a number of our own: servers that choose theirs at the same moment take each other's place
+    # a fixed display number: servers that choose a free one at the same moment may collide
     display = f":{1000 + os.getpid() % 50000}"
     server = subprocess.Popen(
         ["Xvfb", display, "-screen", "0", "800x600x24", "-nolisten", "tcp"], stderr=subprocess.DEVNULL

@@ -1,4 +1,4 @@
-"""Fitting the RViz config to a map and a screen."""
+"""The RViz configuration, fitted to a map and a screen."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_every_part_of_the_display_fills_its_place_on_the_screen(extent, aspect,
     config = yaml.safe_load(path.read_text())
     view = config["Visualization Manager"]["Views"]["Current"]
     layout = fit_view(extent, aspect or screen[0] / screen[1])
-    # an orthographic view from above: pixels per metre about its centre
+    # an orthographic top view: Scale is in pixels per metre, about its centre
     used = [layout.view.width * view["Scale"] / screen[0], layout.view.height * view["Scale"] / screen[1]]
     assert max(used) == pytest.approx(1.0) and min(used) > (0.7 if aspect else 0.999)
     assert (view["X"], view["Y"]) == pytest.approx(layout.view.center)

@@ -1,4 +1,4 @@
-"""What the sounds sound like, and how they get to the device."""
+"""The synthesis of sounds, and their way to the device."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_feedback.sound.tone_synthesis import RATE, synthesize
 
 
 def pitch(pcm):
-    """[Hz] of the strongest line of a spectrum."""
+    """Returns the frequency [Hz] of the strongest spectral line."""
     spectrum = np.abs(np.fft.rfft(pcm * np.hanning(len(pcm)), 1 << 17))
     return np.argmax(spectrum) * RATE / (1 << 17)
 
@@ -29,7 +29,7 @@ def test_each_note_has_the_pitch_that_it_says(name):
         part = pcm[start : start + int(round(note.seconds * RATE))]
         start += len(part)
         if note.pitch:
-            # a short note has a broad line
+            # a short note has a broad spectral line
             assert abs(pitch(part) - PITCHES[note.pitch]) < 0.25 / note.seconds
         else:
             assert not part.any()
@@ -40,7 +40,7 @@ def test_sounds_are_told_apart():
     for one, other in itertools.combinations(SOUNDS, 2):
         notes = [[(note.pitch, round(note.seconds, 2)) for note in SOUNDS[name].notes] for name in (one, other)]
         assert notes[0] != notes[1]
-    # states end at least a minor third apart, which people without absolute pitch hear; a refusal is below all
+    # the states' last notes are at least a minor third apart, which untrained ears hear; a refusal is below them all
     ends = sorted(PITCHES[state.tone[1]] for state in STATES.values())
     assert all(high / low > 1.18 for low, high in zip(ends, ends[1:]))
     assert max(PITCHES.get(note.pitch, 0.0) for note in SOUNDS["error"].notes) * 2 < min(ends)

@@ -1,4 +1,4 @@
-"""Sounds and colours, and both on a Kobuki base, whose messages need not be installed."""
+"""Sounds and colours, and both on a Kobuki base, without the need for its messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vb_msgs.msg import InteractionState, Sound
 
 
 def state(name, second=0, refused="", **values):
-    """A state message whose last command was answered at a second, and refused with a code if there is one."""
+    """Returns a state message whose last command was answered at `second`, and refused if a code is given."""
     answer = {"last_answered": rospy.Time(second), "last_success": not refused, "last_code": refused}
     return InteractionState(name=name, **answer, **values)
 
@@ -83,7 +83,7 @@ VISIONS = {
 
 
 def linear(color):
-    """Of sRGB."""
+    """Converts sRGB to linear RGB."""
     return np.where(np.array(color) <= 0.04045, np.array(color) / 12.92, ((np.array(color) + 0.055) / 1.055) ** 2.4)
 
 
@@ -93,11 +93,11 @@ def lab(color, vision):
 
 
 CAMERAS = {f"camera {name}": colors.camera_color(name) for name in ("red", "green", "blue", "robot")}
-GROUND = colors.rgb(30, 34, 42)  # of the words, rviz/smart_display.rviz
-# what lies beside each other on the display and means different things
+GROUND = colors.rgb(30, 34, 42)  # behind the words, rviz/smart_display.rviz
+# colours that may be adjacent on the display and have different meanings
 GROUPS = {
     "states": {name: colors.state_color(name) for name in STATES},
-    # RViz's costmap colours 98 and 200, at the alpha of the config, on white floor
+    # RViz's costmap colours 98 and 200 on white floor, with the configuration's alpha
     "areas": {
         "saved": colors.blend(colors.WHITE, colors.rgb(249, 0, 5), 0.6),
         "preview": colors.blend(colors.WHITE, colors.rgb(255, 145, 0), 0.6),
@@ -121,7 +121,7 @@ GROUPS = {
 @pytest.mark.parametrize("group", GROUPS)
 @pytest.mark.parametrize("vision", VISIONS)
 def test_colours_are_told_apart_by_any_eye(vision, group):
-    # a difference of 2.3 in CIELAB is just noticed side by side, one of 10 at a glance
+    # a difference of 2.3 in CIELAB is just noticeable side by side, one of 10 at a glance
     for (one, color), (other, second) in itertools.combinations(GROUPS[group].items(), 2):
         distance = np.linalg.norm(lab(color, VISIONS[vision]) - lab(second, VISIONS[vision]))
         assert distance > 15.0, f"{one} and {other}: {distance:.1f}"
@@ -144,7 +144,7 @@ def luminance(color):
     ],
 )
 def test_letters_contrast_with_their_ground(letters, ground):
-    # WCAG 2.1: 3 for large letters, 4.5 for all
+    # WCAG 2.1: 3 for large letters, 4.5 for others
     light, dark = sorted((luminance(letters), luminance(ground)), reverse=True)
     assert (light + 0.05) / (dark + 0.05) > 4.0
 
@@ -172,7 +172,7 @@ def test_lights_show_the_state_and_the_stop_and_errors_beep(monkeypatch):
     )
     node, red = KobukiFeedbackNode(KobukiMessages), KobukiMessages.Led.RED
     node._on_state(InteractionState(name="guide"))
-    node._on_state(InteractionState(name="guide", border_s=1.0))  # the same lights: nothing is sent
+    node._on_state(InteractionState(name="guide", border_s=1.0))  # unchanged lights are not sent again
     node._on_state(InteractionState(name="default"))
     node._on_state(InteractionState(name="guide", stopped=True))
     assert sent == [("led1", red), ("led2", 0), ("led1", 0), ("led2", 0), ("led1", red), ("led2", red)]

@@ -1,4 +1,4 @@
-"""What happens while somebody draws, but does not belong to the border: a spot held still, something bright that stays."""
+"""Disturbances while somebody draws, which do not belong to the border: a spot held still, a bright object."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ USUAL = Setting(clutter=0)
 
 
 def timed(shape: str, seed: int, setting: Setting = USUAL) -> Stroke:
-    """A stroke in the order of its stamps, its vertices' truth with it."""
+    """Draws a stroke whose spots are in the order of their stamps."""
     return draw(shape, setting.replace(shuffled=False), np.random.default_rng(seed))
 
 
@@ -25,10 +25,10 @@ def _with(stroke: Stroke, points, stamps, cameras) -> Stroke:
 
 
 def held(stroke: Stroke, share: float, count: int, cameras: int, seed: int, seconds: float = 10.0) -> Stroke:
-    """The stroke with the spot held still for a while, after `share` of the drawing time.
+    """Returns the stroke with the spot held still for a while, after `share` of the drawing time.
 
     Args:
-        count: spots seen of it, by all cameras together.
+        count: spots seen meanwhile, by all cameras together.
     """
     rng = np.random.default_rng([seed, 7])
     begin = share * stroke.stamps.max()
@@ -41,9 +41,9 @@ def held(stroke: Stroke, share: float, count: int, cameras: int, seed: int, seco
 
 
 def beside(stroke: Stroke, distance: float, share: float) -> np.ndarray:
-    """(2,) a place whose smallest distance from the stroke is this [m], abreast of `share` of its length.
+    """Returns a point (2,) at this distance [m] from the stroke, abreast of `share` of its length.
 
-    It lies on the side with more room; on the left where both have the same, which is no matter of the last bit.
+    It lies on the side with more room, or on the left if both have the same, with a tolerance for rounding.
     """
     dense = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
     k = int(np.clip(share * (len(dense) - 1), 5, len(dense) - 6))
@@ -57,7 +57,7 @@ def beside(stroke: Stroke, distance: float, share: float) -> np.ndarray:
 def with_fixed_place(
     stroke: Stroke, place, count: int, when: str, camera: int, seed: int, spread=(0.04, 0.02)
 ) -> Stroke:
-    """The stroke with false spots at one place, as a piece of paper gives them.
+    """Returns the stroke with false spots at one place, as a piece of paper causes them.
 
     Args:
         when: "at the same stamps" as the other camera's true spots, "interleaved" with the true spots of its own

@@ -16,7 +16,7 @@ def near(a: Point, b: Point, distance: float) -> bool:
 
 
 def dbscan(points: List[Point], eps: float, min_pts: int) -> List[List[int]]:
-    """Ester et al. 1996: core points in reach of each other, with all that one of them reaches."""
+    """Returns clusters by Ester et al. 1996: connected core points, with all points in reach of one of them."""
     within = np.array([[near(a, b, eps) for b in points] for a in points])
     cores = np.flatnonzero(within.sum(axis=0) >= min_pts)
     count, label = connected_components(within[np.ix_(cores, cores)])

@@ -1,8 +1,8 @@
 """Strokes of real people, seen by simulated cameras; used by the tests and by bench/extraction/accuracy.py.
 
 `data/quickdraw_strokes.json` holds single strokes of the raw Quick, Draw! data (Google, Inc., CC BY 4.0): one player
-each, by mouse or finger. They say how people move, not how a laser pointer trembles. Scaled to a border's size and to
-a speed, and seen by two cameras; the figures of `Seen` are those that the measure of quality names.
+each, by mouse or finger. They show how people move, not how a laser pointer trembles. They are scaled to a border's
+size and a speed, and seen by two cameras; the values in `Seen` are those that the measure of quality names.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from strokes import Setting, Stroke, tremor
 from vb_core import geometry
 
 DATA = Path(__file__).resolve().parent / "data" / "quickdraw_strokes.json"
-TORN = 0.25  # a stroke with a step of more than this share of its diagonal was not recorded whole
+TORN = 0.25  # a stroke with a step longer than this share of its diagonal was not recorded completely
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """One stroke as it was drawn: points (N, 2) [px, y upwards], times (N,) [s]; closed is what was meant."""
+    """One stroke as drawn: points (N, 2) [px, y upwards], times (N,) [s]; `closed`: whether it was meant to be."""
 
     id: str
     shape: str
@@ -36,7 +36,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Localization:
-    """How a robot's pose errs: standard deviations, and the time after which the error is another.
+    """The error of a robot's pose: standard deviations and correlation time.
 
     In the simulated lab AMCL's position was off by 2.5 cm in the median, 5 cm at 95 %
     (docs/results/robots/navigation.md).
@@ -51,8 +51,8 @@ class Localization:
 class Seen:
     """How a drawing is scaled and seen.
 
-    With a robot's localisation its camera sees everything, from 1 to 3 m beside the middle of the drawing, and the
-    others, ceiling cameras, do not see the part of it on the robot's side, two fifths of the drawing.
+    If `robot` is given, a robot's camera sees everything, from 1 to 3 m beside the middle of the drawing, and the
+    ceiling cameras do not see the two fifths of the drawing on the robot's side.
     """
 
     diagonal: Tuple[float, float] = (1.5, 3.0)  # [m]
@@ -71,7 +71,7 @@ class Seen:
 
 
 def drawings(path: Path = DATA) -> List[Drawing]:
-    """All strokes of a file that were recorded whole."""
+    """Reads all strokes of a file that were recorded completely."""
     found = []
     for entry in json.loads(Path(path).read_text()):
         if entry.get("max_inner_step_rel_diag", 0.0) > TORN:
@@ -83,12 +83,12 @@ def drawings(path: Path = DATA) -> List[Drawing]:
 
 
 def half(drawing: Drawing) -> str:
-    """ "develop" or "judge": which strokes the code was developed with, by a hash of the id."""
+    """Returns "develop" for strokes that the code was developed with, else "judge", by a hash of the id."""
     return "develop" if hashlib.sha256(drawing.id.encode()).digest()[0] % 2 == 0 else "judge"
 
 
 def see(drawing: Drawing, seen: Seen, rng: np.random.Generator) -> Stroke:
-    """The spots of a drawing, in the order of their stamps; the truth is the line as it was drawn [m]."""
+    """Returns the spots of a drawing in the order of their stamps; the truth is the line as it was drawn [m]."""
     scale = rng.uniform(*seen.diagonal) / np.linalg.norm(np.ptp(drawing.points, axis=0))
     angle = rng.uniform(0, 2 * np.pi)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -130,7 +130,7 @@ def see(drawing: Drawing, seen: Seen, rng: np.random.Generator) -> Stroke:
 def _robot_offset(
     places: np.ndarray, stamps: np.ndarray, localization: Localization, rng: np.random.Generator
 ) -> np.ndarray:
-    """(N, 2) [m] by how much a robot misplaces what it sees at places (N, 2) [m] about itself, stamps (N,) [s] rising."""
+    """Returns (N, 2) [m], a robot's error for spots at places (N, 2) [m] relative to it, stamps (N,) [s] ascending."""
     sigma = np.array([localization.position, localization.position, localization.yaw])
     error = np.empty((len(stamps), 3))
     state = sigma * rng.standard_normal(3)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The node border_fusion with a stimulus of states and spots."""
+"""The node border_fusion, fed with states and spots."""
 
 import os
 import signal
@@ -15,11 +15,11 @@ from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder
 
-AT_ONCE = 100  # spots: a quarter of what the node queues
+AT_ONCE = 100  # spots: a quarter of the node's queue
 
 
 def square(count: int) -> np.ndarray:
-    """Points along a square of one metre, with a gap of 0.1 m."""
+    """Returns points along a square of 1 m, with a gap of 0.1 m."""
     s = np.linspace(0.0, 3.9, count)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], float)
     points = np.column_stack([np.interp(s, range(5), corners[:, k]) for k in range(2)])
@@ -37,7 +37,7 @@ class BorderFusionTest(unittest.TestCase):
         self.progress, self.notices = Newest(names.PROGRESS, BorderProgress), Newest(names.NOTICES, NoticeArray)
         self.ends = (self.state, self.spots, self.progress.subscriber, self.notices.subscriber)
         self.connected()
-        self.enter(DEFAULT, "")  # as every manager begins
+        self.enter(DEFAULT, "")  # as every manager starts
         self.drawn_border = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
 
     def tearDown(self) -> None:
@@ -61,11 +61,11 @@ class BorderFusionTest(unittest.TestCase):
             )
 
     def show(self, points, camera: str = "red", frame: str = "map", age: float = 0.0, since: float = 0.0) -> None:
-        """Publishes spots as fast as they are counted, with the stamps of a hand that draws: 25 per second.
+        """Publishes spots as fast as the node counts them, but stamped as while drawing: 25 per second.
 
         Args:
-            age: [s] of the first one.
-            since: [s] from the state's beginning to the first one, instead of an age.
+            age: [s] of the first spot.
+            since: [s] from the state's beginning to the first spot, instead of an age.
         """
         begin = self.entered + rospy.Duration(since) if since else rospy.Time.now() - rospy.Duration(age)
         known = self.counted()
@@ -79,7 +79,7 @@ class BorderFusionTest(unittest.TestCase):
             self.spots.publish(spot)
 
     def counted(self) -> int:
-        """How many spots the node has taken or ignored in this interaction."""
+        """Returns how many spots the node has taken or ignored in this interaction."""
         return sum(seen.border_spots + seen.seed_spots + seen.ignored_spots for seen in self.progress.all[-1:])
 
     def wait_told(self, code: str, what: str) -> None:
@@ -92,7 +92,7 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(BORDER, "killed")
         self.show(square(20), since=0.01)
         self.progress.wait(lambda seen: seen.border_spots == 20, "the drawing")
-        self.enter(DEFAULT, "")  # without an outcome, as no interaction ends
+        self.enter(DEFAULT, "")  # without an outcome, which no interaction's end lacks
         self.wait_told("drawing_lost", "the loss to be told")
         self.enter(BORDER, "next")
         self.assertEqual(self.progress.message.border_spots, 0)
@@ -100,7 +100,7 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(DEFAULT, "", "cancelled")
 
     def test_interaction(self) -> None:
-        self.show(square(20), age=5.0)  # Default: not wanted, even if they arrive after the next state
+        self.show(square(20), age=5.0)  # of the state Default: ignored even if they arrive in the next state
         self.enter(BORDER, "one")
         self.assertEqual(self.progress.message.border_spots, 0)
         self.assertEqual(self.progress.message.code, "no_spots")
@@ -114,7 +114,7 @@ class BorderFusionTest(unittest.TestCase):
         answer = self.drawn_border("one")
         self.assertFalse(answer.success)
         self.assertEqual(answer.code, "no_spots")
-        # wrong frame: counted, not collected
+        # in the wrong frame: counted, not collected
         ignored = self.progress.message.ignored_spots
         self.show([(0, 0)], frame="odom")
         self.progress.wait(lambda seen: seen.ignored_spots > ignored, "counting the ignored spot")
@@ -137,8 +137,8 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(DEFAULT, "", "cancelled")
 
     def next_told(self) -> set:
-        """The codes of a message of notices that was made after this call."""
-        return codes(self.notices.next(2))  # one may have been on its way
+        """Returns the codes of a message of notices made after this call."""
+        return codes(self.notices.next(2))  # the first may have been under way
 
     def test_doubts_are_reported_from_stroke_end_to_drawing_end(self) -> None:
         def draw_two() -> None:
@@ -146,7 +146,7 @@ class BorderFusionTest(unittest.TestCase):
             self.show(square(60) + [0.0, 4.0], since=5.0)
 
         self.enter(BORDER, "doubtful")
-        draw_two()  # up to 8 s ahead: the pointer is still seen
+        draw_two()  # stamps up to 8 s ahead: the pointer counts as still seen
         self.progress.wait(lambda seen: seen.left_out_spots, "the spots that are left out")
         self.assertNotIn("strokes_left_out", self.next_told())
         self.enter(SEED, "doubtful")
@@ -162,7 +162,7 @@ class BorderFusionTest(unittest.TestCase):
         self.wait_untold("the end of the doubt")
 
     def test_a_drawing_begun_before_the_node_restarted_is_not_saved(self) -> None:
-        # the manager's clock is ahead, as it is of a simulation's that has not come yet
+        # the manager's clock is ahead, as when a node has not received the simulated time yet
         self.enter(BORDER, "three", age=-30.0)
         self.show(square(150), since=0.01)
         self.progress.wait(lambda seen: (seen.interaction_id, seen.border_spots) == ("three", 150), "half the drawing")

@@ -1,6 +1,6 @@
-"""A generator of drawn strokes with what real ones suffer from; used by the tests and by bench/extraction/accuracy.py.
+"""A generator of drawn strokes with the defects of real ones; used by the tests and by bench/extraction/accuracy.py.
 
-Every figure of `Setting` is an assumption; none is tuned to the results.
+Every value in `Setting` is an assumption; none is tuned to the results.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ class Setting:
     tremor: float = 0.02  # [m] standard deviation of the hand, correlated over `tremor_time`
     tremor_time: float = 0.25  # [s]
     dropped: float = 0.3  # share of the frames without a detection
-    outliers: float = 0.03  # share of detections that lie anywhere in the room
-    clutter: int = 40  # detections of something bright, at one place
+    outliers: float = 0.03  # share of detections at random positions in the room
+    clutter: int = 40  # detections of a bright object, at one place
     gap: float = 0.0  # [m] of the stroke that nobody saw
     end_gap: float = 0.0  # [m] between start and end of a closed stroke
     overlap: float = 0.0  # [m] by which a closed stroke's end runs past its start
-    passes: int = 1  # strokes drawn over
+    passes: int = 1  # how often the stroke is drawn over
     shuffled: bool = True
 
     def replace(self, **changes) -> "Setting":
@@ -57,7 +57,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Stroke:
-    """A drawn stroke: truth (M, 2) [m], and the spots that were seen of it; `mobile`: by a camera on a robot."""
+    """A drawn stroke: truth (M, 2) [m], and its spots; `mobile`: which were seen by a camera on a robot."""
 
     truth: np.ndarray
     closed: bool
@@ -68,7 +68,7 @@ class Stroke:
 
 
 def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
-    """One stroke, turned and started at random."""
+    """Draws one stroke with a random orientation and start."""
     vertices, closed = SHAPES[shape]
     angle = rng.uniform(0, 2 * np.pi)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -83,7 +83,7 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
     hidden = rng.uniform(0.2, 0.8) * arc[-1]
     duration = arc[-1] / setting.speed
-    # counted in whole steps: how many numbers are drawn must not depend on the last bit of a length
+    # whole steps, so that the number of random draws does not depend on the last bit of a length
     hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
     hand = tremor(hand_t, setting, rng)
     points, stamps, cameras = [], [], []
@@ -113,7 +113,7 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
 
 
 def tremor(t: np.ndarray, setting: Setting, rng: np.random.Generator) -> np.ndarray:
-    """A stationary Gauss-Markov process (len(t), 2) [m]."""
+    """Returns a stationary Gauss-Markov process (len(t), 2) [m]."""
     keep = np.exp(-0.01 / setting.tremor_time)
     steps = rng.normal(0, setting.tremor * np.sqrt(1 - keep**2), (len(t), 2))
     steps[0] = rng.normal(0, setting.tremor, 2)
@@ -121,15 +121,15 @@ def tremor(t: np.ndarray, setting: Setting, rng: np.random.Generator) -> np.ndar
 
 
 def hausdorff(a: np.ndarray, b: np.ndarray, closed: bool) -> float:
-    """Hausdorff distance [m] of two chains, sampled every centimetre."""
+    """Returns the Hausdorff distance [m] of two chains, sampled every centimetre."""
     a, b = (geometry.resample_chain(chain, 0.01, closed) for chain in (a, b))
     return float(max(cKDTree(a).query(b)[0].max(), cKDTree(b).query(a)[0].max()))
 
 
 def jaccard(a: np.ndarray, b: np.ndarray) -> float:
-    """Jaccard index of two polygons' areas."""
+    """Returns the Jaccard index of two polygons' areas."""
     if min(len(a), len(b)) < 3:
         return 0.0
-    # people cross their own lines, and so may what is drawn after them
+    # lines that people draw may cross themselves, and so may the extracted chains
     p, q = (make_valid(Polygon(line).buffer(0)) for line in (a, b))
     return float(p.intersection(q).area / p.union(q).area)

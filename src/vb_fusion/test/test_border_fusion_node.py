@@ -1,4 +1,4 @@
-"""The end of the node border_fusion, step by step; all else is in rostest_border_fusion.py."""
+"""The shutdown of the node border_fusion, step by step; its other tests are in rostest_border_fusion.py."""
 
 from unittest.mock import Mock
 
@@ -10,7 +10,7 @@ from vb_fusion.border_fusion_node import BorderFusionNode
 
 @pytest.fixture
 def node():
-    """A node of which only the worker is there."""
+    """A node that has only its worker."""
     found = BorderFusionNode.__new__(BorderFusionNode)
     found._closing, found._failure = False, None
     found._changed, found._tick, found._publish_notices = Mock(), Mock(), Mock()

@@ -1,4 +1,4 @@
-"""Which spots belong to an interaction, and what the extraction costs while a person draws."""
+"""Which spots belong to an interaction, and the share of time that the live extraction takes."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def spot(stamp, x=0.0, y=0.0, camera="red"):
 
 
 def in_border(entered=0.0):
-    """A collector in the state Border of the interaction a."""
+    """Returns a collector in the state Border of the interaction a."""
     collector = Collector()
     collector.set_state(BORDER, "a", entered)
     return collector
@@ -46,7 +46,7 @@ def test_early_and_non_finite_spots_are_ignored_and_counted():
     assert collector.add(spot(9.94)) == "before_state"
     assert collector.add(spot(11.0, float("nan"))) == collector.add(spot(float("inf"))) == "not_finite"
     assert collector.add(spot(9.96)) == ""
-    # cameras out of order among themselves do no harm
+    # spots of different cameras may arrive out of order
     assert collector.add(spot(10.5, camera="green")) == ""
     assert collector.add(spot(10.2, camera="blue")) == ""
     assert collector.counts == (3, 0, 3) and collector.ignored["before_state"] == 1
@@ -57,7 +57,7 @@ def test_early_and_non_finite_spots_are_ignored_and_counted():
 @pytest.mark.parametrize("drawn_in", [BORDER, SEED])
 @pytest.mark.parametrize("outcome", ["", "saved", "cancelled", "abandoned"])
 def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
-    """A manager that was started again says Default and no outcome; a drawing without spots has nothing to lose."""
+    """A restarted manager reports Default without an outcome; a drawing without spots has nothing to lose."""
     collector = Collector()
     collector.set_state(DEFAULT, "", 0.0)
     collector.set_state(drawn_in, "a", 1.0)
@@ -98,7 +98,7 @@ def test_a_full_store_keeps_the_whole_drawing_and_every_camera(count, monkeypatc
     assert collector.counts[0] == count
     collector.set_state(BORDER, "b", 0.02 * count)
     collector.add(spot(0.02 * count))
-    assert early[:, 0].tolist() == [0.02 * k for k in range(150)]  # what was collected is not changed by later spots
+    assert early[:, 0].tolist() == [0.02 * k for k in range(150)]  # later spots do not change an earlier collection
     assert len(rows) <= 200 and rows[0, 1] < 0.05 and rows[-1, 1] > 0.95
     counts = np.bincount(rows[:, 4].astype(int))
     assert len(counts) == 2 and counts.min() > 0.9 * counts.max()
@@ -108,7 +108,7 @@ def test_a_full_store_keeps_the_whole_drawing_and_every_camera(count, monkeypatc
     "count, camera_at",
     [
         (400, lambda k: ("red", "green")[k % 2]),
-        # the one that sees the spot only after it was 5 s before the others: its part lay in the middle of theirs
+        # blue sees the spot only later: after the clock was set back by 5 s, its stamps fall among those of the others
         (600, lambda k: ("red", "green")[k % 2] if k < 400 else "blue"),
     ],
 )
@@ -119,7 +119,7 @@ def test_a_clock_that_is_set_back_while_somebody_draws_is_undone_for_every_camer
         collector.add(spot(110.0 + 0.02 * k - back, x=0.01 * k, camera=camera_at(k)))
     collector.add(spot(110.0 + 0.02 * count, x=0.01 * count, camera="of another computer"))
     rows = collector.collection().border
-    assert len(rows) == count - 1 and collector.ignored["clock"] == 2  # the first of red and of green after it
+    assert len(rows) == count - 1 and collector.ignored["clock"] == 2  # the first spot of red and of green after it
     order = np.argsort(rows[:, 0], kind="stable")
     assert np.diff(rows[order, 1]).min() > -0.05
     assert np.ptp(rows[:, 0]) == pytest.approx(0.02 * count, abs=0.2)
@@ -148,7 +148,7 @@ def test_a_camera_sees_the_spot_until_its_last_one_is_too_old():
     collector.add(spot(10.0, camera="red"))
     collector.add(spot(12.0, camera="green"))
     assert collector.cameras_seeing(12.1, 0.5) == ["green"]
-    collector.add(spot(1.0, camera="green"))  # the clock was set back
+    collector.add(spot(1.0, camera="green"))  # its clock was set back
     assert collector.cameras_seeing(1.1, 0.5) == ["green"]
 
 
@@ -167,7 +167,7 @@ def test_live_extraction_keeps_to_its_share():
 
 
 def test_live_and_final_border_are_the_same(monkeypatch):
-    """Whatever was extracted before: of two cameras in step, of which the collector could not keep all spots."""
+    """This holds whatever was extracted before, for two cameras, of whose spots the collector could not keep all."""
     monkeypatch.setattr(collecting, "MAX_SPOTS", 400)
     collector, live = in_border(), LiveExtractor(ExtractionParams(), share=1.0)
     stroke = draw("rectangle", Setting(), np.random.default_rng(4))

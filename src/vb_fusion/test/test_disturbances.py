@@ -13,12 +13,12 @@ from vb_fusion.extraction import extract_border
 
 @lru_cache(maxsize=None)
 def undisturbed(shape: str, seed: int) -> float:
-    """Hausdorff distance [m] that the same stroke has without the disturbance."""
+    """Returns the Hausdorff distance [m] of the same stroke without the disturbance."""
     return distance(timed(shape, seed))
 
 
 def distance(stroke) -> float:
-    """Hausdorff distance [m] of the chain to the intended one."""
+    """Returns the Hausdorff distance [m] of the chain from the intended one."""
     chain = extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
     assert chain.closed == stroke.closed, chain.reason
     return hausdorff(chain.points, stroke.truth, stroke.closed)
@@ -28,7 +28,7 @@ def does_harm(disturbed, shape: str, seed: int) -> bool:
     return distance(disturbed) >= max(0.12, undisturbed(shape, seed) + 0.06)
 
 
-# both are rates over many draws: a single draw passes or fails by chance
+# this test and the next count failures over many draws: a single draw passes or fails by chance
 def test_a_spot_held_still_seldom_does_harm():
     harmed = []
     for shape, share, seed in itertools.product(("corner", "doorway", "rectangle"), (0.0, 0.5, 1.0), range(4)):
@@ -38,7 +38,7 @@ def test_a_spot_held_still_seldom_does_harm():
     assert sum(harmed) <= 2, harmed
 
 
-# a place abreast of the middle, near an end, beside a short line
+# false spots abreast of the middle, near an end, beside a short line
 SCENES = [("corner", 0.5), ("corner", 0.02), ("doorway", 0.9)]
 
 

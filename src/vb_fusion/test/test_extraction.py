@@ -20,7 +20,7 @@ ROUGH = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
 
 
 def extract_stroke(stroke):
-    """The border of a generated stroke."""
+    """Extracts the border of a generated stroke."""
     return extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
 
 
@@ -57,7 +57,7 @@ def test_a_closed_stroke_becomes_a_polygon_near_to_what_was_drawn(setting, allow
     [
         *((shape, BASE.replace(outliers=share), 0.2) for shape in ("doorway", "corner") for share in (0.03, 0.2)),
         ("corner", BASE.replace(gap=0.35), 0.2),  # a gap in a straight line gets no corner
-        ("narrow_U", ROUGH, 0.25),  # its legs are told apart by time
+        ("narrow_U", ROUGH, 0.25),  # only time separates its legs
     ],
 )
 def test_every_stroke_is_followed(shape, setting, allowed):
@@ -109,7 +109,7 @@ def test_figures_with_a_gap_of_a_third_of_their_size_are_closed(gap, corners, be
 
 
 def bent_wave(degrees):
-    """A wave whose ends come near each other: it encloses next to nothing."""
+    """Returns a wave whose ends come near each other, but which encloses next to nothing."""
     along = np.radians(np.linspace(0, degrees, 600))
     radius = 1.0 + 0.45 * np.sin(9 * along)
     return radius[:, None] * np.column_stack([np.cos(along), 0.45 * np.sin(along)])
@@ -159,7 +159,7 @@ def test_non_finite_far_and_unconnected_spots_are_left_out(params):
     rng = np.random.default_rng(0)
     line = np.column_stack([np.linspace(0, 2, 300), np.zeros(300)]) + rng.normal(0, 0.01, (300, 2))
     points = np.vstack([line, rng.normal([5, 5], 0.03, (200, 2)), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
-    chain = extract_border(points, params, stamps=0.04 * np.arange(len(points)))  # as one camera sees them
+    chain = extract_border(points, params, stamps=0.04 * np.arange(len(points)))  # as from one camera
     assert chain.length == pytest.approx(2.0, abs=0.2) and np.abs(chain.points[:, 1]).max() < 0.1
 
 
@@ -172,10 +172,10 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
     assert hausdorff(chain.points, stroke.truth, True) < 0.15
 
 
-# ----------------------------------------------------------------- what the track, the cameras and people need
+# ----------------------------------------------------------------- people's strokes, cameras and the track
 @pytest.mark.parametrize("shape, every, rounds", [("", 2, 1), ("zigzag", 1, 4)])
 def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
-    """Of the half used for development (bench/extraction/accuracy.py judges the other): some of all shapes, and the zigzags."""
+    """Half of the development set, and all its zigzags (bench/extraction/accuracy.py judges the other strokes)."""
     drawn = [one for one in people.drawings() if people.half(one) == "develop" and shape in one.shape][::every]
     wrong = []
     for number, drawing in enumerate(rounds * drawn):
@@ -192,7 +192,7 @@ def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
 
 
 def line_spots(ways, speed=0.4, rate=25.0, seed=0, noise=0.005, cameras=1, start=0.0):
-    """What extract_border takes of a pointer that runs along a chain (M, 2) [m]."""
+    """Returns the arguments of extract_border for a pointer that moves along a chain (M, 2) [m]."""
     rng = np.random.default_rng(seed)
     dense = geometry.resample_chain(np.asarray(ways, float), speed / rate)
     points = np.vstack([dense + rng.normal(0, noise, dense.shape) for _ in range(cameras)])
@@ -201,7 +201,7 @@ def line_spots(ways, speed=0.4, rate=25.0, seed=0, noise=0.005, cameras=1, start
 
 
 def still(place, start, count=20, camera=0):
-    """The same of a pointer that is held at a place (2,), or at each of (count, 2)."""
+    """Returns the same for a pointer that is held at a place (2,), or is at each of (count, 2) in turn."""
     places = np.tile(place, (count, 1)) if np.ndim(place) == 1 else place
     return {"points": places, "stamps": start + np.arange(count) / 25.0, "cameras": np.full(count, camera)}
 
@@ -211,13 +211,13 @@ def joined(*parts):
 
 
 def by_robot(spots, **changes):
-    """The border of spots whose second camera is on a robot."""
+    """Extracts the border of spots whose second camera is on a robot."""
     spots = {**spots, **changes}
     return extract_border(**spots, mobile=spots["cameras"] == 1)
 
 
 def off_the_axis(chain):
-    """How far [m] a chain is from the x axis."""
+    """Returns the largest distance [m] of a chain from the x axis."""
     return np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max()
 
 
@@ -229,7 +229,7 @@ def test_a_robot_lost_for_a_second_does_not_move_the_border():
 
 @pytest.mark.parametrize("off", [0.12, 0.18])
 def test_spots_of_a_lost_robot_beside_the_line_are_not_a_stroke(off):
-    """The pointer is at one place: it is the line, seen from a wrong pose. A line that is drawn there later is another."""
+    """They are the same line, seen from a wrong pose; but a line that is drawn there later is another stroke."""
     spots = line_spots([[0, 0], [3, 0], [3, 2]], cameras=3)
     spots["points"] = spots["points"] + off * (spots["cameras"] == 1)[:, None] * [0.6, 0.8]
     chain = by_robot(spots)
@@ -242,11 +242,11 @@ def test_spots_of_a_lost_robot_beside_the_line_are_not_a_stroke(off):
 
 @pytest.mark.parametrize("place", [(0.0, 0.10), (0.0, -0.10)])
 def test_spots_seen_by_a_robot_alone_keep_its_last_offset(place):
-    """The offset is the one it had beside the other cameras, just before and after."""
+    """The offset is that from the other cameras just before and after."""
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     robot = spots["cameras"] == 1
     spots["points"] = spots["points"] + robot[:, None] * place
-    seen = robot | (np.abs(spots["points"][:, 0] - 1.5) > 0.5)  # the middle metre by the robot alone
+    seen = robot | (np.abs(spots["points"][:, 0] - 1.5) > 0.5)  # only the robot sees the middle metre
     assert off_the_axis(by_robot({name: values[seen] for name, values in spots.items()})) < 0.05
 
 
@@ -260,7 +260,7 @@ def test_a_line_drawn_back_over_itself_ends_where_it_turned():
 
 
 def with_strays(spots, seed, share=0.03, margin=0.5):
-    """The same spots and strays near the drawing."""
+    """Returns the spots with strays near the drawing added."""
     rng, points, stamps = np.random.default_rng([seed, 5]), spots["points"], spots["stamps"]
     count = int(share * len(points))
     strays = rng.uniform(points.min(axis=0) - margin, points.max(axis=0) + margin, (count, 2))
@@ -270,7 +270,7 @@ def with_strays(spots, seed, share=0.03, margin=0.5):
 
 @pytest.mark.parametrize("images", [1, 3], ids=["stray", "glint"])
 def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
-    """What nobody saw is crossed at a price, which a flash does not lower, however near to the gap's ends."""
+    """Crossing an unseen gap has a cost, which a flash does not lower, however near to the gap's ends it is."""
     corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
     for seed in range(8):
         parts, at = [], 0.0
@@ -278,7 +278,7 @@ def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
             parts.append(
                 line_spots(corners[number : number + 2], seed=9 * seed + number, noise=0.012, cameras=2, start=at)
             )
-            # 0.2 s after a side's last spot, where the next one will begin 1.5 s later
+            # a flash 0.2 s after a side's last spot, 0.28 m from the start of a later side
             at = parts[-1]["stamps"].max() + 1.5
             parts.append(still(corners[later] + 0.2, at - 1.3, images))
         chain = extract_border(**with_strays(joined(*parts), seed))
@@ -312,7 +312,7 @@ def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
         assert extract_border(**spots).unseen < 0.25
         middle, width = hidden
         seen = np.abs(0.25 * (spots["stamps"] - spots["stamps"][0]) - middle) > 0.5 * width
-        # in the middle of the time in which nothing is seen, beside the line
+        # beside the line, in the middle of the unseen interval
         stray = still(spots["points"][~seen].mean(axis=0) + [0.25, 0.25], spots["stamps"][~seen].mean(), 1)
         chain = extract_border(**joined({name: values[seen] for name, values in spots.items()}, stray))
         assert chain.unseen > 0.25
@@ -321,14 +321,14 @@ def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
 
 @pytest.mark.parametrize("days", [30, 365])
 def test_a_robots_clock_that_is_off_costs_no_memory(days):
-    """There are unknowns only for seconds in which something was seen."""
+    """Only seconds in which something was seen have unknowns."""
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     assert off_the_axis(by_robot(spots, stamps=spots["stamps"] + 86400.0 * days * (spots["cameras"] == 1))) < 0.05
 
 
 @pytest.mark.parametrize("beside", [0.0, 0.06, 0.1])
 def test_neighbouring_tips_passed_shortly_after_each_other_are_kept(beside):
-    """Light that comes back to a place after a second is the pointer: a bright thing would have stayed."""
+    """Light that comes back to a place after a second is the pointer: a bright object would have stayed visible."""
     for seed in range(4):
         at, parts = 0.0, []
         tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0]]
@@ -355,7 +355,7 @@ RECTANGLE, HOOK = [[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], [[0, 0.2], [-0.2
 CORNER, TIP = [[0, 0], [1.5, 0], [1.5, 1.0]], [[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]
 CIRCLE = 0.5 * np.column_stack([np.cos(TURN), np.sin(TURN)])
 SCENES = {
-    # people rest at a corner and are quick on the side, of which hardly anything is seen
+    # people rest at a corner and draw a side so quickly that hardly any of it is seen
     "a quick leg after a rest": (
         [*CORNER, [0.9, 1.2]],
         lambda seed: joined(
@@ -388,7 +388,7 @@ def test_what_people_do_is_kept_whole(line, spots):
 
 @pytest.mark.parametrize("size, noise, refusals", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
 def test_a_ring_is_closed_or_too_small_but_never_a_curve(size, noise, refusals):
-    """It is refused if it is too small for its noise."""
+    """A ring is refused if it is too small for its noise."""
     count = 0
     for seed in range(20):
         try:
@@ -419,7 +419,7 @@ def test_a_figure_that_crosses_itself_becomes_one_valid_polygon(way, right, left
     "turn, later, tiny", [(0.7, 0.0, 0.0), (0.0, 1.7e9 + 0.07, 0.0), (0.0, 0.043, 0.0), (0.0, 0.0, 1e-9)]
 )
 def test_the_border_depends_on_nothing_but_the_drawing(shape, turn, later, tiny):
-    """Turned and moved; half a century later; rounded differently, and arriving in any order."""
+    """It is the same if turned and moved, half a century later, or rounded differently and in another order."""
     stroke = draw(shape, BASE, np.random.default_rng(3))
     stamps = np.round(stroke.stamps * 25.0) / 25.0
     here = extract_border(stroke.points, stamps=stamps, cameras=stroke.cameras)

@@ -1,4 +1,4 @@
-"""Algorithms 1 to 3 against their literal transcription, and their speed-ups against plain answers."""
+"""Algorithms 1 to 3 and their speed-ups, against a literal transcription."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from refusals import refused
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.paper import dbscan, find_cluster, generate_polygon, thin_points
 
-# multiples of 1/64 m are exact in binary: comparisons with a distance come out alike however they are computed
+# multiples of 1/64 m are exact in binary: comparisons with a distance do not depend on how it is computed
 coordinate = st.integers(-128, 128).map(lambda k: k / 64.0)
 clouds = st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=60)
 dense_coordinate = st.integers(-24, 24).map(lambda k: k / 64.0)
@@ -24,7 +24,7 @@ SETTINGS = settings(max_examples=60, deadline=None)
 def test_dbscan_equals_the_definition(points, eps, min_pts):
     found = {frozenset(c.tolist()) for c in dbscan(np.array(points), eps, min_pts)}
     expected = transcription.dbscan(points, eps, min_pts)
-    # a border point may be in reach of two clusters: compare what is not left open
+    # a border point may be in reach of two clusters: compare only what the definition fixes
     cores = [i for i in range(len(points)) if sum(transcription.near(points[i], p, eps) for p in points) >= min_pts]
     assert {c & frozenset(cores) for c in found} == {frozenset(c) & frozenset(cores) for c in expected}
     assert set().union(*found) == set(sum(expected, []))

@@ -1,4 +1,4 @@
-"""extract_seed, and the dwells that it chooses from: the place where the hand dwelt."""
+"""extract_seed, and the dwells (places where the hand rested) from which it chooses."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ def test_too_few_or_non_finite_spots_are_refused(points, code):
 
 
 def seen(place, first, last, *cameras, rate=25):
-    """Parts of a scene: a light at a place, or on the way between two, from first to last [s], in cameras' images."""
+    """Returns parts of a scene, one per camera: a light at a place, or moving between two, from first to last [s]."""
     return [(place, first, last, rate, camera) for camera in cameras]
 
 
 def find(parts, before=(), seed=0, dropped=0.0):
-    """The dwells of a scene, and the drawing that has them; what the camera `robot` sees is seen from a robot."""
+    """Returns the dwells of a scene, and a drawing with them; the camera called `robot` is on a robot."""
     rng = np.random.default_rng(seed)
     points, stamps, cameras = [], [], []
     for place, first, last, rate, camera in parts:
@@ -40,16 +40,16 @@ def find(parts, before=(), seed=0, dropped=0.0):
 
 
 def around(place, count):
-    """Spots of the border."""
+    """Returns border spots around a place."""
     return np.random.default_rng(2).normal(place, 0.015, (count, 2))
 
 
 HERE, THERE, FALSE = (0, 0), (1, 2), (2.0, 1.0)
 BOTH = ("red", "green")
 POINTER, LIGHT = seen(HERE, 0.0, 1.7, *BOTH), seen(FALSE, 2.5, 5.5, "green")
-FLASHES = [part for i in range(5) for part in seen(THERE, 3.0 + i, 3.3 + i, "blue", rate=10)]  # as it turns past paper
+FLASHES = [part for i in range(5) for part in seen(THERE, 3.0 + i, 3.3 + i, "blue", rate=10)]  # flashes from paper
 TWO = seen(FALSE, 0.0, 3.0, *BOTH) + seen(THERE, 0.0, 3.0, "blue")
-# name: the seed, and what is seen
+# name: (the seed, the scene)
 SEEDS = {
     "two cameras off": (THERE, seen((1.02, 2.0), 0.0, 2.0, "red") + seen((0.98, 2.0), 0.0, 2.0, "green")),
     "later": (THERE, seen(HERE, 0.0, 2.0, "red") + seen(THERE, 2.0, 4.0, "red")),
@@ -62,7 +62,7 @@ SEEDS = {
     "a rest at the border's end": (THERE, seen(HERE, 0.0, 3.0, "red") + seen(THERE, 3.0, 4.0, "red")),
     "a longer one there": (THERE, seen(HERE, 0.0, 6.0, "red", rate=40) + seen(THERE, 8.0, 10.0, "red", rate=40)),
     "a shorter one": (THERE, seen(HERE, 0.0, 1.0, "red", rate=40) + seen(THERE, 3.0, 6.0, "red", rate=40)),
-    # light that comes up elsewhere is meant if as many cameras see it
+    # light that appears elsewhere is the seed if as many cameras see it
     "one camera's light": (HERE, POINTER + LIGHT),
     "both cameras' light": (FALSE, POINTER + seen(FALSE, 2.5, 5.5, *BOTH)),
     "seen on its way": (FALSE, POINTER + seen((HERE, (1.85, 0.93)), 1.7, 2.5, "green", rate=50) + LIGHT),
@@ -77,11 +77,11 @@ BORDERS = {
     "two at once, the brighter one known": around(FALSE, 200),
 }
 OTHERS = {"one camera's light": FALSE}
-for rate in (5, 25, 100):  # one camera sees white paper all the time, another the pointer once it has got there
+for rate in (5, 25, 100):  # one camera sees white paper all the time, another the pointer from its arrival on
     paper = seen(FALSE, 0.0, 6.0, "blue", rate=rate) + seen(THERE, 1.5, 6.0, "red", rate=18)
     SEEDS[f"paper, {rate}"] = SEEDS[f"known paper, {rate}"] = (THERE, paper)
     BORDERS[f"known paper, {rate}"] = around(FALSE, 1000)
-# it stays in a robot's image after the pointer was switched off; to a camera that moves it is new
+# light that stays in a robot's image after the pointer was switched off: to a moving camera it is new
 for last in (4, 7, 30):
     parts = seen(HERE, 0.0, 2.0, "red") + seen(THERE, 2.2, 2.2 + last, "robot", rate=5)
     SEEDS[f"a robot's, {last}"], SEEDS[f"only a robot's, {last}"] = (HERE, parts), (THERE, parts)

@@ -1,4 +1,4 @@
-"""Stages of the extraction against oracles: the same rule written down a second time, place by place."""
+"""Stages of the extraction against oracles: the same rules, written a second time with plain loops."""
 
 import math
 
@@ -12,13 +12,13 @@ from vb_fusion.line.closure import classify_closure
 from vb_fusion.stroke import seed, track
 from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
 
-# the same examples on every computer, however busy
+# the same examples on every computer, even a busy one
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 # ----------------------------------------------------------------- closing
 def turned(points, gap, lever):
-    """Degrees by which a line turns from its end over the gap to its start, directions over a lever [m] of the line."""
+    """Returns the degrees by which a line turns from its end over the gap to its start, directions over a lever [m]."""
     path = np.concatenate([[0.0], np.cumsum([math.dist(a, b) for a, b in zip(points[:-1], points[1:])])])
     at = [complex(*(np.interp(where, path, axis) for axis in points.T)) for where in (lever, path[-1] - lever)]
     first, last = complex(*points[0]), complex(*points[-1])
@@ -27,7 +27,7 @@ def turned(points, gap, lever):
 
 
 def decided(points):
-    """(closed, code, gap, first, last): of all pairs in the outer thirds the one that costs least, then three rules."""
+    """Decides (closed, code, gap, first, last, values): the cheapest pair in the outer thirds, then three rules."""
     arc = [chain_length(points[: number + 1]) for number in range(len(points))]
     whole, costs = arc[-1], {}
     for i in (number for number in range(len(points)) if arc[number] <= whole / 3.0):
@@ -61,12 +61,12 @@ def decided(points):
     st.integers(4, 40),
 )
 def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral, count):
-    """Parts of ellipses and spirals, from flat to round, from half of a turn to more than one."""
+    """For parts of ellipses and spirals, flat to round, half a turn to more than a whole one."""
     angle = begin + 2.0 * math.pi * share * np.linspace(0.0, 1.0, count)
     radius = size * (1.0 + spiral * np.linspace(0.0, 1.0, count))
     points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle) / flatness])
     closed, code, gap, first, last, values = decided(points)
-    # a figure that crosses itself has another area than a sum of triangles
+    # for a figure that crosses itself, the sum of triangles is not its area
     assume(share <= 1.0 or first > 0 or last < count - 1)
     assume(np.ptp(angle[first : last + 1]) < 2.0 * math.pi)
     found = classify_closure(points)
@@ -99,7 +99,7 @@ SPOTS = st.lists(
 
 
 def chained(group, values):
-    """Divides a group of indices where sorted values are more than a place's width apart."""
+    """Splits a group of indices wherever their sorted values are more than a cluster's width apart."""
     ordered, parts = sorted(group, key=lambda index: values[index]), []
     for index in ordered:
         if not parts or values[index] - values[parts[-1][-1]] > track.CLUSTER_WIDTH:
@@ -167,7 +167,7 @@ def test_clusters_passed_at_one_speed_add_the_floor_between_them(steps):
 @settings(STEADY, max_examples=60)
 @given(SPOTS, st.booleans())
 def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobile):
-    """A line along x from 0 to 1 m in 0.2 to 1.2 s; a robot may be lost by LOCALIZATION_ERROR more."""
+    """For a line along x, from 0 m at 0.2 s to 1 m at 1.2 s; a robot's may be off by LOCALIZATION_ERROR more."""
     line = np.column_stack([np.linspace(0.0, 1.0, 11), np.full(11, 0.5)])
     times = np.linspace(0.2, 1.2, 11)
     mobile = np.full(11, line_is_mobile)
@@ -192,13 +192,13 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     )
 )
 def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
-    """Pieces of (places, [m] from the one before, whether after a pause, whether its places explain the step otherwise)."""
+    """Pieces: (places, [m] from the piece before, whether after a pause, whether its floor explains the step)."""
     counts, ways, pauses, wide = (np.array(column) for column in zip(*pieces))
     begin, number = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
     steps, waits, floor = np.full(len(number), 0.05), np.full(len(number), 0.1), np.repeat(0.3 * wide, counts)
     steps[begin], waits[begin] = ways, np.where(pauses, 0.9, 0.1)
     x, times = np.cumsum(steps), np.cumsum(waits)
-    # what a step between two pieces needs to be seen: a place's width, and the floor of both unless there was a pause
+    # the longest step that leaves no unseen part: a place's width, plus the floor of both sides if there was no pause
     reach = 0.1 + np.where(pauses, 0.0, floor[begin - 1] + floor[begin])
     parted = ways > reach
     parted[0] = False
@@ -225,7 +225,7 @@ def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
 
 
 def seen_within(size, least):
-    """Steps of clusters in a square of this size [m]: a few anywhere, or many of light that stays or creeps."""
+    """Makes a strategy for clusters in a square of this size [m], at least so many: (x, y, pause [s])."""
     step = st.tuples(st.floats(0.0, size), st.floats(0.0, size), st.floats(0.0, 0.6))
     return st.lists(step, min_size=least, max_size=40)
 
@@ -234,7 +234,7 @@ def seen_within(size, least):
 @given(seen_within(0.4, 1) | seen_within(0.15, 12), st.sampled_from([0.3, 1.0]))
 def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropout):
     points, times = np.array(steps)[:, :2], np.cumsum(np.array(steps)[:, 2])
-    nodes = {}  # of a lattice: the places about each, with how much of them is there
+    nodes = {}  # of a lattice: the places around each node, with their bilinear weights
     for place, (x, y) in enumerate(points / track.CLUSTER_WIDTH):
         for i, j in ((math.floor(x) + dx, math.floor(y) + dy) for dx in (0, 1) for dy in (0, 1)):
             nodes.setdefault((i, j), {})[place] = (1.0 - abs(x - i)) * (1.0 - abs(y - j))
@@ -269,7 +269,7 @@ def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropo
 def test_the_best_track_equals_an_exhaustive_search(places, flick):
     x, y, pauses, gains = np.array([*places, (1.0, 1.0, 0.1, 0.1)]).T
     points, times = np.column_stack([x, y]), np.cumsum(pauses)
-    best = []  # (gain, the place before) of each
+    best = []  # of each place: (gain, the place before)
     for place, own in enumerate(gains):
         ways = [(0.0, -1)]
         for before in range(max(0, place - track.LOOK_BACK), place):
@@ -285,7 +285,7 @@ def test_the_best_track_equals_an_exhaustive_search(places, flick):
     while previous[wanted[0]] >= 0:
         wanted.insert(0, int(previous[wanted[0]]))
     assert track.trace_track(found, previous).tolist() == wanted
-    # of two ways that gain the same either is right
+    # of two ways with the same gain, either is right
     steps = [found[b] - found[a] - gains[b] for a, b in zip(wanted[:-1], wanted[1:])]
     assert all(step <= 1e-9 for step in steps) and found[wanted[0]] == gains[wanted[0]]
 

@@ -1,4 +1,4 @@
-"""A ChArUco board on a floor under a camera with lens distortion, rendered pixel by pixel; and the camera."""
+"""A camera with lens distortion, and pixel-by-pixel renderings of a ChArUco board on the floor below it."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ CAMERA = CameraModel(
     1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0])
 )
 POSE = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.06, 0.05, 0.7), (4.0, 2.5, 2.95))
-_PPM = 2000.0  # [px/m] of the print
+_PPM = 2000.0  # [px/m] of the printed board
 _MARGIN = 0.02  # [m] of white paper round the pattern
 _FLOOR = 110.0  # its grey level
 
 
 def axes_of(yaw: float):
-    """(2, 2) the directions of a board's upper and left edge in the map, if it is turned by yaw [rad]."""
+    """Returns (2, 2), the directions in the map of a board's upper and left edge, for a board turned by yaw [rad]."""
     return np.array([[math.cos(yaw), math.sin(yaw)], [math.sin(yaw), -math.cos(yaw)]])
 
 
 def corners_on_map(corners, p1, yaw: float):
-    """(N, 2) [m] in the map of a board's corners, with its upper left one at P1, turned by yaw [rad]."""
+    """Returns (N, 2) [m], a board's corners in the map, with its upper left one at P1, turned by yaw [rad]."""
     return np.asarray(p1) + corners @ axes_of(yaw)
 
 
 def render_board(board: BoardParams, p1, yaw: float, rng, samples: int = 2):
-    """(H, W) uint8: a grey floor with the board on it; blurred by the lens, with sensor noise."""
+    """Renders (H, W) uint8, a grey floor with the board on it, with lens blur and sensor noise."""
     border = int(_MARGIN * _PPM)
     paper = cv2.copyMakeBorder(draw_board(board, _PPM), *4 * [border], cv2.BORDER_CONSTANT, value=245)
     lit = (20.0 + 0.7 * paper).astype(np.float32)
@@ -46,7 +46,7 @@ def render_board(board: BoardParams, p1, yaw: float, rng, samples: int = 2):
     seen = []
     for du, dv in itertools.product(steps, steps):
         floor = floor_points(CAMERA, POSE, np.column_stack([(columns + du).ravel(), (rows + dv).ravel()]))[:, :2]
-        # the first texel's centre lies half a texel within the paper
+        # the first texel's centre lies half a texel inside the paper
         at = ((floor - p1) @ axes_of(yaw).T * _PPM + border - 0.5).reshape(*rows.shape, 2).astype(np.float32)
         seen.append(cv2.remap(lit, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=_FLOOR))
     picture[top:bottom, left:right] = np.mean(seen, axis=0)

@@ -1,4 +1,4 @@
-"""A camera in the network that can fail: motion JPEG over HTTP, as phones and cheap cameras send it."""
+"""A network camera that can fail: motion JPEG over HTTP, as phones and cheap cameras send it."""
 
 import socketserver
 import threading
@@ -11,14 +11,14 @@ class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
 
 
 class MjpegServer:
-    """Serves JPEG images at a rate to everybody who asks, from the first one on, or from number N for /video?N.
+    """Serves JPEG images at a rate to every client, from the first image on, or from image N for /video?N.
 
     Attributes:
-        jpegs: sent in turn; may be replaced while it runs.
+        jpegs: the images, sent in turn; may be replaced while it runs.
         stalled: while set, connections stay open and nothing is sent.
         broken: while set, connections are closed at once.
-        status: answered to a request; other than 200: nothing is sent.
-        sent: times [s] at which images went out, by their number.
+        status: HTTP status of each answer; unless it is 200, no images follow.
+        sent: times [s] at which images were sent, in order.
     """
 
     def __init__(self, jpegs, rate=25.0, port=0):
@@ -57,7 +57,7 @@ class MjpegServer:
                 due += 1.0 / self.rate
                 self.closed.wait(max(0.0, due - time.monotonic()))
         except OSError:
-            pass  # the other side has closed
+            pass  # the client has closed the connection
 
     def close(self):
         self.closed.set()

@@ -1,4 +1,4 @@
-"""Cameras for rostests: rendered images with a spot at a known place, camera_info, depth and transforms."""
+"""Cameras for rostests: rendered images with a spot at a known position, camera_info, depth and transforms."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ class FixedCamera:
 
     Attributes:
         T: (4, 4), its pose in the map.
-        info: a stamp to the camera_info to be sent; None: none is sent.
+        info: makes the camera_info to be sent from a stamp; None: none is sent.
     """
 
     def __init__(self, name, x, y, color, compressed):
@@ -52,12 +52,12 @@ class FixedCamera:
 
 
 class RobotCamera:
-    """Drives along x and looks down at the floor before it; colour 320 x 240, depth a quarter of it.
+    """Drives along x and looks at the floor ahead; colour images of 320 x 240 pixels, depth images of 80 x 60.
 
     Attributes:
         localized: whether its pose is published.
-        pose_late_s: [s] by which the pose comes after the image of the same time.
-        depth_message: depth (60, 80) uint16 [mm] to the message to be sent.
+        pose_late_s: [s] delay of the pose after the image with the same stamp.
+        depth_message: makes the message to be sent from a depth image (60, 80) uint16 [mm].
     """
 
     def __init__(self):
@@ -77,7 +77,7 @@ class RobotCamera:
     def play(self, stamp, x):
         base = geometry.transform_from_pose2d(x, 1.0, 0.2)
         T = base @ self.T_base
-        # a spot that rests at one place of the picture for long is a lamp
+        # the spot moves, since one that rests at one position in the image for long counts as a lamp
         self.played += 1
         point = geometry.apply(base, np.array([1.0, 0.1 + 0.15 * np.sin(0.05 * self.played), 0.0]))
         uv = self.camera.project(geometry.apply(geometry.invert(T), point)[None])[0]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The real commands, guided by a scripted person: spots clicked in RViz; and what publishes the pose."""
+"""The real commands with a scripted person who clicks spots in RViz; and the node that publishes the pose."""
 
 import math
 import re
@@ -29,7 +29,7 @@ def calibrate_camera(*arguments):
 
 
 class Player:
-    """Plays a camera while somebody looks, with the spot where `show` puts it."""
+    """Plays a camera while it has subscribers, with the spot where `show` puts it."""
 
     def __init__(self, camera, rate=8):
         self._camera, self._spot = camera, None
@@ -40,13 +40,13 @@ class Player:
     def _play(self, _event):
         if self._camera.images.get_num_connections() == 0:
             return
-        # the images' own time: as many within a second of it on a busy machine as on any
+        # the images have their own clock: the same number per second of it even on a busy machine
         now = self._latest + self._interval
         self._camera.play(now, self._spot)
         self._latest = now
 
     def show(self, spot, seconds):
-        """Puts the spot at a point (x, y) of the floor, or nowhere (None), for this long by the images' own time."""
+        """Puts the spot at a point (x, y) of the floor, or nowhere (None), for `seconds` by the images' own clock."""
         self._spot, since = spot, self._latest
         wait_until(lambda: (self._latest - since).to_sec() > seconds, "the camera's images")
 
@@ -58,7 +58,7 @@ class CalibrateCameraTest(unittest.TestCase):
         cls.buffer = tf2_ros.Buffer()
         cls.listener = tf2_ros.TransformListener(cls.buffer)
         cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
-        # takes its time without the person: it runs while the others are guided
+        # this command only waits in vain for images: it runs alongside the tests
         cls.unattended = calibrate_camera("spots", "nobody")
 
     @classmethod
@@ -80,7 +80,7 @@ class CalibrateCameraTest(unittest.TestCase):
         camera.T = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
         red = Player(camera)
         self.addCleanup(red.close)
-        # where the running lab looks for calibrations
+        # the folder where a running lab looks for calibrations
         rospy.set_param("/camera_poses/calibration_dir", self.folder.name)
         self.addCleanup(rospy.delete_param, "/camera_poses")
         command = calibrate_camera("spots", "red")
@@ -89,7 +89,7 @@ class CalibrateCameraTest(unittest.TestCase):
         places = [(60.3, 45.6), (427.2, 52.4), (420.8, 225.1), (52.5, 218.9), (240.4, 45.2), (248.7, 225.8)]
         command.press("done\n")
         command.shows("too_few_calibration_points")
-        # a click in another frame than the map's, once the command is connected
+        # a click in a frame other than the map's, once the command is connected
         wait_until(lambda: self.clicks.get_num_connections(), "the command to listen to clicks")
         self.click((0, 0), "odom")
         command.shows("set RViz' fixed frame")
@@ -98,7 +98,7 @@ class CalibrateCameraTest(unittest.TestCase):
             point = spot + rng.normal(0, 0.003, 2)
             if i == 4:
                 point = point + (0.5, 0.2)  # a slip of the mouse
-            # as the refusal says: what is there in the first image that a busy computer sees belongs to the room
+            # again after a refusal: a spot that is already in the first image that is seen counts as part of the room
             for _ in range(10):
                 red.show(None, 1.0)
                 red.show(spot, 2.2)
@@ -126,13 +126,13 @@ class CalibrateCameraTest(unittest.TestCase):
         self.check_camera_poses(pose.T)
 
     def check_camera_poses(self, pose):
-        """The pose that the file holds is what launch/parts/perception.launch publishes, and what replaces it later."""
+        """Checks that camera_poses publishes the file's pose, and that of a camera calibrated later."""
         rospy.set_param("/camera_poses", {"calibration_dir": self.folder.name, "cameras": "red green"})
         poses = subprocess.Popen(["rosrun", "vb_laser_detect", "camera_poses"])
         self.addCleanup(poses.wait)
         self.addCleanup(poses.terminate)
         self.check_transform("red_optical_frame", pose)
-        # a camera that is calibrated later, or again, is taken at once
+        # a camera that is calibrated later is taken over at once
         path = calibration_file.calibration_path(self.folder.name, "red")
         later = path.with_name("green.yaml")
         later.write_text(path.read_text().replace("red", "green"))

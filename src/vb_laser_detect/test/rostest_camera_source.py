@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A detector that reads its camera itself: spots, stamps, images for others, and what becomes of it when the camera fails."""
+"""A detector that reads its camera itself: spots, stamps, images for other nodes, and failures of the camera."""
 
 import subprocess
 import threading
@@ -30,7 +30,7 @@ from vb_laser_detect.camera.camera_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
-LATE_S = 0.4  # [s] by which the camera is late
+LATE_S = 0.4  # [s] delay of the camera
 WIDTH, HEIGHT = 1440, 1080
 PLACE = (675.0, 450.0)
 T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (1.0, 2.0, 2.5))
@@ -40,7 +40,7 @@ CAMERA = CameraModel(
 
 
 def images(width=WIDTH, height=HEIGHT):
-    """An empty floor, and one with a spot that trembles."""
+    """Returns images of an empty floor, and of one with a trembling spot."""
     scene = Scene(width, height, seed=2)
     flags = [cv2.IMWRITE_JPEG_QUALITY, 92]
     jpeg = lambda image: cv2.imencode(".jpg", image, flags)[1].tobytes()  # noqa: E731
@@ -82,7 +82,7 @@ class TestCameraSource(unittest.TestCase):
         return {notice.code for notice in self.notices.current() if notice.camera == "hall"}
 
     def test_1_spots_are_where_and_when_they_were(self):
-        self.server.rate = 2.0  # so far apart that a stamp tells which image it belongs to
+        self.server.rate = 2.0  # so slow that a stamp identifies its image
         self.addCleanup(setattr, self.server, "rate", 25.0)
         self.server.jpegs = self.spot
         wait_until(lambda: len(self.spots) > 12, "spots")
@@ -152,7 +152,7 @@ class TestCameraSource(unittest.TestCase):
         for byte in iter(lambda: command.stdout.read(1), b""):
             seen += byte
             for code, jpegs in ((b"\x1b[107m", light), (b"\x1b[40m\x1b[2J", dark)):
-                if seen.endswith(code):  # the camera shows it later
+                if seen.endswith(code):  # the camera shows it with its delay
                     threading.Timer(LATE_S, setattr, (self.server, "jpegs", jpegs)).start()
         self.assertEqual(command.wait(TIMEOUT), 0, seen)
         found = yaml.safe_load(self.settings.read_text())["capture"]["delay_ms"]

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Three real detector nodes before played cameras: fixed with Bayer images, fixed with JPEG, and on a moving robot.
+"""Three real detector nodes with simulated cameras: fixed with Bayer images, fixed with JPEG, and on a moving robot.
 
-Spots are where and when they were; whatever is wrong with its input, a detector logs once, reports in its notices, and
-goes on.
+Spots have the right positions and stamps. Whatever is wrong with its input, a detector logs it once, reports it in its
+notices, and goes on.
 """
 
 import unittest
@@ -28,11 +28,11 @@ from scenes import GREEN, RED
 from vb_testing import TIMEOUT, wait_until
 
 WARN_EVERY = 10.0
-GUARD = (2.5, 1.5)  # [m] where a robot stands, on the circle that red's laser draws
+GUARD = (2.5, 1.5)  # [m] position of a robot, on the circle that the spot before camera red draws
 
 
 class Observer:
-    """What detectors publish, log and tell."""
+    """Keeps what detectors publish, log and report in notices."""
 
     def __init__(self):
         self.spots, self.logs, self.status, self.truth, self.notices = [], [], {}, {}, {}
@@ -45,7 +45,7 @@ class Observer:
             rospy.Subscriber(topic, kind, handle, queue_size=50)
 
     def spots_of(self, camera):
-        """The spots of images whose truth is known: one may come back before the player has noted where it was."""
+        """Returns a camera's spots whose true position is known: a spot may arrive before the player has noted it."""
         return [
             spot
             for spot in list(self.spots)
@@ -53,12 +53,12 @@ class Observer:
         ]
 
     def errors(self, spots):
-        """How far they are from where they were drawn [m]."""
+        """Returns the distances [m] of spots from their true positions."""
         at = [self.truth[spot.camera, spot.header.stamp.to_nsec()] for spot in spots]
         return [np.hypot(s.position.x - x, s.position.y - y) for s, (x, y) in zip(spots, at)]
 
     def told(self, camera, words, severity=Notice.ERROR):
-        """Whether the camera's detector tells something with these words."""
+        """Returns whether the camera's detector has a notice with these words."""
         now = self.notices.get(f"/spot_detector_{camera}", ())
         return any(one.severity == severity and words in one.message for one in now)
 
@@ -67,7 +67,7 @@ class Observer:
         return dict(zip(status.rejections, status.rejection_counts)).get(code, 0) if status is not None else 0
 
     def warnings(self, camera, code):
-        """What the camera's own detector warned of: the other one may have the same trouble."""
+        """Returns the warnings with a code by the camera's own detector: another one may have the same problem."""
         name = f"/spot_detector_{camera}"
         return [log for log in self.logs if log.name == name and f"[{code}]" in log.msg and log.level >= Log.WARN]
 
@@ -110,7 +110,7 @@ class SpotDetectorTest(unittest.TestCase):
         wait_until(condition, lambda: f"{what}: {self.observer.status} {self.observer.notices}")
 
     def wait_for_spots(self, camera, count=3, projection=None):
-        """Spots of images that were taken from now on."""
+        """Waits for spots of images taken from now on, and returns them."""
         now = rospy.Time.now()
 
         def fresh():
@@ -121,24 +121,24 @@ class SpotDetectorTest(unittest.TestCase):
         return fresh()
 
     def check_fault(self, camera, code, words, level, count=10, told=None):
-        """Counted, told, and logged, but not for each image; `told`: the code that people read."""
+        """Checks that a fault is counted, reported, and logged, but not for each image; `told`: the code in the log."""
         o = self.observer
         before = o.refused(camera, code)
         self.wait(lambda: o.refused(camera, code) >= before + count, f"{count} times {code}")
         self.wait(lambda: o.told(camera, words, level), f"the notice of {code}")
         self.wait(lambda: o.warnings(camera, told or code), f"a warning of {code}")
         stamps = sorted(log.header.stamp.to_sec() for log in o.warnings(camera, told or code))
-        # a log's stamp comes a little later than the decision to write it
+        # a log message is stamped a little after the decision to write it
         self.assertTrue((np.diff(stamps) > WARN_EVERY / 2).all(), stamps)
 
     def check_spots(self, camera, projections, limit):
-        """All spots of a camera until now are right, have their images' own times, and come in order."""
+        """Checks that a camera's spots so far are accurate, have their images' stamps, and came in order."""
         self.wait_for_spots(camera, 15)
         spots = self.observer.spots_of(camera)
         errors = self.observer.errors(spots)
         self.assertLess(np.median(errors), limit)
         self.assertLess(np.max(errors), 5 * limit)
-        # those that are given back once a stroke is confirmed come before the one that confirms it
+        # spots published in retrospect, once a stroke is confirmed, come before the one that confirms it
         stamps = [spot.header.stamp.to_nsec() for spot in spots]
         self.assertEqual(stamps, sorted(set(stamps)))
         for spot in spots:
@@ -152,14 +152,14 @@ class SpotDetectorTest(unittest.TestCase):
         self.assertGreater(min(status.rate_hz, status.search_ms), 0.0)
 
     def test_all_cameras(self):
-        """Cameras with nothing in common, at the same time: most of this is waiting for what comes once a second."""
+        """Tests independent cameras in parallel: most of the time is spent on waiting for what comes once a second."""
         with ThreadPoolExecutor() as pool:
             stories = [pool.submit(self.fixed_camera), pool.submit(self.moving_camera)]
             stories.append(pool.submit(self.check_spots, "blue", [LaserSpot.GROUND_PLANE], 0.01))
         for story in stories:
             story.result()
 
-    # one story, as each chapter needs the one before
+    # in this order, as each step needs the one before
     def fixed_camera(self):
         self.camera_info_is_late_wrong_and_then_right()
         self.pose_comes()
@@ -191,10 +191,10 @@ class SpotDetectorTest(unittest.TestCase):
         self.check_fault("red", "no_transform", "no transform", Notice.ERROR, told="camera_no_pose")
         self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
         self.place(self.red.T, self.red.frame)
-        self.assertGreater(self.wait_for_spots("red")[-1].track, 0)  # each spot says which one it is
+        self.assertGreater(self.wait_for_spots("red")[-1].track, 0)  # each spot has the number of its track
 
     def bad_images(self):
-        """They come between good ones."""
+        """Sends bad images between good ones."""
         bad = message_from_image(np.ones((270, 480), np.float32), "32FC1", rospy.Time(), self.red.frame)
 
         def play(_event):
@@ -208,7 +208,7 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait(lambda: not self.observer.notices["/spot_detector_red"], "all well again")
 
     def frame_is_shared(self):
-        """No spot is placed while another ceiling camera has the same frame: one of the two poses is wrong."""
+        """Checks that no spot is placed while another ceiling camera has the same frame: one of the poses is wrong."""
         other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
 
         def refusals():
@@ -219,7 +219,7 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait_for_spots("red")
 
     def tuning(self):
-        """The detector's parameters, and the projection's."""
+        """Changes the parameters of the detector and of the projection."""
         for part, name, hard, usual, code in (
             ("detector", "max_diameter_mm", 2.0, 80.0, "too_large"),
             ("projection", "max_range", 1.0, 12.0, "too_far"),
@@ -246,14 +246,14 @@ class SpotDetectorTest(unittest.TestCase):
         self.assertTrue(o.refused("red", "robot_without_pose"))
         self.place(geometry.transform(np.eye(3), (*GUARD, 0.0)), "guard/base_link")
         self.wait(lambda: o.refused("red", "on_robot") >= 1, "light on a robot")
-        # from now on the robot's place is known; the spot comes round to it again
+        # from now on the robot's position is known; the spot comes round to it again
         known, before = o.status["red"].header.stamp, o.refused("red", "on_robot")
         self.wait(lambda: o.refused("red", "on_robot") >= before + 5, "more light on the robot")
         self.wait_for_spots("red")
         later = [spot.position for spot in o.spots_of("red") if spot.header.stamp > known]
         self.assertGreater(min(np.hypot(at.x - GUARD[0], at.y - GUARD[1]) for at in later), 0.18)
 
-    # one story again
+    # in this order again
     def moving_camera(self):
         self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
         self.check_spots("robot", [LaserSpot.DEPTH, LaserSpot.GROUND_PLANE_FALLBACK], 0.02)
@@ -267,13 +267,13 @@ class SpotDetectorTest(unittest.TestCase):
         meters = as_message("32FC1", lambda depth: np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32))
         good = robot.depth_message
         for spoilt, code, words in (
-            # depth of another camera's frame does not belong to the pixels of this one
+            # depth in another frame is not registered to this camera's pixels
             (as_message("16UC1", np.copy, "depth_optical_frame"), "depth_not_registered", "depth_optical_frame"),
             (as_message("32FC1", lambda d: np.full(d.shape, np.nan, np.float32)), "bad_depth", "no reading at all"),
             (as_message("rgb8", lambda d: np.zeros((*d.shape, 3), np.uint8)), "bad_depth", "16UC1 or 32FC1"),
         ):
             robot.depth_message = spoilt
-            # the floor's plane takes over, and the spots say so
+            # the floor plane is used instead, and the spots say so
             spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
             self.assertLess(np.median(self.observer.errors(spots)), 0.03)
             self.check_fault("robot", code, words, Notice.WARNING, count=3)
@@ -281,11 +281,11 @@ class SpotDetectorTest(unittest.TestCase):
             self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
 
     def pose_is_late_and_missing(self, robot):
-        # a pose that comes after its image is waited for
+        # the detector waits for a pose that comes after its image
         robot.pose_late_s = 0.05
         self.assertLess(np.median(self.observer.errors(self.wait_for_spots("robot"))), 0.03)
         robot.pose_late_s = 0.0
-        # without a pose at the image's time a spot is dropped and counted, never published where it was last
+        # without a pose at the image's time a spot is dropped and counted, never projected with the last pose
         robot.localized = False
         self.check_fault("robot", "no_transform", "no transform", Notice.ERROR, 5, "camera_robot_lost")
         count, before = len(self.observer.spots_of("robot")), self.observer.refused("robot", "no_transform")

@@ -12,7 +12,7 @@ from vb_core.image_format import Picture
 from vb_laser_detect.detection.projection import GROUND_PLANE, FloorPoint
 from vb_laser_detect.detector import SpotDetector
 
-RED = (0.12, 0.2, 1.0)  # how a red laser's light falls into the sensor's blue, green and red pixels
+RED = (0.12, 0.2, 1.0)  # response of the sensor's blue, green and red pixels to a red laser
 GREEN = (0.2, 1.0, 0.15)
 
 
@@ -33,11 +33,11 @@ class Scene:
         fine = cv2.GaussianBlur(self._random.normal(0.0, 1.0, (height, width)).astype(np.float32), (0, 0), 1.5)
         floor = brightness * (1.0 + 0.08 * cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
         floor += 0.12 * brightness * fine / fine.std()
-        # joints of tiles: straight edges
+        # straight edges: joints between tiles
         floor[:: max(60, height // 5)] *= 0.6
         floor[:, :: max(60, width // 7)] *= 0.6
         self.floor = floor[:, :, None] * np.array([0.86, 0.97, 1.04], np.float32)
-        # drawn once and taken from another place for each image: drawing it again is what would take the time
+        # drawn once, and read from another offset for each image: new noise for each would take most of the time
         self._noise = self._random.normal(0.0, noise, (2 * height * width * 3,)).astype(np.float32)
 
     def render(
@@ -51,15 +51,15 @@ class Scene:
         floor: Optional[np.ndarray] = None,
         bayer: bool = False,
     ) -> np.ndarray:
-        """(H, W, 3) bgr uint8, or (H, W) as bayer_rggb8.
+        """Renders (H, W, 3) bgr uint8, or (H, W) as bayer_rggb8.
 
         Args:
             spots: (u, v) [px] centres.
             sigma: [px] of the Gaussian spot; it saturates where floor and light exceed 255.
-            power: [grey levels] light in the middle of the spot.
-            smear: [px] by which the spot moves while the shutter is open, centred on its place.
+            power: [grey levels] light at the spot's centre.
+            smear: [px] motion of the spot while the shutter is open, centred on its position.
             gain: exposure.
-            floor: another floor (H, W, 3) float.
+            floor: a floor (H, W, 3) float in place of the scene's.
         """
         light = (self.floor if floor is None else floor).copy()
         height, width = light.shape[:2]
@@ -85,19 +85,19 @@ class Scene:
 
 
 def tinted(scene: Scene) -> Scene:
-    """The same scene with so coloured a floor that a Bayer image of it can be told from a grey one."""
+    """Returns the scene with its floor so coloured that its Bayer image can be told from a grey one."""
     scene.floor = scene.floor * np.array([0.75, 1.0, 1.1], np.float32)
     return scene
 
 
 def shown(scene: Scene, kind: str, spots=(), *light, **more) -> np.ndarray:
-    """An image as a camera of a kind takes it: bgr, bayer, or mono, which a green laser's light falls into."""
+    """Renders an image as a camera of a kind takes it: bgr, bayer, or mono, which is the green channel."""
     image = scene.render(spots, *light, bayer=kind == "bayer", **more)
     return image[:, :, 1].copy() if kind == "mono" else image
 
 
 class ImageDetector(SpotDetector):
-    """A detector whose `detect` returns the image's own spots; those of earlier images that it confirmed are in `earlier`.
+    """A detector whose `detect` returns the image's own spots; `earlier` has those of earlier images, now confirmed.
 
     Attributes:
         bayer: whether (H, W) images are Bayer images.
@@ -117,17 +117,17 @@ class ImageDetector(SpotDetector):
 
 
 class FlatFloor:
-    """A geometry: pixels on the floor by a scale [m/px], but those for which `reject` names a reason."""
+    """A geometry that maps pixels to the floor by a scale [m/px], except those for which `reject` gives a reason."""
 
     def __init__(self, scale=0.004, reject=lambda u, v: ""):
         self._scale, self._reject = scale, reject
 
     def meters_per_pixel(self, pixels):
-        """As `ImageGeometry.meters_per_pixel`."""
+        """See `ImageGeometry.meters_per_pixel`."""
         return np.full(len(pixels), self._scale)
 
     def point(self, u, v):
-        """As `ImageGeometry.point`."""
+        """See `ImageGeometry.point`."""
         if self._reject(u, v):
             raise CodedError(self._reject(u, v))
         return FloorPoint(np.array([u * self._scale, v * self._scale, 0.0]), self._scale, GROUND_PLANE, 3.0)

@@ -1,4 +1,4 @@
-"""Poses from points with noise and wrong ones among them, against the truth; and everything that determines no pose."""
+"""Poses from points with noise and outliers, against the truth; and points that determine no pose."""
 
 import contextlib
 import math
@@ -24,7 +24,7 @@ SPREAD = np.array(
 
 
 def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=35.0):
-    """Points near the image's edge, as a person would choose them, with what is measured of them."""
+    """Returns measurements of points near the image's edge, as a person would choose them."""
     pixels = SPREAD[:count] + rng.uniform(-jitter, jitter, (count, 2))
     points = floor_points(CAMERA, pose, pixels)[:, :2]
     return Correspondences(
@@ -33,7 +33,7 @@ def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=
 
 
 def on_floor_apart(estimate, pose=POSE):
-    """[m] by which spots in all of the image would be misplaced."""
+    """Returns the errors [m] of spots all over the image."""
     return np.linalg.norm(floor_points(CAMERA, estimate.T_map_camera, GRID) - floor_points(CAMERA, pose, GRID), axis=1)
 
 
@@ -63,7 +63,7 @@ def test_noise_moves_the_floor_as_much_as_is_reported(count, point_noise, median
         worst.append(on_floor_apart(estimate).max())
         sigma.append(estimate.floor_sigma[1])
     assert np.median(worst) < median and max(worst) < most
-    # the worst place is the worst of nine, so that it is a bit more than one standard deviation of the worst
+    # the largest of nine errors is a little more than the standard deviation at the worst place
     assert 0.5 < np.median(worst) / np.median(sigma) < 2.0
 
 
@@ -74,14 +74,14 @@ def test_wrong_points_are_found_and_left_out(wrong):
         observed = observe(rng, 8)
         points, bad = observed.points.copy(), rng.choice(8, wrong, replace=False)
         angle = rng.uniform(0, 2 * math.pi, wrong)
-        # mistaken for another tile, a slip of the mouse
+        # another tile taken for the right one, or a slip of the mouse
         points[bad] += (rng.uniform(0.25, 1.0, wrong) * np.array([np.cos(angle), np.sin(angle)])).T
         estimate = estimate_pose(CAMERA, Correspondences(observed.pixels, points))
         assert not estimate.used[bad].any() and estimate.used.sum() >= 7 - wrong
         assert on_floor_apart(estimate).max() < 0.08
 
 
-# ------------------------------------------------------------------ what determines no pose
+# ------------------------------------------------------------------ points that determine no pose
 def seen_at(pixels):
     pixels = np.asarray(pixels, float)
     return Correspondences(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])
@@ -116,9 +116,9 @@ def test_one_place_taken_again_and_again_does_not_count():
         rng = np.random.default_rng(seed)
         three = observe(rng, 3)
         again = three.select([0, 1, 2, 0, 1, 2, 0, 1])
-        # seen and clicked a little beside, as it would be
+        # with the noise of real measurements and clicks
         near = Correspondences(again.pixels + rng.normal(0, 1.5, (8, 2)), again.points + rng.normal(0, 0.001, (8, 2)))
-        # the click stayed where it was while the spot moved on
+        # the spot moved on, and the click stayed the same
         points = observe(rng, 4).points
         points[3] = points[2]
         for observed in (again, again.select(np.arange(4)), near, Correspondences(SPREAD[:4], points)):
@@ -153,7 +153,7 @@ def test_a_spot_is_taken_only_while_it_is_still():
     show(range(25), lambda i: [(300 + 20 * i, 200)], "spot_moving")
     still = show(range(25, 100), lambda i: [rng.normal((800, 400), 0.5)] if i % 3 else [], "")
     assert still == pytest.approx((800, 400), abs=0.5)
-    show(range(100, 160), lambda i: [], "spot_not_seen_by_camera")  # the images go on without it
+    show(range(100, 160), lambda i: [], "spot_not_seen_by_camera")  # the images go on without a spot
     show([0], lambda i: [(1, 1)], "spot_not_seen_by_camera")  # time jumped back
 
 

@@ -1,4 +1,4 @@
-"""The printed board, rendered under a camera with noise and lens distortion; and cameras that agree or do not."""
+"""The printed board, rendered under a camera with noise and lens distortion; and whether cameras agree."""
 
 import math
 import re
@@ -22,7 +22,7 @@ PLACES = [((3.1, 3.2), -1.2), ((5.0, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.9, 2.0),
 def test_corners_are_found_to_a_fraction_of_a_pixel(seed):
     p1, yaw = PLACES[seed]
     image = render_board(BOARD, p1, yaw, np.random.default_rng(seed))
-    # colour images are taken too
+    # colour images are accepted too
     view = find_board(BOARD, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if seed % 2 else image)
     assert len(view.ids) == 12
     truth = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(view.corners, p1, yaw), np.zeros(12)]))
@@ -56,7 +56,7 @@ def test_the_board_fits_its_paper(paper):
 
 
 def test_print_is_true_to_size(tmp_path):
-    # measured in the file itself: the sheet, and the pattern on it
+    # the sheet and the pattern are measured in the file itself
     path = tmp_path / "board.png"
     write_board("A4", str(path))
     page = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
@@ -83,7 +83,7 @@ def test_print_is_true_to_size(tmp_path):
 
 # ------------------------------------------------------------------ cameras that overlap
 def draw(offset=(0.0, 0.0), phase=0.0, seconds=10.0, gap=(), period=0.04):
-    """Sightings, by one camera, of a spot that draws a circle at 0.6 m/s."""
+    """Returns one camera's sightings of a spot that draws a circle at 0.6 m/s."""
     rng, result = np.random.default_rng(0), []
     for t in np.arange(0, seconds, period) + phase:
         if not gap or not gap[0] <= t <= gap[1]:
@@ -112,5 +112,5 @@ def test_cameras_that_hardly_see_the_spot_together_are_not_compared(other):
 
 
 def test_a_gap_is_not_bridged():
-    """Between two sightings that are far apart in time the spot is not where a straight line says."""
+    """Between two sightings far apart in time, the spot is not on the straight line between them."""
     assert distance_between(draw(), draw(gap=(2.0, 8.0))) < 0.003

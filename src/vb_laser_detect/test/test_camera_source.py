@@ -1,4 +1,4 @@
-"""A camera's images: how far they are decoded, and what becomes of those for which the computer is too slow."""
+"""A camera's images: which are decoded, and which are left out because the computer is too slow or they are damaged."""
 
 import contextlib
 import re
@@ -27,7 +27,7 @@ SDP = "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=-\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r
 
 @pytest.fixture(scope="module")
 def packets():
-    """H.264 whose images stand by themselves once a second; each is as bright as its number."""
+    """Returns H.264 packets with a key frame every KEY_EVERY images; each image's brightness is its number."""
     codec = av.CodecContext.create("libx264", "w")
     codec.width, codec.height, codec.pix_fmt = 64, 64, "yuv420p"
     codec.framerate, codec.time_base = RATE, Fraction(1, RATE)
@@ -46,7 +46,7 @@ def film(packets, tmp_path):
 
 
 def write_film(path, packets, damaged=()):
-    """Writes a film; of the packets with the `damaged` numbers the beginning is lost."""
+    """Writes a film; packets whose number is in `damaged` lack their beginning."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=RATE)
         stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
@@ -60,11 +60,11 @@ def write_film(path, packets, damaged=()):
 
 @pytest.fixture
 def camera(packets):
-    """The address of a camera in the network, which sends its images when they are due, late readers or not."""
+    """Yields the address of a network camera that sends its images when they are due, even if the reader is late."""
 
     class Rtsp(socketserver.StreamRequestHandler):
         def handle(self):
-            with contextlib.suppress(OSError):  # the other side has closed
+            with contextlib.suppress(OSError):  # the client has closed the connection
                 self.serve()
 
         def serve(self):
@@ -81,7 +81,7 @@ def camera(packets):
             for number, packet in enumerate(packets):
                 time.sleep(max(0.0, began + number / RATE - time.monotonic()))
                 units = re.split(b"\0*\0\0\1", bytes(packet))[1:]
-                for unit in units:  # each in one packet of RTP, between those of RTSP
+                for unit in units:  # each in one RTP packet, interleaved in the RTSP connection
                     rtp = struct.pack(">BBHII", 0x80, 96 | (unit is units[-1]) << 7, count, number * 90000 // RATE, 1)
                     self.wfile.write(struct.pack(">cBH", b"$", 0, len(rtp + unit)) + rtp + unit)
                     count += 1
@@ -94,12 +94,12 @@ def camera(packets):
 
 
 def slowly(address, pause_s, count):
-    """Returns brightness and times of the images that reach a reader who pauses after each, and why others were left out."""
+    """Returns brightness and times of the images that reach a reader with pauses, and why others were left out."""
     seen, left_out, over = [], [], []
 
     def handle(shot):
         brightness = float(shot.picture().pixels.mean())
-        if len(seen) < count and (not seen or brightness > seen[-1][0] - 6.0):  # else it has begun again
+        if len(seen) < count and (not seen or brightness > seen[-1][0] - 6.0):  # else the film has begun again
             seen.append((brightness, shot.taken))
             left_out.extend(shot.left_out)
             time.sleep(pause_s)
@@ -117,28 +117,28 @@ def slowly(address, pause_s, count):
 def test_a_file_has_no_hurry(film, pause_s):
     seen, taken, left_out = slowly(film, pause_s, 30)
     assert not left_out and np.abs(seen - np.arange(30)).max() < 6.0
-    # as far apart as in the film, and no more than a second behind what is shown
+    # no closer than in the film, and at the end no more than a second behind the clock
     assert np.diff(taken).min() > 1 / RATE - 1e-6 and taken[-1] - taken[0] > 29 * max(1 / RATE, pause_s) - 1.0 - 1e-6
 
 
 def test_late_network_images_are_left_out_until_a_key_frame(camera):
-    # five times too slow, or more on a busy computer: without leaving any out, the last to be seen would be so many
+    # the reader is at least five times too slow: if none were left out, the last number seen would be their count
     seen, _, left_out = slowly(camera, 0.2, 30)
     assert len(left_out) > 50 and set(left_out) == {"late_image"} and seen[-1] > 3 * len(seen)
-    # what is seen after a gap is whole: it has the brightness of an image that needs no other one
+    # the first image after a gap is complete: it has the brightness of a key frame
     after = np.flatnonzero(np.diff(seen) > 3.0) + 1
     assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
 
 
 def test_of_a_damaged_image_on_all_are_left_out_until_a_key_frame(packets, tmp_path, monkeypatch):
-    monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 60.0)  # on a busy computer too
+    monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 60.0)  # for busy computers
     seen, _, left_out = slowly(write_film(tmp_path / "damaged.mp4", packets, damaged=(5,)), 0.0, 20)
     assert left_out == ["bad_image"] * (KEY_EVERY - 5)
     assert np.abs(seen - [*range(5), *range(KEY_EVERY, KEY_EVERY + 15)]).max() < 6.0
 
 
 def tell_three(address, handle):
-    """Returns the codes of the first three things that a camera's reader is told; None: images come."""
+    """Returns the first three codes that a camera's reader reports; None: images come."""
     told = []
     source = CameraSource(address, CaptureParams(), handle, lambda error: told.append(error and error.code))
     source.start()

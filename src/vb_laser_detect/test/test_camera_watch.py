@@ -1,4 +1,4 @@
-"""Cameras that should be there: whose detector is gone, whose calibration does not fit, which two disagree."""
+"""The watch over the expected cameras: missing detectors, calibrations that do not fit, cameras that disagree."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_a_detector_that_is_gone_is_told():
     watch.report("of_a_robot", Report(1.0))
     assert told(watch.missing(2.0)) == []
     assert told(watch.missing(16.0)) == [("detector_missing", "north")]
-    # one that was not heard yet may still be starting
+    # a detector that was never heard may still be starting
     assert told(watch.missing(61.0)) == [("detector_missing", "north"), ("detector_missing", "south")]
 
 
@@ -41,7 +41,7 @@ def test_clock_difference_is_reported_but_not_a_busy_computer(off, told_age):
     "file, report, kept, code",
     [
         (POSE, Report(1.0, POSE.frame, 500.0), False, ""),
-        (POSE, Report(1.0), False, ""),  # no image came yet
+        (POSE, Report(1.0), False, ""),  # no image yet
         (POSE, Report(1.0, POSE.frame, 504.0), False, ""),
         (POSE, Report(1.0, POSE.frame, 520.0), False, "camera_other_lens"),
         (POSE, Report(1.0, "head_camera", 500.0), False, "camera_frame_differs"),
@@ -67,9 +67,9 @@ def test_shared_frame_is_reported_before_calibration():
         watch.report(name, Report(1.0, "head_camera"))
     missing = CodedError("no_calibration")
     files = {"north": missing, "south": POSE}
-    assert watch.misfits(files, [], 1.0) == []  # their detectors tell the shared frame
+    assert watch.misfits(files, [], 1.0) == []  # their detectors report the shared frame
     watch.report("north", Report(20.0, "head_camera"))
-    # the other one is gone, and nobody tells a shared frame any more
+    # the other one is gone, so that nobody reports a shared frame any more
     assert ("camera_not_calibrated", "north") in told(watch.misfits(files, [], 20.0))
 
 
@@ -94,7 +94,7 @@ def test_cameras_that_disagree_are_named_until_they_agree():
     watch, random = CameraWatch((), 0.0), np.random.default_rng(5)
 
     def draw(began, off, lasts=30.0):
-        """Drawing where all three see it; the images of none come with those of another."""
+        """Draws where all three see the spot, their images at different times."""
         for camera, late, moved in (("north", 0.0, 0.0), ("south", 0.05, off), ("east", 0.02, 0.0)):
             for t in np.arange(began, began + lasts, 0.12) + late:
                 x, y = 2.0 + 0.5 * np.cos(0.4 * t) + moved, 1.0 + 0.5 * np.sin(0.4 * t)
@@ -102,11 +102,11 @@ def test_cameras_that_disagree_are_named_until_they_agree():
 
     draw(100.0, 0.02)
     assert watch.disagreements(131.0) == []
-    draw(200.0, 0.11)  # one was turned by two degrees
+    draw(200.0, 0.11)  # south was turned by two degrees
     found = watch.disagreements(231.0)
     assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
     assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
-    # calibrated again; the laser is still on, and the detector has the former pose a moment longer
+    # south is calibrated again; the laser is still on, and the detector uses the old pose for a moment longer
     watch.forget_spots("south", 232.0)
     draw(230.5, 0.11, lasts=5.5)
     assert watch.disagreements(237.0) == []

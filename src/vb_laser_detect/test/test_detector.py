@@ -1,4 +1,4 @@
-"""Spots rendered at known places, and everything that is no spot."""
+"""Spots rendered at known positions, and everything that is not a spot."""
 
 import cv2
 import numpy as np
@@ -17,18 +17,18 @@ def at_once(**kind):
 
 
 def feed(detector, images, start=0.0):
-    """Spots of each image, 25 images a second."""
+    """Returns the spots of each image, at 25 images a second."""
     return [detector.detect(image, start + PERIOD * i) for i, image in enumerate(images)]
 
 
 def settled(scene, detector, kind="bgr"):
-    """Both, once the detector has seen the empty floor for a third of a second."""
+    """Shows the detector the empty floor for a third of a second, and returns both."""
     feed(detector, [shown(scene, "bayer" if detector.bayer else kind) for _ in range(8)])
     return scene, detector
 
 
 def steps_seen(detector, images, start=0.4):
-    """The numbers of the (numbered) images for which a spot is reported, at once or later."""
+    """Returns the numbers of those (number, image) for which a spot is reported, at once or later."""
     found = set()
     for number, image in images:
         spots = detector.detect(image, start + PERIOD * number)
@@ -37,7 +37,7 @@ def steps_seen(detector, images, start=0.4):
 
 
 def follow(detector, scene, truths, start=0.4, change=lambda i: {}, kind="", **spot):
-    """For each image how far [px] the spots told of it are from the one that is drawn; `change`: what else it shows."""
+    """Returns for each image the errors [px] of its spots; `change` gives further arguments of its rendering."""
     found, kind = [], kind or ("bayer" if detector.bayer else "bgr")
     for i, (u, v) in enumerate(truths):
         image = shown(scene, kind, [(u, v)], **spot, **change(i))
@@ -55,8 +55,8 @@ def follow(detector, scene, truths, start=0.4, change=lambda i: {}, kind="", **s
             for kind in ("bgr", "bayer")
         ),
         *(({"brightness": brightness}, {}, "bgr") for brightness in (20.0, 60.0, 180.0)),
-        ({}, {"color": GREEN}, "mono"),  # a camera without colour is not asked for it
-        # hardly larger than a pixel, which is not faint
+        ({}, {"color": GREEN}, "mono"),  # a monochrome camera need not show colour
+        # hardly larger than a pixel, but not faint
         ({"brightness": 60.0, "noise": 2.0}, {"sigma": 0.75, "power": 190.0, "color": GREEN}, "bgr"),
         # 500 px/s are 1 m/s at 2 mm per pixel; the shutter is open for 20 ms
         ({}, {"smear": (10.0, 0.0)}, "bgr"),
@@ -79,9 +79,9 @@ def test_spot_held_still_for_ten_seconds_stays():
     assert feed(detector, [scene.render() for _ in range(5)], 11.0) == [[]] * 5
 
 
-# ------------------------------------------------------------------ what is no spot
+# ------------------------------------------------------------------ no spots
 def with_box(scene, left, top, wide, high, value=0.0, gain=0.0, floor=None):
-    """The floor with a part of another colour, or times as bright."""
+    """Returns the floor with a part in another colour, or `gain` times as bright."""
     floor = (scene.floor if floor is None else floor).copy()
     part = floor[top : top + high, left : left + wide]
     part[:] = gain * part + value
@@ -94,7 +94,7 @@ def person(scene, i):
 
 
 def taken_away(scene, i):
-    """A small dark thing, and an arm that comes for it from the right and is gone in the half second after."""
+    """Returns a floor with a small dark object, and an arm that takes it away to the right."""
     floor = with_box(scene, 300, 150, 12, 12, 15) if i < 26 else scene.floor
     reach = max(0, 330 - 44 * abs(i - 26))
     return with_box(scene, 640 - reach, 140, reach, 30, (90, 120, 170), floor=floor) if reach else floor
@@ -123,7 +123,7 @@ def test_no_spot_without_a_laser(disturbance, bayer):
 
 @pytest.mark.parametrize("white", [140.0, 235.0])
 def test_a_spot_is_found_by_cameras_whose_white_is_below_255(white):
-    # limited range video ends at 235; a spot is as white as that camera's white, and a grey thing is not
+    # limited-range video ends at 235; a spot reaches the camera's white, a grey object does not
     scene, detector = Scene(), at_once()
 
     def shade(image):
@@ -151,7 +151,7 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
 
 
 def test_small_glints_that_move_are_no_spots_on_bayer_images():
-    # a glint hardly larger than a pixel: the pattern makes colours of it, another one wherever it goes
+    # the Bayer pattern gives a glint hardly larger than a pixel a colour that changes as it moves
     scene, detector = settled(tinted(Scene()), ImageDetector(bayer=True))
     looked_at, found, time = 0, 0, 0.4
     for sigma in (0.5, 0.6, 0.7):
@@ -172,7 +172,7 @@ def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
     scene, detector = settled(tinted(Scene(brightness=brightness)), ImageDetector(bayer=bayer))
 
     def beam(i):
-        """First the spot is drawn beside it, then its edge creeps along under the spot: what rose is larger than any."""
+        """Draws the spot beside the beam; then the beam's edge moves along under it, a larger region than any spot."""
         come = 3 * max(0, i - 15)
         return {"floor": with_box(scene, 300 - come, 120, 120 + come, 120, gain=gain)}
 
@@ -184,7 +184,7 @@ def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
     scene, detector = settled(tinted(Scene()), ImageDetector(bayer=True))
 
     def leg(i):
-        """A dark one goes along beside it for a third of a second."""
+        """A dark leg moves along beside the spot for a third of a second."""
         return {"floor": with_box(scene, 155 + 3 * i, 100, 55, 230, gain=0.2)} if 20 <= i < 28 else {}
 
     found = follow(detector, scene, [(150.0 + 3.0 * i, 180.0) for i in range(40)], change=leg)
@@ -198,13 +198,13 @@ def test_a_spot_is_followed_over_a_switched_light(gain, bayer):
     for i, light in enumerate([1.0] * 5 + [gain] * 60):
         image = scene.render([(300, 150)], gain=light, power=420.0 / light, bayer=bayer)
         held.append(detector.detect(image, 0.4 + PERIOD * i))
-    # held still through it all: not even the image that brings the new light takes it for floor
+    # held still throughout: not even in the image with the new light is it taken for floor
     assert sum(len(spots) for spots in held) >= 64
     assert feed(detector, [scene.render(gain=gain, bayer=bayer) for _ in range(10)], 4.0) == [[]] * 10
 
 
 def test_people_beside_it_do_not_take_a_spots_turn():
-    # on a bright floor each of them rises more than the spot can
+    # on a bright floor each of them brightens more than the spot can
     scene, detector = Scene(brightness=200.0), at_once()
     floor = np.minimum(scene.floor, 215.0)
     floor[:, :280] = 40.0
@@ -247,7 +247,7 @@ def test_a_place_can_be_rejected_and_the_reason_is_kept():
 
 @pytest.mark.parametrize("tint", [(1.0, 1.0, 1.0), (0.6, 0.85, 1.05), (1.1, 0.85, 0.6), (0.6, 1.1, 0.7)])
 def test_moving_camera_takes_no_paper_for_light(tint):
-    # on a coloured floor white paper rises most in the colour that the floor lacks
+    # on a coloured floor, white paper adds most in the channel that the floor lacks
     detector, scene = ImageDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
     scene.floor *= np.array(tint, np.float32)
     scene.floor[200:212, 300:312] = 250
@@ -256,7 +256,7 @@ def test_moving_camera_takes_no_paper_for_light(tint):
 
 
 def test_moving_camera_follows_the_spot_over_a_bright_line():
-    # a red line on a red carpet: the spot's outline continues in it, and only the frame before shows what it is
+    # a red line on a red carpet: the spot's outline merges with it, and only the previous frame separates them
     detector, scene = ImageDetector(DetectorParams.mobile()), Scene(640, 480)
     scene.floor[:, :] = (56, 48, 120) + scene.render()[:, :, :1] * 0.05
     scene.floor[200:204, 100:500] = (95, 80, 190)
@@ -283,13 +283,13 @@ def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(color):
     scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
     assert not any(feed(detector, [scene.render([])] * 3))
     offsets = sum(follow(detector, scene, [(285.0 + 2 * i, 300.0) for i in range(36)], sigma=3.0, color=color), [])
-    # not at its rim, where lamp and floor meet under the spot; what is seen is the spot and not the lamp
+    # it may be missed at the rim, where lamp and floor meet under it; what is reported is the spot, not the lamp
     assert len(offsets) > 18 and max(offsets) < 8.0
 
 
 # ------------------------------------------------------------------ lamps, and images out of order
 def drawn(step):
-    """Where a pointer is that draws to and fro at 150 px/s."""
+    """Returns the position of a pointer that draws to and fro at 150 px/s."""
     return 60.0 + abs((6.0 * step) % 480 - 240), 60.0
 
 
@@ -301,11 +301,11 @@ def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
 
     def image(step, *spots):
         on = not rhythm or (step * PERIOD * rhythm) % 1.0 < 0.5
-        # in so small an image a wider spot is a doubtful one, which becomes background sooner
+        # small: in so small an image a wider spot would be doubtful, and become background sooner
         color = GREEN if kind == "mono" else RED
         return shown(scene, kind, [*spots, *[(250.0, 150.0)] * on], 2.0, color=color)
 
-    # a pointer that draws is not kept waiting by it
+    # the light does not delay a pointer that draws
     alone = [bool(detector.detect(image(step), 0.4 + PERIOD * step)) for step in range(100)]
     beside = [detector.detect(image(step, drawn(step)), 0.4 + PERIOD * step) for step in range(100, 200)]
     assert any(alone) and sum(any(abs(spot.v - 60.0) < 2.0 for spot in spots) for spots in beside) >= 75
@@ -340,7 +340,7 @@ def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
 
 
 def test_a_weak_pointer_beside_a_lamp_in_grey_images():
-    # what counts is how bright the room is, not the lamp in it
+    # the brightness of the room counts, not that of the lamp in it
     scene = Scene(brightness=60.0)
     scene.floor[60:80, 560:590] = 255.0
     _, detector = settled(scene, ImageDetector(), "mono")
@@ -366,7 +366,7 @@ def test_images_that_come_in_bursts():
     scene, detector = settled(tinted(Scene(480, 192)), ImageDetector(geometry=FlatFloor(0.004)))
     found = 0
     for step in range(90):
-        # three at a time, stamped as they arrive; the spot is drawn at 2 m/s
+        # three at a time, stamped on arrival; the spot moves at 2 m/s
         u = 60.0 + abs((20.0 * step) % 720 - 360)
         detector.detect(scene.render([(u, 60.0)]), 0.4 + 3 * PERIOD * (step // 3) + 0.001 * (step % 3))
         found += len(detector.candidates) > 0 and not detector.candidates[-1].rejection
@@ -414,12 +414,12 @@ def test_time_that_jumps_back_and_images_that_change_size():
 @pytest.mark.parametrize("color", [(225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)])
 @pytest.mark.parametrize("radius", [3, 5, 9])
 def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer, color, radius):
-    # dots of paper that are laid down are as sudden, round and bright as a spot, and more coloured
+    # paper dots that are laid down are as sudden, round and bright as a spot, and more coloured
     scene, detector = tinted(Scene(320, 240)), ImageDetector(preset(confirm_frames=1), bayer=bayer)
     feed(detector, [scene.render(bayer=bayer) for _ in range(5)])
     dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
     dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]
     laid = scene.floor * (1.0 - dot) + dot * np.array(color, np.float32)
     assert feed(detector, [scene.render(floor=laid, bayer=bayer) for _ in range(3)], 0.2) == [[]] * 3
-    # and light that falls beside it is one
+    # light beside the dot is a spot
     assert len(detector.detect(scene.render([(60, 60)], floor=laid, bayer=bayer), 0.32)) == 1

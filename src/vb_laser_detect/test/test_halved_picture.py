@@ -1,4 +1,4 @@
-"""Spots that are looked for at half an image's size are measured in the whole: they are where the whole shows them."""
+"""Spots found in an image of half the size are measured at full size, with the accuracy of a full-size search."""
 
 import av
 import cv2
@@ -11,7 +11,7 @@ from vb_core.image_format import HalvedPicture
 from vb_laser_detect.camera.source import Shot
 from vb_laser_detect.detector import SpotDetector
 
-SIZE = 956, 540  # halves of which neither rows nor columns make whole blocks of 8
+SIZE = 956, 540  # neither the rows nor the columns of its half are a multiple of 8
 DRAWN = range(35, 60)
 
 
@@ -20,12 +20,12 @@ def steady(number):
 
 
 def switched(number):
-    """The light is less from the middle of the stroke on."""
+    """Returns the light's gain, which drops in the middle of the stroke."""
     return 1.0 if number < 47 else 0.45
 
 
 def flickering(number):
-    """Lamps light the rows of a rolling shutter one after the other."""
+    """Returns the gain of each row of a rolling shutter under flickering lamps."""
     return (1.0 + 0.3 * np.sin(np.arange(SIZE[1]) / 90.0 + 1.7 * number)).astype(np.float32)[:, None, None]
 
 
@@ -63,7 +63,7 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, start, step)
     assert len(searched) >= 0.8 * len(DRAWN) and abs(len(searched) - len(halved)) <= 1
     assert np.abs(halved).max() <= np.abs(searched).max() + 0.1
     if light is steady:
-        # the first image, and one a second that becomes the background
+        # before the stroke only the first image, and one a second for the background, are decoded at full size
         assert len([number for number in whole if number < DRAWN.start]) <= 2
         assert set(whole) >= set(DRAWN)
 

@@ -1,4 +1,4 @@
-"""What the numbers of an image mean comes from its message, for every encoding."""
+"""The pixel values of an image are interpreted by its message's encoding, for every encoding."""
 
 import cv2
 import numpy as np
@@ -13,19 +13,19 @@ from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 
 
 def by_opencv(code):
-    """bgr as OpenCV itself encodes it."""
+    """Returns OpenCV's own conversion from bgr."""
     return lambda image: cv2.cvtColor(image, code)
 
 
 def nv12(image):
-    """bgr to 4:2:0: the brightness, and below it both colours side by side."""
+    """Converts bgr to 4:2:0: the luma plane, and below it the interleaved chroma plane."""
     whole = cv2.cvtColor(image, cv2.COLOR_BGR2YUV_I420)
     high, wide = image.shape[:2]
     colors = whole[high:].reshape(2, high // 2, wide // 2)
     return np.vstack([whole[:high], colors.transpose(1, 2, 0).reshape(high // 2, wide)])
 
 
-# by encoding: which kind of camera it is of, and how its image becomes the encoding's numbers
+# by encoding: the kind of camera, and how its image is encoded
 CASES = {
     "bgr8": ("bgr", np.copy),
     "rgb8": ("bgr", lambda image: image[:, :, ::-1].copy()),
@@ -61,7 +61,7 @@ def test_the_spot_is_found_in_every_encoding(case, preset):
 
 @pytest.mark.parametrize("case", [case for case in CASES if " " not in case])
 def test_a_message_s_picture_is_the_same_on_every_display(case):
-    # from the bytes of a message to bgr, by the one table that the search, its debug image and the page share
+    # from a message's bytes to bgr, by the table that the search, its debug image and the page share
     kind, encode = CASES[case]
     image = shown(Scene(320, 240, noise=0.0), kind, [(100.0, 80.0)], color=GREEN)
     message = message_from_image(encode(image), case, rospy.Time(5), "camera")

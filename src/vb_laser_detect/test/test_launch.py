@@ -1,4 +1,4 @@
-"""The launch files as roslaunch reads them: who is on which machine, publishes poses, watches clocks."""
+"""The launch files as roslaunch reads them: nodes' machines, publishers of poses, parameters."""
 
 from pathlib import Path
 
@@ -22,8 +22,7 @@ def placed(config):
 @pytest.mark.parametrize("names", ["true", "on off", "7"])
 def test_names_that_look_like_yaml_values_stay_names(names):
     config = load(f"cameras:={names}")
-    # roslaunch itself capitalises a truth value; what counts is that a detector says that nothing comes from this
-    # camera
+    # roslaunch itself capitalises a truth value; the detector's notice that no image comes from such a camera is enough
     cameras = [name.capitalize() if name == "true" else name for name in names.split()]
     assert [config.params[f"/spot_detector_{name}/camera"].value for name in cameras] == cameras
     assert config.params["/camera_poses/cameras"].value == names
@@ -36,7 +35,7 @@ def test_each_detector_is_on_its_cameras_machine():
     assert placed(config) == {"spot_detector_red": None, "camera_poses": None, **loft}
     assert placed(load("cameras:=red")) == {"spot_detector_red": None, "camera_poses": None}
     assert placed(load("cameras:=")) == {}
-    # nothing goes to a machine just because it is there
+    # no node is assigned to a machine just because the machine is listed
     assert config.machines["loft"].assignable is False
     assert config.machines["loft"].env_loader.endswith("scripts/ros_env")
     assert (LAUNCH.parent / "scripts" / "ros_env").stat().st_mode & 0o111

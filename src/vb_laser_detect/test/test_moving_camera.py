@@ -1,7 +1,7 @@
-"""A robot's camera: pictures as full of edges as photographs are, and spots without much colour in them.
+"""A robot's camera: images as full of edges as photographs, and spots with little colour.
 
-The motion is smooth, as a pan-tilt head's or a robot's; the pictures are compressed. A webcam shows a green laser's
-spot nearly white, so colour alone tells nothing.
+The motion is smooth, as that of a pan-tilt head or a robot; the images are compressed. A webcam shows a green laser's
+spot nearly white, so colour alone is not enough.
 """
 
 import cv2
@@ -17,7 +17,7 @@ WIDE, HIGH = 400, 300
 
 
 def photograph(seed):
-    """(450, 600, 3) float: noise of all sizes, things with sharp edges, some of them white, a window's glare."""
+    """Renders (450, 600, 3) float: noise at several scales, rectangles with sharp edges, some white, and white dots."""
     random = np.random.default_rng(seed)
     picture = np.full((450, 600, 3), 70.0, np.float32)
     for size, strength in ((64, 25), (16, 14), (4, 8)):
@@ -41,7 +41,7 @@ class View:
         self._picture, self._random, self._still = photograph(seed), np.random.default_rng(seed + 100), still
 
     def at(self, index, spot=None):
-        """The image of a number, (H, W, 3); a spot at (u, v) [px]."""
+        """Returns image `index` (H, W, 3), with a spot at (u, v) [px] if given."""
         t = 0.0 if self._still else float(index)
         angle = np.radians(3.0 * np.sin(0.05 * t))
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -63,7 +63,7 @@ def test_spots_on_photographs(still):
         view, detector = View(seed, still), ImageDetector(DetectorParams.mobile(confirm_frames=1))
         random = np.random.default_rng(seed)
         for i in range(60):
-            # a pulse of three images each second, drawn a little; not where the picture is white already
+            # a pulse of three images every 0.8 s, moved a little; not where the picture is white already
             if i % 20 == 12:
                 start = random.uniform((60, 60), (WIDE - 60, HIGH - 60))
                 while (
@@ -88,12 +88,12 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     motion = registration.motion_to(moved)
     assert np.abs(motion - truth)[:2, :2].max() < 0.004 and np.abs(motion - truth)[:2, 2].max() < 0.6
     moved[120:200, 200:330] = 160
-    # people walk on, and the camera has moved since the keyframe; since the next one it has not
+    # the person walks on; the camera has moved since the first keyframe, but not since the next one
     assert np.abs(registration.motion_to(moved) - truth)[:2, 2].max() < 0.6
     registration.set_keyframe()
     moved[120:200, 200:330] = 90
     assert np.array_equal(registration.motion_to(moved), np.eye(3))
-    # a wall without anything on it tells nothing
+    # a blank wall shows no motion
     blank = ImageRegistration()
     blank.motion_to(np.full((240, 320), 90, np.uint8))
     assert blank.motion_to(np.full((240, 320), 91, np.uint8)) is None

@@ -32,12 +32,12 @@ def test_block_maxima_are_numpys(shape):
         columns = rise.shape[1] // 8
         bands = rise[:, : columns * 8].reshape(len(rise), columns, 8).max(axis=2)
         found = bands[: rows * 8].reshape(rows, 8, columns)[:, read].max(axis=1)
-        found[-1] = np.maximum(found[-1], bands[-8:][read].max(axis=0))  # what is left below is the last blocks'
+        found[-1] = np.maximum(found[-1], bands[-8:][read].max(axis=0))  # remaining rows count for the last blocks
         return found
 
     rise = np.maximum(image.astype(int) - background, 0).reshape(*shape[:2], -1).max(axis=2)
     truth = maxima(rise)
-    truth[:, -1:] = np.maximum(truth[:, -1:], maxima(rise[:, -8:]))  # and what is left to the right
+    truth[:, -1:] = np.maximum(truth[:, -1:], maxima(rise[:, -8:]))  # and remaining columns
     assert np.array_equal(block_maxima(image, background), truth)
 
 
@@ -55,14 +55,14 @@ def test_relit_background_keeps_its_texture_without_the_spot(bayer):
     scene.floor[:, 60:] *= (1.8, 1.5, 1.2)  # warmer light
     lit = scene.render(bayer=bayer).astype(int)
     relit = relight(before, scene.render([place], bayer=bayer), 20.0)
-    # the lowest ratio near by is taken, which rounding makes a little less than the true one
+    # the lowest nearby ratio is used, which rounding makes a little less than the true one
     assert np.abs(relit.astype(int) - lit)[10:-10, 75:-10].max() < 10
-    # on its dark side, too
+    # on the dark side, too
     assert np.abs(relit.astype(int) - before)[10:-10, 10:45].max() < 5
 
 
 def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
-    # 60 images, .6 px each: an error of whole pixels in each would add up to a block's width
+    # 60 images, 0.6 px each: rounding each to whole pixels would add up to a block's width
     wide = cv2.GaussianBlur(np.random.default_rng(4).integers(0, 256, (96, 240), dtype=np.uint8), (0, 0), 3)
     wide = cv2.normalize(wide, None, 0, 255, cv2.NORM_MINMAX)
 
@@ -72,7 +72,7 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
     background, keyframe = Background(seen(0)), 0
     for i in range(1, 61):
         motion, image = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]]), seen(i)
-        left = 100 - 0.6 * i  # of what is hidden, in this image
+        left = 100 - 0.6 * i  # of the hidden part in this image
         image[40:56, int(left) : int(left) + 16] = 255
         rise, _ = background.subtract_background(image, motion)
         spots = np.zeros(background.blocks, bool)
@@ -94,7 +94,7 @@ def test_a_camera_that_has_moved_far_shows_another_floor(moved, becomes_keyframe
 
 
 def tint_of(lit, floor, bayer=False):
-    """The colour of the light that is in one image and not in the other."""
+    """Returns the tint of the light by which `lit` differs from `floor`."""
     rise = cv2.GaussianBlur(max_channel(cv2.subtract(lit, floor)), (3, 3), 0)
     blob = (rise > 0.35 * rise.max()).astype(np.uint8)
     return features.tint_of(blob, rise, lit, floor, *features.means_over(blob, bayer, lit, floor))
@@ -111,7 +111,7 @@ def test_tint_is_the_light_s_wherever_a_window_starts(bayer):
             tints.append(tint_of(lit[window], floor[window], bayer))
         assert np.allclose(tints, tints[0], atol=0.02)
         assert least <= features.chroma(tints[0]) <= most
-    # four places of a pattern, of which green has two; three channels
+    # a Bayer pattern has four positions, two of them green; other images have three channels
     assert len(tints[0]) == (4 if bayer else 3)
 
 
@@ -121,7 +121,7 @@ def test_white_light_in_a_shadow_is_white():
     light[30, 30] = 1.0
     light = 9000.0 * cv2.GaussianBlur(light, (0, 0), 2.5)
     shaded = np.clip(0.7 * floor + light[:, :, None], 0, 255).astype(np.uint8)
-    # beside the saturated core the shadow takes most where the floor was brightest: that is no colour of the light
+    # around the saturated core the shadow darkens most the floor's brightest channel, which is not the light's colour
     assert features.chroma(tint_of(shaded, floor)) < 0.12
 
 

@@ -22,7 +22,7 @@ from vb_laser_detect.detection.projection import (
 )
 
 ROBOT = CameraModel.ideal(640, 480, 525.0)
-UP = geometry.transform(np.eye(3), (1.0, 1.0, 2.0))  # the line through camera and pixel meets the floor, but backwards
+UP = geometry.transform(np.eye(3), (1.0, 1.0, 2.0))  # the line through camera and pixel meets the floor behind it
 
 
 def down(x=4.0, y=2.5, z=2.95, tilt=0.0):
@@ -94,7 +94,7 @@ COLOR = CameraModel(
     "color, own",
     [
         *((ROBOT, ROBOT.scaled_to(*size)) for size in ((160, 120), (640, 480), (213, 160))),
-        (COLOR, CameraModel.ideal(160, 120, 95.0)),  # another lens, without distortion, that sees a wider field
+        (COLOR, CameraModel.ideal(160, 120, 95.0)),  # another lens, undistorted and with a wider field of view
     ],
 )
 def test_depth_of_any_size_and_lens_meets_the_plane(color, own, dtype):
@@ -153,7 +153,7 @@ def test_points_above_and_below_the_floor_are_rejected(scale):
 def test_floor_depth_is_right_at_edges_and_beside_holes(place, seed, holes, dtype, hole):
     random, depth = np.random.default_rng(seed), depth_image(FORWARD, SMALL, dtype)
     missing = random.random(depth.shape) < holes
-    missing[:, : random.integers(0, 160)] = True  # and all that is on one side
+    missing[:, : random.integers(0, 160)] = True  # and everything on one side
     depth[missing] = hole if dtype == "m" else 0
     plane = FloorProjection().on_plane(ROBOT, FORWARD, *place)
     point = FloorProjection().with_depth(ROBOT, FORWARD, *place, depth)
@@ -171,7 +171,7 @@ def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height)
     points = origin + np.linspace(0.0, 1.0, 4001)[:, None] * (floor - origin)
     low = points[points[:, 2] <= CYLINDER.height]
     off = np.hypot(low[:, 0] - CYLINDER.x, low[:, 1] - CYLINDER.y).min() - CYLINDER.radius
-    if abs(off) > 0.01:  # nearer than the points are to each other nothing is decided
+    if abs(off) > 0.01:  # within the spacing of the points the oracle is undecided
         assert CYLINDER.occludes(origin, floor) is bool(off < 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Four corners of a rectangle on the floor: where the camera is, against cameras that are known."""
+"""The camera's pose from the four corners of a rectangle on the floor, against known cameras."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ CORNERS = np.array([[0, 0, 0], [2.0, 0, 0], [2.0, 1.25, 0], [0, 1.25, 0]])
 
 
 def looking(eye, at, roll=0.0):
-    """Pose (4, 4) of a camera that looks at a place."""
+    """Returns the pose (4, 4) of a camera that looks at a point."""
     z = np.subtract(at, eye) / np.linalg.norm(np.subtract(at, eye))
     x = np.cross(z, [0.0, 0.05, 1.0])
     x /= np.linalg.norm(x)
@@ -40,7 +40,7 @@ def test_the_floor_is_where_it_is(T, focal, order):
     pixels = seen(focal, T, CORNERS)[order]
     size = SIZE if abs(order[1] - order[0]) == 1 else SIZE[::-1]
     view = view_rectangle(pixels, size, IMAGE)
-    # the map is the person's: its origin is the first corner, x along the first side, seen from above
+    # the person defines the map: its origin is the first corner, x runs along the first side, z upwards
     first, second = CORNERS[order[0]], CORNERS[order[1]]
     along = (second - first)[:2] / np.linalg.norm(second - first)
     frame = np.column_stack([along, [-along[1], along[0]]])

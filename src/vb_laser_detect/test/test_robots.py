@@ -1,4 +1,4 @@
-"""Where robots and a camera are at an image's time, from tf2's real buffer."""
+"""Poses of robots and of a camera at an image's time, from tf2's real buffer."""
 
 import math
 from types import SimpleNamespace
@@ -21,10 +21,10 @@ PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(m
 
 @pytest.fixture
 def lab(monkeypatch):
-    """(what knows where robots are, tf's buffer, the codes counted); tf is told where a robot is by `drive`."""
+    """Returns (camera geometry, tf's buffer, the codes counted); `drive` puts robots' poses into tf."""
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
     monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
-    # a buffer that waits asks for the time, which no node gives here
+    # a buffer that waits asks for the time, and no node provides it here
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
@@ -61,10 +61,10 @@ def test_a_pose_that_has_not_arrived_makes_a_robot_larger(lab):
 def test_a_robot_without_a_recent_pose_hides_nothing_and_is_counted(lab):
     robots, buffer, counted = lab
     drive(buffer, "base_link", 2.0, 5.0)
-    # the second has never had one
+    # the second robot never had a pose
     assert len(robots.cylinders(rospy.Time(5.0))) == 1 and counted == ["robot_without_pose"]
     assert robots.cylinders(rospy.Time(7.0)) == [] and counted == ["robot_without_pose"] * 3
-    assert robots.cylinders(rospy.Time(4.0)) == [] and len(counted) == 5  # before tf knows of any
+    assert robots.cylinders(rospy.Time(4.0)) == [] and len(counted) == 5  # before the first pose in tf
 
 
 def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):

@@ -1,4 +1,4 @@
-"""What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras."""
+"""How the nodes handle messages, without a master: camera_info, images, the status of other detectors."""
 
 import contextlib
 import weakref
@@ -33,7 +33,7 @@ def no_master(monkeypatch):
 
 
 def info_of(distortion, **changes):
-    """camera_info of a lens whose images were rectified with another focal length."""
+    """Returns the camera_info of a lens whose images were rectified with another focal length."""
     lens = CameraModel(640, 480, CameraModel.ideal(640, 480, 400.0).matrix, np.array(distortion))
     message = cameras.info_from_camera(lens, rospy.Time(1), "lens")
     message.P = [350.0, 0, 319.5, 0, 0, 350.0, 239.5, 0, 0, 0, 1, 0]
@@ -85,7 +85,7 @@ def test_no_picture_outlives_its_search_without_a_lens(tmp_path):
 
 @pytest.fixture
 def report(monkeypatch):
-    """A detector's report of a camera, at a time that the test sets, which sends nothing."""
+    """Returns a function that makes a detector's diagnostics, with a clock set by the test, which publish nothing."""
     monkeypatch.setattr(rospy, "Publisher", Mock())
     monkeypatch.setattr(detector_diagnostics, "Worker", Mock())
     notices, clock = Mock(), [rospy.Time(100)]
@@ -120,7 +120,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named(report, mobile):
 
 
 def play(report, began, ends, rate=10.0, age=0.02, search=0.01, level=100, content="color"):
-    """Images that a detector searched; ends at that time [s]."""
+    """Reports images as searched, from one time [s] to another."""
     for now in np.arange(began, ends, 1.0 / rate):
         report.at(now)
         picture = Picture(np.full((48, 64), level, np.uint8), content)
@@ -137,8 +137,8 @@ def play(report, began, ends, rate=10.0, age=0.02, search=0.01, level=100, conte
         ({}, {"level": 255}, [("camera_too_bright", Severity.WARNING)]),
         ({}, {"age": 60.0}, [("camera_clock", Severity.ERROR)]),
         ({}, {"age": -4.0}, [("camera_clock", Severity.ERROR)]),
-        ({}, {"search": 2.0}, []),  # a busy computer is no wrong clock
-        ({"own_source": True}, {"age": 3.0}, []),  # its delay is known, and its clock is ours
+        ({}, {"search": 2.0}, []),  # a busy computer is not a wrong clock
+        ({"own_source": True}, {"age": 3.0}, []),  # its delay is known, and it shares our clock
     ],
 )
 def test_what_is_wrong_with_images_is_told(report, kinds, images, told):
@@ -167,7 +167,7 @@ def test_source_reports_only_why_it_is_silent(report):
     red.set_source_fault(CodedError("control_refused", source="/dev/video0", why="gain"), is_silent=False)
     play(red, 200.0, 208.0)
     assert red.told() == [("control_refused", Severity.WARNING, "red")]
-    red.clear_refused_setting()  # somebody chose others, which the camera took
+    red.clear_refused_setting()  # somebody chose other settings, which the camera accepted
     assert red.told() == []
     red.at(220.0)
     assert red.told() == [("camera_silent", Severity.ERROR, "red")]

@@ -1,4 +1,4 @@
-"""Which sighting belongs to which spot, when it counts, and which one is told, at every rate."""
+"""Which sighting belongs to which track, when it is confirmed, and which track is published, at every frame rate."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ GREEN = np.array([0.1, 1.0, 0.1])
 
 
 def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
-    """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
+    """Returns a spot at (x, y) [m] below a camera with 2 mm per pixel."""
     place = FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0)
     return Spot(500 * x, 500 * y, 8.0, confidence, tint=tint, floor_point=place)
 
@@ -69,7 +69,7 @@ def test_a_newcomer_takes_nobodys_place():
     for i in range(5, 60):
         both = film.see(sighting(0.01 * i, 0.5, confidence=0.99), sighting(0.01 * i, confidence=0.5))
         assert [one.published for one in both] == [False, True] and both[1].number == laser.number
-    # not even while the laser is hidden; when it is lost the other one is told, with nothing of what came before
+    # not even while the laser is hidden; once that is lost, the other one is published, without its earlier sightings
     assert not film.see(sighting(0.6, 0.5))[0].published
     told = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
     assert told[-1].published and not any(one.backfilled for one in told)
@@ -103,11 +103,11 @@ def test_what_is_never_confirmed_waits_for_a_second_only():
 
 @pytest.mark.parametrize("mosaic", [False, True])
 def test_the_mean_colour_counts(mosaic):
-    # a white glint of two pixels has another colour in each image
+    # a white glint of two pixels has a different colour in each image
     left, right = np.array([1.0, 0.5, 1.0, 0.5]), np.array([0.5, 1.0, 0.5, 1.0])
     film = Film(mosaic=mosaic)
     confirmed = [film.see(sighting(0.0, tint=(left, right)[i % 2]))[0].confirmed for i in range(30)]
-    # a mosaic shows some colour of every laser; what other cameras show white is followed for longer than a glint lasts
+    # a mosaic shows some colour of any laser; a spot that other cameras show white must outlast a glint
     assert not any(confirmed[1:14]) and confirmed[-1] == (not mosaic)
     film = Film(mosaic=mosaic)
     assert [film.see(sighting(0.0))[0].confirmed for _ in range(4)] == [False, False, True, True]

@@ -1,4 +1,4 @@
-"""What unit tests of stored borders share."""
+"""Fixtures for unit tests of stored borders."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from integrators import GRID, integrator
 
 @pytest.fixture
 def restart(tmp_path):
-    """Starts an integrator on the files in tmp_path, after the end of the one before."""
+    """Returns a function that closes the integrator before, and starts one on the files in tmp_path."""
     running = []
 
     def start(grid=GRID, **params):

@@ -25,20 +25,20 @@ ORIGINS = [(0.0, 0.0, 0.0), (-3.0, -7.5, 0.0), (1.0, -2.0, 0.6), (-4.0, 2.0, -2.
 
 
 def rasterise(shape, grid: GridMap) -> np.ndarray:
-    """(H, W) bool: the cells whose centre lies in a shape, in map coordinates."""
+    """Returns (H, W) bool, the cells whose centre lies in a shape given in map coordinates."""
     centers = grid.cell_to_world(np.indices(grid.shape).reshape(2, -1).T)
     shapely.prepare(shape)
     return shapely.contains_xy(shape, centers[:, 0], centers[:, 1]).reshape(grid.shape)
 
 
 def place(shape, origin: Sequence[float]):
-    """A shape of the world's own coordinates where the map's origin puts it."""
+    """Transforms a shape from the world's own coordinates to the map frame, by the map's origin."""
     x, y, yaw = origin
     return translate(rotate(shape, yaw, (0.0, 0.0), use_radians=True), x, y)
 
 
 def world(room, origin, boxes=(), shape=(200, 320)) -> Tuple[GridMap, np.ndarray]:
-    """A map of a room: walls round it, unknown beyond, boxes in it; and the room as it lies in the map frame."""
+    """Returns a map of a room with boxes, walls round it, unknown beyond; and the room's shape in the map frame."""
     empty = GridMap(np.full(shape, -1, np.int8), RESOLUTION, origin)
     data = empty.data.copy()
     data[rasterise(place(room.buffer(WALL, join_style=2), origin), empty)] = 100
@@ -49,7 +49,7 @@ def world(room, origin, boxes=(), shape=(200, 320)) -> Tuple[GridMap, np.ndarray
 
 
 def side_of(room, line: LineString, seed: Sequence[float]):
-    """The part of a room that holds the seed once a line, long enough, has parted it."""
+    """Returns the part of a room with the seed after a sufficiently long line divides it, or None if it does not."""
     parts = list(split(room, line).geoms)
     holding = [part for part in parts if part.covers(Point(*seed))]
     return holding[0] if len(holding) == 1 and len(parts) > 1 else None

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""map_integrator, and borders from files, over a real roscore."""
+"""map_integrator, and borders imported from files, over a real roscore."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vb_msgs.srv import ConfirmMapRequest
 
 
 def polygon(x=0.0, y=0.0, size=1.0, **fields):
-    """A square to be restricted inside."""
+    """Returns a square border that restricts its inside."""
     corners = [(x, y), (x + size, y), (x + size, y + size), (x, y + size)]
     return VirtualBorder(
         points=[Point(*corner, 0.0) for corner in corners],
@@ -70,7 +70,7 @@ class MapIntegratorTest(unittest.TestCase):
 
     @classmethod
     def call(cls, name, *arguments):
-        """Calls a service with the first fields of its request, once it is there."""
+        """Waits for a service and calls it with the first fields of its request."""
         service = f"/virtual_borders/{name}"
         rospy.wait_for_service(service, 120.0)
         kind = rosservice.get_service_class_by_name(service)
@@ -84,7 +84,7 @@ class MapIntegratorTest(unittest.TestCase):
     def setUp(self):
         for border in self.call("list_borders").borders.borders:
             self.call("remove_border", border.id)
-        # the map may have been without borders before: only the stamp tells that it is the newest one
+        # an older map may also be without borders: only the stamp shows that this is the newest one
         revision = self.call("list_borders").borders.revision
         wait_until(
             lambda: self.borders.message.revision == revision
@@ -113,7 +113,7 @@ class MapIntegratorTest(unittest.TestCase):
         wait_until(lambda: self.restricted() == 1600, "the larger border")
         self.assertTrue(self.call("undo").success)
         wait_until(lambda: self.restricted() == 400, "the smaller border again")
-        for _ in range(2):  # sent again, it is carried out once
+        for _ in range(2):  # a repeated request is carried out once
             self.assertTrue(self.call("undo_redo", True, "again").success)
         wait_until(lambda: self.restricted() == 1600, "the larger border again")
         self.assertTrue(self.call("remove_border", added.id).success)
@@ -136,7 +136,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual(self.call("list_borders").borders.revision, revision)
 
     def test_warnings_for_the_robot_and_for_soft_borders(self):
-        # the transform may still be under way
+        # repeatedly, since the transform may still be under way
         def codes():
             return [found.code for found in self.call("preview_border", polygon(x=-2.5, y=-1.5), "").issues]
 
@@ -221,7 +221,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertTrue(answer.success, answer.message)
         self.assertTrue(all(os.path.isfile(path) for path in answer.files) and len(answer.files) == 3)
         self.assertTrue((read_map(answer.files[1]).data == self.cells()).all())
-        # one that was exported and edited comes beside it, and stays switched off
+        # an exported border that was edited is added to the other one, and stays switched off
         edited = Path(answer.files[-1]).read_text().replace('"rug"', '"carpet"')
         source.write_text(edited.replace('"enabled": true', '"enabled": false'))
         status, output = self.import_borders(source)
@@ -235,7 +235,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertNotIn("Traceback", output)
 
     def test_the_nodes_end_costs_no_border(self):
-        """An addition was answered with success, and after a restart no border was there."""
+        """Otherwise borders whose addition was acknowledged are gone after a restart."""
         for name, x in (("carpet", 0.0), ("rug", 2.0)):
             self.assertEqual(self.call("add_border", polygon(x=x, name=name), "", "test").code, "ok")
         wait_until(lambda: self.restricted() == 800, "two borders")

@@ -1,4 +1,4 @@
-"""Cells of borders against oracles that look at every cell."""
+"""Cells of borders, against oracles that examine every cell."""
 
 import math
 
@@ -16,14 +16,14 @@ from vb_map_integration.grid import raster
 from vb_map_integration.grid.region import Region
 from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate
 
-# the same examples on every computer, however busy
+# the same examples on every computer, even a busy one
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 PLACE = st.tuples(st.floats(-6.0, 18.0), st.floats(-6.0, 14.0))
 
 
 def winding(vertices, shape):
-    """(H, W) bool: the cells whose centre a polygon winds round, and those on whose centre its outline runs."""
+    """Returns two (H, W) bool: cells whose centre a polygon winds round, and cells whose centre is on its outline."""
     rows, columns = np.indices(shape)
     ends = (np.array(vertices) @ [1, 1j])[:, None, None] - columns - 1j * rows
     turns = np.angle(np.roll(ends, -1, axis=0) * ends.conj())
@@ -51,22 +51,22 @@ def test_a_chains_cells_are_where_its_points_are_and_leave_no_gap(vertices):
     assume(steps.min() > 1e-3)
     trace, arc = raster.trace_chain(chain, shape), np.concatenate([[0.0], np.cumsum(steps)])
     assert trace.points.shape == (len(trace.rows), 2) and (np.diff(trace.arc) >= -1e-9).all()
-    # each point is on its segment, as far along the chain as it says
+    # each point is on its segment, at its arc length along the chain
     share = (trace.arc - arc[trace.segment]) / steps[trace.segment]
     assert np.allclose(trace.points, chain[trace.segment] + share[:, None] * np.diff(chain, axis=0)[trace.segment])
     assert (share > -1e-9).all() and (share < 1.0 + 1e-9).all()
-    # and in its cell, or beside the corner that the chain crosses into the next one
+    # each point is in its cell, or beside the corner at which the chain crosses into the next one
     off = np.abs(trace.points - np.column_stack([trace.columns, trace.rows])).max(axis=1, initial=0.0)
     assert (off <= 1.5).all() and (np.abs(np.diff(off <= 0.5 + 1e-9).astype(int)) <= 1).all()
     assert (off <= 0.5 + 1e-9).mean() >= 0.5 if len(off) else True
-    # every cell of the map that a closely sampled chain is in is there, and no cell beyond the rim
+    # every cell of the map that a densely sampled chain meets is found, and none more than one cell off the map
     dense = np.vstack([a + np.linspace(0.0, 1.0, 800)[:, None] * (b - a) for a, b in zip(chain[:-1], chain[1:])])
-    low = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # there are two samples in a cell: it may miss a corner
+    low = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # not near corners, which the samples may miss
     met = {(row, column) for column, row in np.floor(dense[low] + 0.5).astype(int).tolist()}
     found = set(zip(trace.rows.tolist(), trace.columns.tolist()))
     assert {cell for cell in met if 0 <= cell[0] < 9 and 0 <= cell[1] < 12} <= found
     assert all(-1 <= row <= 9 and -1 <= column <= 12 for row, column in found)
-    # neighbours share an edge, but where the chain was outside of the map
+    # successive cells share an edge, except where the chain was outside the map
     hops = np.abs(np.diff(trace.rows)) + np.abs(np.diff(trace.columns))
     inside = [(0 <= row < 9 and 0 <= column < 12) for row, column in zip(trace.rows, trace.columns)]
     assert all(hop <= 1 for hop, before, after in zip(hops, inside[:-1], inside[1:]) if before and after and hop < 3)
@@ -106,14 +106,14 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
 
 
 def nearest(allowed, seed, radius):
-    """The allowed cells nearest to a seed (column, row); none beyond the radius."""
+    """Returns the allowed cells nearest to a seed (column, row), none if they are beyond the radius."""
     away = {cell: math.dist(cell[::-1], seed) for cell in zip(*np.nonzero(allowed))}
     least = min(away.values(), default=math.inf)
     return {cell for cell, distance in away.items() if distance <= min(radius, least + 1e-9)}
 
 
 def polygon_by_cells(cells, vertices, seed, robots):
-    """What a polygon restricts, with the codes of its warnings, or the code that refuses it; all in cells (column, row)."""
+    """Returns what a polygon restricts, or the refusal's code, and the warnings' codes; all in cells (column, row)."""
     height, width = cells.shape
     ring = vertices + vertices[:1]
     codes = ["outside_map"] * any(not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5) for x, y in vertices)

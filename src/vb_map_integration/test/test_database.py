@@ -1,4 +1,4 @@
-"""What is kept on the disk: nothing that was acknowledged is lost or moved, and what was repaired is said."""
+"""The database on disk: nothing acknowledged is lost or moved, and every repair is reported."""
 
 import datetime
 import shutil
@@ -31,14 +31,14 @@ def codes(keeper):
 
 
 def again(restart):
-    """The borders and what is said after a restart."""
+    """Restarts the integrator and returns its borders and the codes of its notices."""
     keeper = restart()
     found = keeper.borders, codes(keeper)
     return found
 
 
 def closed(restart, count=3):
-    """The borders of a database that was used and closed."""
+    """Adds borders, closes the database and returns the borders."""
     keeper = restart()
     for number in range(count):
         keeper.add(square(10 + 25 * number, 10, name=f"number {number}"), 1.0 + number)
@@ -59,7 +59,7 @@ def test_the_history_is_bounded(monkeypatch):
 
 
 def test_a_second_integrator_is_refused(restart, tmp_path, monkeypatch):
-    """Both gave the id b1, and one border was gone after a restart."""
+    """Otherwise both hand out the id b1, and one border is gone after a restart."""
     monkeypatch.setattr(durable_values, "LOCK_TIMEOUT", 0.1)
     first = restart()
     with refused("database_in_use"):
@@ -83,7 +83,7 @@ def test_a_repeated_request_is_carried_out_once(restart):
 
 
 def command(keeper, number):
-    """One of an endless row of changes, the same ones each time."""
+    """Carries out change `number` of an endless sequence, which is the same each time."""
     if number % 5 == 3:
         keeper.undo()
     elif number % 7 == 4 and keeper.borders:
@@ -109,7 +109,7 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(restart, tmp_path)
         process = subprocess.Popen([sys.executable, "-c", WRITER, tmp_path], stdout=subprocess.PIPE, cwd=HERE)
         for _ in range(random.integers(2, 20)):
             said = int(process.stdout.readline())
-        threading.Event().wait(random.uniform(0.0, 0.01))  # anywhere within a change
+        threading.Event().wait(random.uniform(0.0, 0.01))  # at any moment of a change
         process.send_signal(signal.SIGKILL)
         rest = process.communicate()[0].split()
         said = int(rest[-1]) if rest else said
@@ -118,7 +118,7 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(restart, tmp_path)
         keeper.close()
 
 
-# the disk is full once the borders are there
+# the disk is full after the borders were stored
 FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
@@ -138,7 +138,7 @@ for number in range(3):
 
 @pytest.mark.parametrize("size", [0, 1000])
 def test_on_a_full_disk_borders_act_and_each_change_is_refused(restart, tmp_path, size):
-    """Was answered as success, and the border vanished later."""
+    """Otherwise the addition is acknowledged, and the border vanishes later."""
     borders = closed(restart, 2)
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path), str(size)]
     done = subprocess.run(command, stdout=subprocess.PIPE, universal_newlines=True, check=True, cwd=HERE)
@@ -147,7 +147,7 @@ def test_on_a_full_disk_borders_act_and_each_change_is_refused(restart, tmp_path
 
 
 def test_an_unusable_folder_refuses_borders_but_not_the_map(tmp_path):
-    """Borders that could not be kept were taken, and vanished."""
+    """Otherwise borders that cannot be stored are accepted, and vanish."""
     (tmp_path / "file").write_text("")
     keeper = integrator(tmp_path / "file" / "store")
     assert np.array_equal(keeper.map_with_borders.data, GRID.data) and codes(keeper) == ["database_read_only"]
@@ -185,7 +185,7 @@ def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path
         "empty": b"",
         "binary": bytes(range(256)) * 40,
         "edited": content.replace(b'"occupancy":1.0', b'"occupancy":0.1'),
-        "newer": content.replace(b"[1,", b"[2,").replace(b"[1, ", b"[2, "),  # its checksum is wrong
+        "newer": content.replace(b"[1,", b"[2,").replace(b"[1, ", b"[2, "),  # its checksum does not match
     }
     if damage == "gone":
         path.unlink()
@@ -200,7 +200,7 @@ def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path
 
 
 def days(folder, *dates):
-    """Values that get a number more on each of these days."""
+    """Writes values that change once on each of these days."""
     day = [datetime.date(2026, 1, 1)]
     values = DurableValues(folder, today=lambda: day[0])
     for number, date in enumerate(dates):
@@ -210,7 +210,7 @@ def days(folder, *dates):
 
 
 def test_the_newest_sound_copy_is_used_and_the_loss_reported(tmp_path):
-    """A copy of an empty database with a date in 2036 won over one with 21 borders."""
+    """A copy of an empty database with a date in 2036 must not win over one with 21 borders."""
     days(tmp_path, "2026-01-01", "2036-01-01", "2026-01-02", "2026-01-03")
     for path in (tmp_path / FILE, tmp_path / "copies" / "borders-2026-01-03.jsonl"):
         path.write_bytes(b"?" * 9000)
@@ -229,15 +229,15 @@ def test_the_copies_are_those_of_the_last_days(tmp_path, monkeypatch):
     monkeypatch.setattr(durable_values, "MAX_COPIES", 3)
     days(tmp_path, *(f"2026-01-0{1 + number // 2}" for number in range(12)), "1970-01-01")
     names = [path.name[8:18] for path in sorted((tmp_path / "copies").iterdir())]
-    assert names == ["1970-01-01", "2026-01-05", "2026-01-06"]  # also with a clock that was reset
+    assert names == ["1970-01-01", "2026-01-05", "2026-01-06"]  # even after the clock was reset
     shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-05.jsonl"), str(tmp_path / FILE))
-    values = DurableValues(tmp_path)  # one is restored by putting it in the place of the file
-    assert values.get("x/y") == 9 and values.notices == []  # as at the day's end
+    values = DurableValues(tmp_path)  # a copy is restored by replacing the file with it
+    assert values.get("x/y") == 9 and values.notices == []  # as at the end of that day
     values.close()
 
 
 def test_a_copy_restored_by_hand_outranks_later_copies(tmp_path):
-    """A day later the file was damaged, and what had been given up came back instead."""
+    """Otherwise, if the file is damaged a day later, the discarded state comes back instead."""
     days(tmp_path, "2026-01-01", "2026-01-02", "2026-01-02")
     shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-01.jsonl"), str(tmp_path / FILE))
     days(tmp_path)
@@ -257,12 +257,12 @@ def test_a_start_puts_its_days_copy_right(restart, tmp_path):
 
 
 def test_a_database_of_a_newer_version_is_refused_and_left_alone(restart, tmp_path, monkeypatch):
-    """It was called damaged, set aside, and all borders were gone."""
+    """Otherwise it is taken for damaged and set aside, and all borders are gone."""
     with monkeypatch.context() as newer:
         newer.setattr(durable_values, "FORMAT", 2)
         closed(restart)
     before = {path: path.read_bytes() for path in tmp_path.glob("borders*")}
-    for _ in range(2):  # the lock is given back
+    for _ in range(2):  # the lock is released each time
         with refused("database_newer"):
             Database(tmp_path)
     assert {path: path.read_bytes() for path in tmp_path.glob("borders*")} == before
@@ -270,7 +270,7 @@ def test_a_database_of_a_newer_version_is_refused_and_left_alone(restart, tmp_pa
 
 @pytest.mark.parametrize("fault", ["deleted", "overwritten"])
 def test_files_lost_at_run_time_return_with_the_next_change(restart, tmp_path, fault):
-    """An addition was answered with success, and after a restart no border was there."""
+    """Otherwise an addition is acknowledged, and after a restart no border is there."""
     keeper = restart()
     keeper.add(square(10, 10), 1.0)
     if fault == "deleted":
@@ -284,7 +284,7 @@ def test_files_lost_at_run_time_return_with_the_next_change(restart, tmp_path, f
 
 
 def test_with_the_lock_deleted_the_second_integrator_takes_over(restart, tmp_path):
-    """Both handed out the id b1."""
+    """Otherwise both hand out the id b1."""
     first = integrator(tmp_path)
     (tmp_path / "borders.lock").unlink()
     second = restart()
@@ -298,7 +298,7 @@ def test_with_the_lock_deleted_the_second_integrator_takes_over(restart, tmp_pat
 
 
 def test_a_refused_change_is_not_back_after_a_restart(restart, monkeypatch):
-    """The copy cannot be put in its place when the file has been."""
+    """The file has been replaced, but then replacing its copy fails."""
     before = closed(restart)
     keeper, replace, left = restart(), files.os.replace, [1]
 

@@ -1,4 +1,4 @@
-"""GeoJSON, recordings of maps with their borders, and what a costmap makes of soft values."""
+"""GeoJSON, and whether a costmap takes soft values."""
 
 import dataclasses
 import json
@@ -29,7 +29,7 @@ def test_properties_of_other_programs_are_left_out():
     border = borders_from_geojson(line([[0, 0], [1, 1]], seed=[1, 0], name="a", fid=7, style={"stroke": 1}))[0]
     assert (border.name, border.closed) == ("a", False)
     assert borders_from_geojson(line([[0, 0], [1, 1]], seed=[1, 0], robots="robot1"))[0].robots == ("robot1",)
-    # a geographic information system exports every attribute of every border
+    # a geographic information system exports every attribute of every border, even the empty ones
     empty = dict.fromkeys((field.name for field in dataclasses.fields(VirtualBorder)))
     exported = feature({"type": "Polygon", "coordinates": [RING]}, **{**empty, "id": 7})
     assert borders_from_geojson(json.dumps(exported))[0].same_area(VirtualBorder(RING, (2, 2), closed=True))

@@ -44,11 +44,11 @@ def codes(result):
 def test_curves_match_exact_ones(seed, room_name, origin):
     random = np.random.default_rng(seed)
     plain = ROOMS[room_name]
-    # the exact line runs from wall to wall; only its middle is drawn, the rest is for the extension
+    # the exact line runs from wall to wall; only its middle is drawn, and the extension must add the rest
     while True:
         ends = [plain.exterior.interpolate(value, normalized=True) for value in random.uniform(0, 1, 2)]
         through = LineString(ends)
-        # slivers between wall and line would be all rounding
+        # slivers between wall and line would be dominated by rounding
         parts = [part.area for part in split(plain, affinity.scale(through, 1.01, 1.01)).geoms]
         if through.length > 1.5 and len(parts) == 2 and min(parts) > 0.5 and plain.buffer(1e-6).covers(through):
             break
@@ -73,7 +73,7 @@ BOXES = [box(3.8, 0.8, 4.2, 1.0), box(3.9, 0.5, 4.1, 0.6), box(3.7, 3.8, 4.3, 4.
 TABLE = box(2.0, 1.5, 5.0, 3.5)
 BEND = [(6.1, 4.2), (6.1, 3.6), (5.9, 3.0), (6.3, 2.6), (6.9, 2.6), (7.3, 2.6)]
 CORNER = LineString([(6.1, 4.8), *BEND, (7.8, 2.6)])
-# scenario 1: 0.70 m across a doorway; the two rooms hang together only there
+# scenario 1: 0.70 m across a doorway, the only connection of the two rooms
 DOOR, DOORWAY = [(4.05, y) for y in np.linspace(2.02, 2.68, 15)], box(3.9, 2.0, 4.2, 2.7)
 
 
@@ -124,7 +124,7 @@ def test_a_tremor_at_the_end_hardly_turns_the_extension(tremor):
 @SETTINGS
 @given(st.integers(0, 10**6))
 def test_a_line_beside_a_doorway_closes_the_doorway_only(seed):
-    """Both ends up to 0.15 m before or behind the walls of a closet, whose corner stands free in the room."""
+    """Both ends are up to 0.15 m in front of or behind the walls of a closet, whose corner stands free in the room."""
     random = np.random.default_rng(seed)
     closet = [box(2.95, 0.3, 3.05, 0.8), box(2.95, 1.6, 3.05, 2.05), box(0.3, 1.95, 3.05, 2.05)]
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), closet)
@@ -137,7 +137,7 @@ def test_a_line_beside_a_doorway_closes_the_doorway_only(seed):
 @SETTINGS
 @given(st.integers(0, 10**6))
 def test_nothing_leaks_through_corners(seed):
-    """Walls one cell thick, met at any angle: the two sides of the curve never mix."""
+    """The two sides of the curve never mix, even if walls one cell thick are met at any angle."""
     random = np.random.default_rng(seed)
     size = 60
     data = np.zeros((size, size), np.int8)
@@ -157,14 +157,14 @@ def test_nothing_leaks_through_corners(seed):
     seeds = prior.grid_to_world(center + np.array([-4, 4])[:, None] * normal)
     one, other = (integrate(prior, VirtualBorder(ends, s, closed=False)).region for s in seeds)
     assert not (one & other).any()
-    # beyond the diagonal walls nothing is restricted
+    # nothing is restricted beyond the diagonal walls
     assert not one[5, 50] and not other[5, 50] and not one[50, 5] and not other[50, 5]
 
 
 @SETTINGS
 @given(st.integers(0, 10**6), st.floats(0.0, 1.0), st.booleans())
 def test_invariants_on_noisy_maps(seed, occupancy, closed):
-    """Whatever the map: the prior stays, nothing is lowered, obstacles and unknown stay what they are."""
+    """For any map, the prior stays unchanged, no value is lowered, and obstacles and unknown cells stay as they are."""
     random = np.random.default_rng(seed)
     data = random.choice([0, 0, 0, 0, 0, 20, 100, -1], (80, 120)).astype(np.int8)
     prior = GridMap(data.copy(), 0.05, (-1.0, 2.0, 0.3))
@@ -231,7 +231,7 @@ def test_a_seed_within_a_cell_of_the_curve_stays_on_its_side(offset):
 
 @pytest.mark.parametrize("ends, far", [((4.9, 0.1), []), ((4.9, 1.5), ["at its last point"])])
 def test_extending_an_end_across_free_floor_warns_with_the_length(ends, far):
-    """Of 1,250 lines on real maps 656 were extended by over a metre, 355 of them without a word."""
+    """Of 1,250 lines on real maps, 656 were extended by more than a metre, 355 of them without a warning."""
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
     result = integrate(prior, VirtualBorder([(4.0, ends[0]), (4.0, ends[1])], (7.0, 1.0), closed=False))
     issues = [issue for issue in result.issues if issue.code == "extended_far"]
@@ -273,7 +273,7 @@ def test_the_extension_takes_huge_and_tiny_numbers():
         ("bad_occupancy", {"occupancy": -0.1}),
         ("bad_occupancy", {"occupancy": float("nan")}),
         ("bad_occupancy", {"zone": "avoid", "occupancy": 1.0}),
-        ("bad_speed", {"zone": "slow", "max_speed": 2.0}),  # gave 1.27
+        ("bad_speed", {"zone": "slow", "max_speed": 2.0}),  # must not become 1.27
         ("bad_time", {"created": -1.0}),
         ("bad_name", {"name": "a\nb"}),
     ],

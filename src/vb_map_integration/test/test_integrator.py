@@ -1,4 +1,4 @@
-"""Changes, history, checks and composition, without ROS."""
+"""Changes, history, checks and combined borders, without ROS."""
 
 import tempfile
 from pathlib import Path
@@ -30,11 +30,11 @@ COMMANDS = st.lists(
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(COMMANDS)
 def test_the_map_shows_the_remaining_borders_after_any_history(commands):
-    """Also after restarts."""
+    """This also holds after restarts."""
     folder = tempfile.TemporaryDirectory()
     keeper = integrator(Path(folder.name))
     states, undone, given = [()], [], set()
-    # whatever was done, in the end all of it is undone, and done again
+    # at the end, everything is undone and redone
     back_and_forth = [(command, 0, 0) for command in [*25 * ["undo"], "restart", *25 * ["redo"]]]
     for now, (command, column, row) in enumerate([*commands, *back_and_forth], 1):
         ids = [border.id for border in keeper.borders]
@@ -107,7 +107,7 @@ def test_an_unnamed_border_is_numbered_by_those_that_are_there(restart):
 
 
 def test_undo_and_redo_bring_back_no_name_that_another_has(restart):
-    """An unnamed border may have the number of a removed one: undo goes back in order, and takes the newer one first."""
+    """An unnamed border may reuse a removed one's number: undo goes back in order, and removes the newer one first."""
     draw = np.random.default_rng(5)
     keeper = restart()
     for step in range(200):
@@ -119,7 +119,7 @@ def test_undo_and_redo_bring_back_no_name_that_another_has(restart):
         actions[draw.integers(len(actions))]()
         after = [border.name for border in keeper.borders]
         assert len(set(after)) == len(after)
-        # and what stays keeps its name
+        # borders that stay keep their names
         assert all(names.get(border.id, border.name) == border.name for border in keeper.borders)
 
 
@@ -139,9 +139,9 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split():
     assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
-    # what is split already is not split by another border
+    # floor that is split already is not reported again for another border
     assert "splits_free_space" not in [found.code for found in keeper.check(square(20, 20)).issues]
-    # replacing the band by a small square joins the parts again
+    # replacing the band with a small square joins the parts again
     assert keeper.check(square(70, 50, id=outcome.ids[0])).free_parts == 1
 
 
@@ -151,7 +151,7 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
     data[:, 78:82] = 100
     data[40 : 40 + int(round(door / 0.05)), 78:82] = 0
     assert count_free_parts(GridMap(data, 0.05), radius) == parts
-    if door != 0.3:  # a large map is looked at in coarser cells
+    if door != 0.3:  # a large map is examined in coarser cells
         monkeypatch.setattr(region, "MAX_CELLS", 2000)
         assert count_free_parts(GridMap(data, 0.05), radius) == parts
 
@@ -161,7 +161,7 @@ def test_no_free_space_left_for_the_robot_is_reported():
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
     found = [one.code for one in keeper.add(everything, 1.0).issues]
     assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
-    assert "no_free_space_left" not in [one.code for one in keeper.check(square(20, 20)).issues]  # there was none
+    assert "no_free_space_left" not in [one.code for one in keeper.check(square(20, 20)).issues]  # none before
 
 
 @pytest.mark.parametrize("seed", range(5))

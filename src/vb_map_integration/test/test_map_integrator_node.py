@@ -1,4 +1,4 @@
-"""What of the node map_integrator needs no ROS master; all else is in rostest_map_integrator.py."""
+"""Parts of the node map_integrator that need no ROS master; the other tests are in rostest_map_integrator.py."""
 
 import rospy
 
@@ -6,10 +6,10 @@ from vb_map_integration.map_integrator_node import next_stamp
 
 
 def test_each_change_in_a_tick_of_simulated_time_has_its_own_stamp():
-    """The third of three changes had the first one's stamp."""
+    """Otherwise the third of three changes has the first one's stamp."""
     ticks, stamps = [1.0, 1.0, 1.0, 1.0, 2.0, 2.0], [rospy.Time(0)]
     for now in map(rospy.Time.from_sec, ticks):
         stamps.append(next_stamp(now, stamps[-1]))
         assert now <= stamps[-1] < now + rospy.Duration(0, 10_000)
     assert len(set(stamps)) == len(stamps)
-    assert next_stamp(rospy.Time(0.5), stamps[-1]) == rospy.Time(0.5)  # the simulation began again
+    assert next_stamp(rospy.Time(0.5), stamps[-1]) == rospy.Time(0.5)  # the simulation was restarted

@@ -1,4 +1,4 @@
-"""Maps that change: which place they show, where its borders lie, and that nothing is opened without a word."""
+"""Maps that change: which place they show, where its borders lie, and that nothing is opened silently."""
 
 import tracemalloc
 
@@ -40,11 +40,11 @@ PLANS = [
 
 
 def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
-    """A flat of 9 m x 6 m with four rooms, no two alike, drawn as SLAM would: ragged, at any pose.
+    """Returns a map of a flat of 9 m x 6 m with four different rooms, as from SLAM: ragged, at any pose.
 
     Args:
-        plan: 1: another floor with the same outer walls.
-        known: [m] what part of its width somebody drove through.
+        plan: 0, or 1 for another floor with the same outer walls.
+        known: [m] the range of its width that was explored.
     """
     random = np.random.default_rng(seed)
     corners = transform.apply([(0, 0), (9, 0), (9, 6), (0, 6)])
@@ -69,12 +69,12 @@ def keep_out(transform=IDENTITY, **options):
 
 
 def closed_at(keeper, x, y):
-    """Whether a place [m] is closed in the map that navigation gets."""
+    """Returns whether a point [m] is closed in the map that navigation gets."""
     return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
 
 
 def closed_off(keeper, transform=IDENTITY):
-    """Whether the middle of the border is closed."""
+    """Returns whether the middle of the border is closed."""
     return closed_at(keeper, *transform.apply(keep_out().seed[None])[0])
 
 
@@ -113,7 +113,7 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
     cells[900:1200, ::60] = 100  # many straight walls
     cells[900:1200:3, 1::60] = 100
     cells[900:1200, 2::60] = 0
-    cells[1200:1300, ::2] = 100  # and more cells than OpenCV looks up at once
+    cells[1200:1300, ::2] = 100  # and more cells than OpenCV remaps at once
     cells[1200:1300, 1::2] = 0
     moved = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
     found = register(large, moved)
@@ -128,7 +128,7 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
 
 @pytest.mark.parametrize("column", [60, 61, 62])
 def test_floor_seen_by_one_beam_far_outside_the_walls_is_harmless(column):
-    """A sample of the floor may miss the beam, and what is drawn of the floor then reaches farther than the sample."""
+    """A sample of the floor may miss the beam; then the drawn floor extends farther than the sample."""
     grid, below = flat(), 600
     data = np.vstack([np.full((below, grid.shape[1]), -1, np.int8), grid.data])
     data[: below + 100, column] = 0
@@ -138,7 +138,7 @@ def test_floor_seen_by_one_beam_far_outside_the_walls_is_harmless(column):
 
 
 def test_an_empty_canvas_costs_no_memory():
-    """The first registration on a canvas of 4000 x 4000 cells took up to 1 GB, whatever was drawn on it."""
+    """Otherwise a registration on a canvas of 4000 x 4000 cells takes up to 1 GB, whatever is drawn on it."""
     canvases = []
     for seed in (0, 1):
         home, cells = flat(seed=seed), np.full((4000, 4000), -1, np.int8)
@@ -150,7 +150,7 @@ def test_an_empty_canvas_costs_no_memory():
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert found is not None and found.is_unambiguous and most < 100e6  # one canvas of real numbers has 128 MB
+    assert found is not None and found.is_unambiguous and most < 100e6  # one canvas of floats has 128 MB
 
 
 def test_maps_without_walls_are_not_registered():
@@ -159,7 +159,7 @@ def test_maps_without_walls_are_not_registered():
 
 # ----------------------------------------------------------------- recognition
 def test_ten_seconds_of_slam_do_not_lose_the_border(restart):
-    """Day 1: a static map. Day 2: SLAM from nothing. Day 3: the static map had no border, "it is the same place"."""
+    """Day 1: a static map. Day 2: SLAM from scratch. Day 3: the static map must still have its border."""
     keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     slam = restart(None)
@@ -167,7 +167,7 @@ def test_ten_seconds_of_slam_do_not_lose_the_border(restart):
         slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
         assert slam.needs_confirmation and len(slam.borders) == 1
         asked = next(notice for notice in slam.notices if notice.code == "borders_unconfirmed")
-        # what people know: nobody named the place
+        # the notice names the border, since nobody named the place
         assert sentences.border_name(slam.borders[0].name) in asked.sentence()
     third = restart(flat())
     assert closed_off(third) and not third.needs_confirmation
@@ -175,13 +175,13 @@ def test_ten_seconds_of_slam_do_not_lose_the_border(restart):
 
 @pytest.mark.parametrize("truth", [Transform(0.25, 0.0, 0.0), Transform(0.0, 0.0, np.radians(3.0))])
 def test_borders_move_with_the_map(restart, truth):
-    """A map moved by 0.25 m or turned by 3 degrees had no border at all."""
+    """Otherwise a map moved by 0.25 m or turned by 3 degrees has no border at all."""
     keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(truth, seed=3))
     assert not keeper.needs_confirmation and closed_off(keeper, truth)
     assert np.abs(keeper.borders[0].points - truth.apply(keep_out().points)).max() < 0.05
-    # what is drawn on the moved map lies right in the first one
+    # a border drawn on the moved map lies correctly in the first one
     keeper.add(keep_out(truth.after(Transform(3.0, -3.0, 0.0)), name="second"), 2.0)
     keeper.set_map(flat())
     assert np.array_equal(keeper.borders[0].points, keep_out().points)
@@ -189,7 +189,7 @@ def test_borders_move_with_the_map(restart, truth):
 
 
 def test_many_small_shifts_never_leave_the_walls(restart):
-    """Thirty shifts of two cells each passed as the same place, with the border 3 m away from its walls."""
+    """Otherwise thirty shifts of two cells each pass as the same place, with the border 3 m away from its walls."""
     keeper = restart(flat())
     keeper.add(keep_out(), 1.0)
     for step in (1, 2, 15, 30):
@@ -226,13 +226,13 @@ def test_floors_with_the_same_walls_are_told_apart_by_their_names(restart):
     for seed, name in enumerate(("upstairs", "ground"), 10):
         keeper = restart(flat(seed=seed), map_name=name)
         assert [border.name for border in keeper.borders] == [name] and not keeper.needs_confirmation
-    # without a name both fit: nothing is sure
+    # without a name both fit, so a person is asked
     keeper = restart(flat(seed=20))
     assert keeper.needs_confirmation and len(keeper.borders) == 1
 
 
 def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from_others(restart):
-    """What was drawn on the second map of "upstairs" was gone on the third, since the first one's border was removed."""
+    """Otherwise borders drawn on the second map of "upstairs" are gone on the third if the first one's was removed."""
     keeper = restart(flat(), map_name="upstairs")
     keeper.remove(keeper.add(keep_out(), 1.0).ids[0])
     keeper.set_map(flat(seed=1))
@@ -241,7 +241,7 @@ def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from
         keeper = restart(flat(seed=seed), map_name="upstairs")
         assert closed_off(keeper) and keeper.map_name == "upstairs"
         assert keeper.notices == [] and [border.name for border in keeper.borders] == ["rug"]
-    keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 3.0)  # the first map is one of that place now
+    keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 3.0)  # now the first map belongs to that place
     assert {one.place for one in keeper._database.maps()} == {keeper._database.find_place("upstairs")}
 
 
@@ -251,14 +251,14 @@ def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
     for width in (5.0, 6.0, 7.0, 9.0):
         keeper.set_map(flat(known=(0.0, width)))
         assert closed_off(keeper) and not keeper.needs_confirmation
-    # nor is anybody asked about what is drawn on floor that the first map does not know
+    # nor is anybody asked about a border on floor that the first map does not know
     keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 2.0)
     assert not keeper.needs_confirmation and closed_off(keeper, Transform(6.4, 0.0, 0.0))
 
 
-# ----------------------------------------------------------------- what acts, and why not
+# ----------------------------------------------------------------- borders in force, or why not
 def test_undo_and_switches_keep_what_does_not_act():
-    """They answered "changed back", and the display showed in red what restricted not one cell."""
+    """Otherwise they answer "changed back", and the display shows in red a border that restricts not one cell."""
     keeper = integrator(grid=flat())
     keeper.add(keep_out(), 1.0)
     keeper.add(keep_out(Transform(5.0, -3.0, 0.0)), 1.0)
@@ -274,7 +274,7 @@ def test_undo_and_switches_keep_what_does_not_act():
     assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
     assert keeper.set_enabled("b1", False, 3.0).issues == ()
     assert [found.code for found in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
-    # it is switched and renamed all the same, by whatever service
+    # it can be switched and renamed all the same, by either service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
     keeper.update(keeper.borders[0].replace(enabled=False), 8.0)
     assert keeper.in_force.status(keeper.borders[0]) == (False, "disabled") and keeper.borders[0].name == "old rug"

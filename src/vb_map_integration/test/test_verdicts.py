@@ -1,4 +1,4 @@
-"""What becomes of each border when the map changes: the same, to be confirmed, or it does not fit; never silently else."""
+"""The verdict on each border when the map changes: it stays, is to be confirmed, or does not fit; never silently."""
 
 import cv2
 import numpy as np
@@ -14,11 +14,11 @@ from vb_map_integration.places.recognition import BorderPlace
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import MAX_MAPS
 
-DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # of the room on the left
+DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # a doorway of the room on the left
 
 
 def with_walls(grid, *walls, transform=Transform()):
-    """A map with more walls, each from one point [m] to another."""
+    """Returns a map with more walls, each from one point [m] to another."""
     cells = grid.data.copy()
     for wall in walls:
         ends = np.rint(grid.world_to_grid(transform.apply(wall))).astype(int)
@@ -37,7 +37,7 @@ def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
     keeper.set_map(flat(seed=1))
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
-    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as somebody wanted
+    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as was wanted
     notice = next(one for one in keeper.notices if one.border_id == "b1")
     assert notice.code == "to_be_confirmed" and "something else" in notice.sentence()
     assert float(notice.values["before"]) == pytest.approx(accepted, abs=0.5)
@@ -49,14 +49,14 @@ def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
     assert all(len(one) == 0 for one in keeper.in_force.outlines("b1"))
     assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.area_m2("b1") > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
-    again = restart(flat(seed=1))  # what was accepted is kept
+    again = restart(flat(seed=1))  # the acceptance is kept
     assert again.in_force.status(again.borders[0]) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
     again.undo()
     assert again.in_force.status(again.borders[0]) == (True, "to_be_confirmed")
 
 
 def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
-    """A line was to be confirmed on each new map of which little was known."""
+    """Otherwise a line is to be confirmed on each new map of which little is known."""
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
     keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
@@ -71,12 +71,12 @@ def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
     before = keeper.in_force.area_m2("b1")
     furnished = flat(seed=1)
     low, high = furnished.world_to_cell([(2.2, 1.3), (2.9, 1.9)])
-    furnished.data[low[0] : high[0], low[1] : high[1]] = 100  # on the marked point
+    furnished.data[low[0] : high[0], low[1] : high[1]] = 100  # an obstacle on the seed
     keeper.set_map(furnished)
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 5.0, 1.0)
     assert keeper.in_force.area_m2("b1") == pytest.approx(before, rel=0.1)
-    # nobody can accept it: it is drawn again, or removed
+    # nobody can accept it: it has to be drawn again or removed
     assert next(one for one in keeper.notices if one.border_id).values["why"] == "seed_on_obstacle"
     keeper.confirm(True, "")
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and not keeper.needs_confirmation
@@ -84,7 +84,7 @@ def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_border_moves_with_its_part_of_the_map_or_waits(seed):
-    """Half a metre off, certain, no notice: in 53 of 108 cases on real maps."""
+    """On real maps, 53 of 108 borders were half a metre off, as if certain and without a notice."""
     old, random = flat(), np.random.default_rng(seed)
     angle = random.uniform(0.0, 2.0 * np.pi)
     shift = np.rint(10.0 * np.array([np.cos(angle), np.sin(angle)]))
@@ -103,13 +103,13 @@ def test_a_border_moves_with_its_part_of_the_map_or_waits(seed):
 
 @pytest.mark.parametrize("room, asks", [(Transform(6.4, 0.0, 0.0), False), (Transform(), True)])
 def test_a_person_is_asked_only_if_walls_near_the_border_disagree(room, asks):
-    """In 12 of 27 re-recordings that were asked about the borders were in the wrong place; then 16 of 20 were asked about."""
+    """Of 27 re-recordings with a question, 12 had borders in the wrong place; then 16 of 20 had a question."""
     truth = Transform(5.0, 4.0, 1.0)
     clutter = [((6.0 + k, 1.0), (6.0 + k, 3.5)) for k in range(3)]
     new = with_walls(flat(truth, seed=2), *clutter, transform=truth)
     rows, columns = np.nonzero(new.data == 100)
     x, y = truth.inverse.apply(new.cell_to_world(np.column_stack([rows, columns]))).T
-    gone = (x < 3.3) & (y > 2.3)  # the walls of the room at the upper left
+    gone = (x < 3.3) & (y > 2.3)  # the walls of the room at the upper left are gone
     new.data[rows[gone], columns[gone]] = 0
     keeper = integrator(grid=flat())
     keeper.add(keep_out(room), 1.0)
@@ -120,7 +120,7 @@ def test_a_person_is_asked_only_if_walls_near_the_border_disagree(room, asks):
 
 
 def test_an_answer_about_a_map_that_is_not_current_is_refused():
-    """Another map between question and answer: borders were moved by the wrong transform, certain."""
+    """Otherwise, if the map changes between question and answer, borders are moved by the wrong transform."""
     keeper = integrator(grid=flat())
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(Transform(5.0, 4.0, 1.0), seed=2, known=(0.0, 4.0)))
@@ -134,7 +134,7 @@ def test_an_answer_about_a_map_that_is_not_current_is_refused():
 
 
 def test_a_known_map_with_the_name_of_another_place_is_a_question(restart):
-    """map_name:=upstairs with the file of downstairs was silently downstairs."""
+    """Otherwise map_name:=upstairs with the file of downstairs is silently downstairs."""
     for name, plan in (("downstairs", 0), ("upstairs", 1)):
         keeper = restart(flat(plan=plan), map_name=name)
         keeper.add(keep_out(name=name), 1.0)
@@ -160,11 +160,11 @@ def test_the_map_of_acceptance_is_kept_as_long_as_its_border(restart):
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(seed=50))
     keeper.add(keep_out(Transform(3.3, 0.0, 0.0)), 1.0)
-    for seed in range(1, 14):  # more maps of the place than are kept
+    for seed in range(1, 14):  # more maps than are kept of a place
         keeper.set_map(flat(seed=seed))
         keeper.confirm(True, "")
     known = {one.fingerprint for one in keeper._database.maps()}
-    assert len(known) == MAX_MAPS + 3  # the first, the current one, and the one that is needed
+    assert len(known) == MAX_MAPS + 3  # besides: the first, the current one, and the one that is needed
     assert all(border.map_id in known for border in keeper.borders)
 
 
@@ -176,7 +176,7 @@ def state(keeper):
 
 
 def test_what_is_in_force_is_a_function_of_what_is_stored(restart):
-    """Whatever happened before, a start from the database gives the same."""
+    """Whatever happened before, a restart from the database gives the same result."""
     random = np.random.default_rng(4)
     maps = [flat(), flat(seed=1), with_walls(flat(seed=2), ((0.0, 2.4), (3.1, 2.4)))]
     keeper = restart(maps[0])
@@ -197,14 +197,14 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(restart):
             continue
         if step % 5 or keeper.needs_confirmation:
             continue
-        keeper.confirm(True, "")  # a start knows only maps that were confirmed or drawn on
+        keeper.confirm(True, "")  # a restart knows only maps that were confirmed or drawn on
         before, current = state(keeper), keeper.physical
         keeper = restart(current)
         assert state(keeper) == before
 
 
 def test_a_border_that_no_longer_fits_where_accepted_waits():
-    """An earlier version could be set to other limits; the database still has what was accepted with them."""
+    """Earlier versions allowed other limits; the database may still have borders accepted with them."""
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))

@@ -1,4 +1,4 @@
-"""A real broker for tests, which can be killed, and what a hub or a phone does with it."""
+"""A real broker for tests, which can be killed, and a client that acts as a hub."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import paho.mqtt.client as paho
 from vb_evaluation.processes import free_port, spawn
 from vb_testing import TIMEOUT, is_listening, wait_until
 
-PROGRAM = "/usr/sbin/mosquitto"  # where Debian has it, which is in nobody's PATH but root's
+PROGRAM = "/usr/sbin/mosquitto"  # Debian's location, which is in the PATH only for root
 
 
 class Mosquitto:
-    """A broker without a disk: whatever it knew is gone when it is killed.
+    """A broker without persistence: a kill loses all its retained messages and sessions.
 
     Args:
         options: lines of its configuration.
@@ -45,7 +45,7 @@ class Hub:
     """A hub: keeps the newest message of each topic, and sends commands with QoS 1 as Home Assistant does."""
 
     def __init__(self, port, setup=lambda client: None):
-        self.messages, self.heard = {}, []  # the newest by topic, and all
+        self.messages, self.heard = {}, []  # the newest message of each topic; all messages
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
         setup(self._client)
         self._client.on_connect = lambda client, *_: client.subscribe("#", 1)
@@ -60,7 +60,7 @@ class Hub:
         self.heard.append((message.topic, message.payload))
 
     def value(self, topic):
-        """The JSON on a topic; None if there is nothing."""
+        """Returns the newest JSON value on a topic, or None."""
         return json.loads(self.messages[topic]) if self.messages.get(topic) else None
 
     def wait(self, topic, condition, what, timeout=TIMEOUT):

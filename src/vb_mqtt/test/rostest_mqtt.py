@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The smart home's hub over a real roscore and a real broker, with the real nodes of map, borders and interaction.
 
-VB_BROKER_KILLS=50 scripts/test --only rostest mqtt     kills the broker as often, instead of 3 times
+VB_BROKER_KILLS=50 scripts/test --only rostest mqtt     kills the broker 50 times instead of 3
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MIDDLE = Point(4.0, 1.4, 0.0)
 
 
 def start(port, device, *remaps):
-    """The node in a process of its own, which a test kills."""
+    """Starts the node in a process of its own, so that a test can kill it."""
     broker = (f"_broker:=127.0.0.1:{port}", f"_device:={device}", "_connection_file:=/none")
     return Process("vb_mqtt", "mqtt", f"__name:=mqtt_{device}", *broker, "_cameras:=[red]", *remaps)
 
@@ -94,7 +94,7 @@ class MqttTest(unittest.TestCase):
         return self.send(command=command, **fields)
 
     def is_done(self, command, **fields):
-        """Gives a command and waits a second; one that a flood covers gets no answer."""
+        """Gives a command and waits a second for success; in a flood a command may get no answer."""
         try:
             return self.give(command, timeout=1.0, **fields)["event_type"] == "done"
         except AssertionError:
@@ -117,7 +117,7 @@ class MqttTest(unittest.TestCase):
         self.assertEqual((shown["enabled"], shown["border"]), (True, "Nursery"))
         self.assertAlmostEqual(shown["area_m2"], 2.5, delta=0.2)
         self.assertEqual(self.hub.messages["home/availability"], b"online")
-        self.assertTrue(self.shown("camera_red")["problem"])  # none is running
+        self.assertTrue(self.shown("camera_red")["problem"])  # no detector is running
 
         def red():
             picture = cv2.imdecode(np.frombuffer(self.hub.messages.get("home/map", b"0"), np.uint8), cv2.IMREAD_COLOR)
@@ -175,7 +175,7 @@ class MqttTest(unittest.TestCase):
         shown = self.wait("stopped", lambda value: value["stopped"], "the stop")
         self.assertEqual(shown["stopped_by"], "home_assistant")
         self.assertEqual(self.heard[names.STOP].source, "home_assistant")
-        # somebody else stops them too
+        # somebody else stops the robots too
         rospy.ServiceProxy(names.COMMAND, Command)(command="stop", source="test", id="newer")
         self.wait("stopped", lambda value: value["stop_number"] != shown["stop_number"], "the newer stop")
         self.assertEqual(self.give("resume", seen_stop=shown["stop_number"])["code"], "stopped_since")
@@ -190,7 +190,7 @@ class MqttTest(unittest.TestCase):
         identity = self.add_border("Nursery")
         switch = f"homeassistant/switch/home/border_{identity}/config"
         self.hub.wait(switch, lambda _: True, "the switch")
-        # what the broker keeps comes with the next connection, and is not kept after that
+        # the retained command comes with the next connection, and is then deleted from the broker
         self.node.kill()
         wait_until(lambda: self.hub.messages["home/availability"] == b"offline", "the will")
         self.remove_border(identity)
@@ -210,10 +210,10 @@ class MqttTest(unittest.TestCase):
                 self.hub.send("home/command", os.urandom(300), qos=0)
         self.hub.send("home/command", "stop")
         self.wait("stopped", lambda value: value["stopped"], "the stop")
-        # what is too much even for the broker it drops itself
+        # the broker itself drops what is too much for it
         for code, count in (("mqtt_too_fast", 500), ("mqtt_bad_message", 50)):
             self.wait("notices", lambda value: value["refused"].get(code, 0) > count, f"{count} of {code}")
-        # another process has its patience back
+        # a new process starts with fresh rate limits
         self.node.kill()
         self.node.start()
         wait_until(
@@ -222,14 +222,14 @@ class MqttTest(unittest.TestCase):
 
     # ------------------------------------------------------------------ a broker that dies
     def test_commands_are_done_once_whenever_the_broker_dies(self):
-        """Nothing is done twice, nothing old is done late; and what is given while all are there is done."""
+        """No command is done twice or too late; and commands given while everything runs are done."""
         done, stopped = collections.defaultdict(list), collections.defaultdict(list)  # times by id
 
         def on_command(request):
             (stopped if request.command == "stop" else done)[request.id.partition(":")[2]].append(time.time())
             return CommandResponse(success=True, code="ok")
 
-        # this node's commands reach nobody else
+        # the commands of this node reach only this service
         service = rospy.Service("/kills/command", Command, on_command)
         node = start(self.server.port, "kills", f"{names.COMMAND}:=/kills/command", f"{names.STOP}:=/kills/stop")
         self.hub.wait("kills/state", lambda _: True, "the other node")
@@ -250,7 +250,7 @@ class MqttTest(unittest.TestCase):
                 time.sleep(luck.uniform(0.0, 0.2))
                 if number == dies:
                     self.server.kill()
-            # a blip, or longer than a command lives
+            # a short outage, or one longer than a command's lifetime
             time.sleep(luck.uniform(0.0, 1.0) if luck.random() < 0.5 else luck.uniform(MAX_AGE, MAX_AGE + 2.0))
             self.server.start()
             wait_until(self.hub.connected, "the hub's connection")
@@ -270,7 +270,7 @@ class MqttTest(unittest.TestCase):
         self.assertEqual(twice, [])
         self.assertLessEqual(max(ages), MAX_AGE)
         self.assertLessEqual(set(done), set(given))
-        # a stop is never too old, and one that waits for another is the same stop
+        # a stop never expires, but one that comes while another is pending may be merged with it
         self.assertTrue(stops == 0 or 0 < len(stopped) <= stops)
         node.stop()
         service.shutdown()

@@ -57,7 +57,7 @@ def test_a_restarted_broker_gets_the_newest_states_only(server):
     wait_until(lambda: hub.messages.get("lab/answer") == b"3", "an answer")
     assert {payload for topic, payload in hub.heard if topic in ("lab/state", "lab/answer")} == {b"49", b"3"}
     assert "lab/gone" not in hub.messages
-    # that the process is gone is known at once
+    # the hub learns at once that the process has ended
     broker.close()
     wait_until(lambda: hub.messages.get(WILL[0]) == b"offline", "the farewell")
     hub.close()
@@ -79,7 +79,7 @@ def test_retained_commands_are_marked_and_faults_reported(server):
 
 @pytest.fixture(scope="module")
 def authority(tmp_path_factory):
-    """A throw-away authority with a broker's certificate for 127.0.0.1, and another authority."""
+    """Returns the folder of a temporary CA with a broker's certificate for 127.0.0.1, and of another CA."""
     folder = tmp_path_factory.mktemp("authority")
     key = "openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes"
     for name in ("ca", "other"):
@@ -93,7 +93,7 @@ def authority(tmp_path_factory):
 
 @pytest.fixture
 def guarded(tmp_path, authority):
-    """A broker with TLS that asks for a password."""
+    """A broker with TLS that requires a password."""
     passwords = tmp_path / "passwords"
     run_command("mosquitto_passwd", "-b", "-c", passwords, "home", "secret", check=True)
     files = [f"{kind} {authority / name}" for kind, name in (("certfile", "b.crt"), ("keyfile", "b.key"))]

@@ -26,7 +26,7 @@ LAB = Lab("lab1", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+"
 
 
 def pressed(config, attributes, value="PRESS"):
-    """What Home Assistant sends: it renders the template with these names."""
+    """Renders the command template as Home Assistant does, and returns the inbox's request."""
     environment = jinja2.Environment()
     environment.globals["now"] = lambda: datetime.fromtimestamp(NOW, timezone.utc)
     rendered = environment.from_string(config["command_template"]).render(this={"attributes": attributes}, value=value)
@@ -46,7 +46,7 @@ def test_all_entities_are_one_device_with_unique_ids():
         prefix, platform, device, key, last = topic.split("/")
         assert (prefix, device, last) == ("homeassistant", "lab1", "config")
         assert key.replace("_", "").replace("-", "").isalnum() and key.isascii()
-        # a border's is better made of its name
+        # the entity id of a border is better derived from its name
         assert config.get("default_entity_id") == (None if platform == "switch" else f"{platform}.lab1_{key}")
         shown = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
         assert {field: config[field] for field in ("state_topic", "image_topic") if field in config} == (
@@ -80,7 +80,7 @@ def test_resume_names_the_stop_that_its_button_shows():
     config = config_of("resume")
     request = pressed(config, {"stop_number": "12ab", "stopped": True})
     assert (request.command, request.seen_stop, request.age) == ("resume", "12ab", 1.0)
-    # nothing was shown yet: the manager then refuses, as it does for everybody
+    # before any stop was shown: the manager then refuses, as for everybody
     assert pressed(config, {}).seen_stop == "" and pressed(config, {"stop_number": None}).seen_stop == ""
     assert config["json_attributes_topic"] == "lab1/stopped"
 
@@ -103,7 +103,7 @@ def test_a_switch_names_its_border_and_each_press_has_a_new_id():
 
 
 def test_templates_stay_within_the_limits_of_the_hubs_sandbox():
-    # its range() refuses more than 100,000
+    # the sandbox's range() refuses more than 100,000
     for config in describe(LAB).values():
         template = config.get("command_template", "")
         assert all(int(part.split(")")[0]) <= 100_000 for part in template.split("range(")[1:])
@@ -114,7 +114,7 @@ def test_leftover_descriptions_are_those_of_known_kinds():
     seen = list(describe(LAB))
     gone = {key_in(topic) for topic in leftovers(fewer, seen)}
     assert gone == {"camera_green", "robot", "border_b1", key_of("border", "ü/#+")}
-    # as long as nobody has said which borders and robots there are, theirs are left alone
+    # until the borders and robots are known, their descriptions are left alone
     unknown = Lab("lab1", "en", ("red",))
     assert {key_in(topic) for topic in leftovers(unknown, seen)} == {"camera_green"}
     assert leftovers(LAB, seen) == []
@@ -151,8 +151,8 @@ def test_a_robots_problems_are_its_own():
     notices = [Notice("robot_stopped", Severity.WARNING, robot="ada", values={"who": "ada"})]
     notices.append(Notice("camera_silent", Severity.ERROR, camera="red", values={"camera": "red"}))
     assert states.robot_problems("ada", lines, notices, "en") == [notices[0].sentence()]
-    assert len(states.robot_problems("bob", lines, notices, "en")) == 1  # it is not there
-    # the only robot has no name, and neither has a notice that is about no robot
+    assert len(states.robot_problems("bob", lines, notices, "en")) == 1  # bob is not connected
+    # the only robot has no name, and a notice without a robot is about it
     alone = offer(Connections((ConnectedRobot("", driver=True, localized=True),))).lines
     notices.append(Notice("robot_stopped", Severity.WARNING, values={"who": "$the_robot"}))
     assert states.robot_problems("", alone, notices, "en") == [notices[2].sentence()]
@@ -192,6 +192,6 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     border.enabled = False
     picture = drawn(border)
     assert np.ptp(at(5.0, 2.5)) < 10  # grey
-    # one that cannot be drawn is left out
+    # a border that cannot be drawn is left out
     nowhere = [VirtualBorder(), VirtualBorder(points=[Point(1, float("nan"), 0), Point(2, 2, 0)])]
     assert np.array_equal(drawn(*nowhere), drawn())

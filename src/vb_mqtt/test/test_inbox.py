@@ -1,4 +1,4 @@
-"""Messages by MQTT are taken once, and refused if they are old or retained; whatever arrives, nothing else is raised."""
+"""MQTT messages are taken once, or refused if old or retained; no message causes any other exception."""
 
 import json
 
@@ -40,7 +40,7 @@ def test_a_message_delivered_twice_is_taken_once(inbox):
         payload = packed(at=NOW, **fields)
         assert inbox.take(payload, False, NOW) is not None
         assert inbox.take(payload, False, NOW + 1.0) is None
-    # the same command, given again
+    # the same command given again
     assert inbox.take(packed(command="save", at=NOW + 0.5), False, NOW + 1.0) is not None
 
 
@@ -54,7 +54,7 @@ def test_old_future_and_undated_commands_are_refused(inbox):
     assert code_of(inbox, packed(command="save", at=NOW - MAX_AGE - 0.01)) == "expired"
     assert code_of(inbox, packed(command="save", at=NOW + MAX_AGE + 0.01)) == "mqtt_clock"
     assert code_of(inbox, packed(border="border_1", enabled=True, at=NOW - 60.0)) == "expired"
-    # clocks differ a little
+    # small clock differences are tolerated
     assert inbox.take(packed(command="save", at=NOW + 1.0), False, NOW).age == 0.0
     for at in (None, True, "1", -1, float("nan"), float("inf"), 10**400, [NOW]):
         assert code_of(inbox, packed(command="save", at=at)) == "mqtt_undated"
@@ -73,10 +73,10 @@ def test_every_stop_is_taken_in_any_form_at_any_age(inbox):
         assert inbox.take(payload, False, NOW).command == "stop"
     for _ in range(1000):
         assert inbox.take(b"stop", False, NOW) is not None
-    # a sender without imagination: its second stop must not be taken for the first
+    # a sender that always uses the same id: its second stop must not be taken for the first
     same = packed(command="stop", id="kitchen")
     assert inbox.take(same, False, NOW).id != inbox.take(same, False, NOW).id
-    # but one press that comes twice is one
+    # but one press that arrives twice is one stop
     same = packed(command="stop", id="a1", at=NOW)
     assert inbox.take(same, False, NOW).id == inbox.take(same, False, NOW).id
 

@@ -1,4 +1,4 @@
-"""A robot's arbiter in the closed loop: it drives a unicycle through an empty room, without ROS."""
+"""A robot's arbiter in a closed loop, without ROS: it drives a unicycle through an empty room."""
 
 import math
 
@@ -20,7 +20,7 @@ DT, PROFILE = 0.05, RobotProfile()
 
 
 class Rig:
-    """An arbiter on a unicycle in an empty room; what is `silent` does not come any more."""
+    """An arbiter on a unicycle in an empty room; inputs named in `silent` do not arrive."""
 
     def __init__(self, pose=(2.0, 2.5, 0.0), grid=None, camera="robot", cameras=("robot",), stops=None):
         self.now, self.pose, self.silent = 100.0, pose, set()
@@ -30,8 +30,8 @@ class Rig:
         self.spot = self.navigation = self.teleop = None
         self.ranges = np.full(360, math.inf)
         self.commands, self.cancelled = [], 0
-        self.goal = False  # whether navigation has one
-        self.off = 0.0  # [m] by which the localisation believes to be farther back than it is
+        self.goal = False  # whether navigation has a goal
+        self.off = 0.0  # [m] by which the believed position is behind the true one
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
     def set_grid(self, grid):
@@ -41,7 +41,7 @@ class Rig:
         self.state, self._said = (state, interaction if state != DEFAULT else "", self.now), -math.inf
 
     def see(self, place, camera):
-        """A robot's camera sees the spot."""
+        """Tells the arbiter that a robot's camera sees the spot."""
         self.arbiter.add(Sighting(self.now, tuple(place), camera, True))
 
     def step(self, seconds=DT):
@@ -68,7 +68,7 @@ class Rig:
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
             if wish is not None:
                 self.arbiter.request(who, *wish, self.now)
-        # its clock stands, and the world goes on
+        # its clock stops while the world goes on
         self._stood = self.arbiter.gate.clock_age = self._stood + DT if "clock" in self.silent else 0.0
         if "goal" not in self.silent and self.goal:
             self.arbiter.set_goal(True, self.now)
@@ -78,13 +78,13 @@ class Rig:
         self.pose = advance(self.pose, command.v * DT, command.w * DT)
 
     def drives(self, v=0.3, w=0.0):
-        """On its way as navigation wishes."""
+        """Lets navigation drive the robot, and checks that it does; returns the rig."""
         self.navigation = (v, w)
         assert self.step(1.0).v == v
         return self
 
     def follows(self, distance=1.6):
-        """Guided, and on its way to a spot ahead."""
+        """Guides the robot to a spot ahead, and checks that it follows; returns the rig."""
         self.set_state(GUIDE)
         self.spot = (self.pose[0] + distance, self.pose[1])
         self.step(0.8)

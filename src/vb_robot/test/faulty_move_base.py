@@ -1,4 +1,4 @@
-"""A move_base action server that dies and comes back when it is told to."""
+"""A move_base action server that dies and comes back on request."""
 
 import threading
 
@@ -10,10 +10,10 @@ from vb_core.ros.messages import pose2d_from_message
 
 
 class FaultyMoveBase:
-    """Accepts goals of a robot, which stays on its way for ever.
+    """Accepts a robot's goals, none of which is ever reached.
 
     Attributes:
-        asked, goals: when [s] each goal came, and its pose.
+        asked, goals: time [s] of each goal, and its pose.
         cancelled: how often a goal was cancelled or replaced.
     """
 
@@ -25,13 +25,13 @@ class FaultyMoveBase:
         self.revive()
 
     def revive(self):
-        """Starts the server, as a new process would, if it is dead."""
+        """Starts the server if it is dead, as a new process would."""
         if self._server is not None:
             return
         self._server = actionlib.ActionServer(
             f"{self.name}/move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False
         )
-        # one lock: the server holds its own while it calls back, and wants it when a goal is answered
+        # one common lock: the server holds its own during callbacks, and needs it when a goal is answered
         self._server.lock = self._lock
         self._server.start()
 
@@ -42,7 +42,7 @@ class FaultyMoveBase:
         server.stop()
 
     def rest(self):
-        """Ends what runs and forgets every goal."""
+        """Cancels the active goal and forgets all goals."""
         with self._lock:
             self._cancel()
             self.asked.clear()
@@ -51,7 +51,7 @@ class FaultyMoveBase:
 
     @property
     def active(self):
-        """Whether a goal runs."""
+        """Whether a goal is active."""
         return self._handle is not None
 
     def _on_goal(self, handle):

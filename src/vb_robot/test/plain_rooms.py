@@ -1,4 +1,4 @@
-"""Rooms that several tests of this package share, and what a usual robot sees of them."""
+"""Rooms that several tests of this package share, and a typical robot's camera and scanner."""
 
 import math
 
@@ -10,7 +10,7 @@ from vb_core.grid_map import GridMap
 from vb_robot.driving.safety import Scan
 from vb_robot.floor_view import FloorView
 
-# an ideal camera of 58 degrees, 0.45 m above the floor and 30 degrees downwards
+# an ideal camera with a 58 degree field of view, 0.45 m above the floor, pitched 30 degrees down
 VIEW = FloorView(
     CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(29.0))),
     geometry.transform(
@@ -20,19 +20,19 @@ VIEW = FloorView(
 
 
 def empty(width=8.0, height=5.0, resolution=0.025):
-    """A floor without anything on it, its origin at (0, 0)."""
+    """Returns a map of an empty floor with its origin at (0, 0)."""
     return GridMap(np.zeros((round(height / resolution), round(width / resolution)), np.int8), resolution)
 
 
 def room(width=8.0, height=5.0, resolution=0.05):
-    """The same with walls of one cell."""
+    """Returns the same with walls one cell thick."""
     grid = empty(width, height, resolution)
     grid.data[[0, -1]], grid.data[:, [0, -1]] = 100, 100
     return grid
 
 
 def with_border(grid, x0, y0, x1, y1, value=100):
-    """A grid with a rectangle [m] of this value."""
+    """Returns a grid with a rectangle [m] of this value."""
     data = grid.data.copy()
     (row0, column0), (row1, column1) = grid.world_to_cell(np.array([[x0, y0], [x1, y1]]) + 1e-9)
     data[row0:row1, column0:column1] = value
@@ -40,7 +40,7 @@ def with_border(grid, x0, y0, x1, y1, value=100):
 
 
 def scan_of(ranges, first=None, step=math.radians(1.0), mount=np.eye(4), radius=0.18, **how):
-    """What a usual scanner reports: beams a step [rad] apart from the first angle on, or about straight ahead."""
+    """Returns a typical scanner's scan: beams a step [rad] apart, from `first` on, or centred on straight ahead."""
     ranges = np.asarray(ranges, float)
     first = -0.5 * step * (len(ranges) - 1) if first is None else first
     return Scan(ranges, first, step, 0.12, 8.0, mount, radius, **how)

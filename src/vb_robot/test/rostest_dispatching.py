@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The robot monitor that sends robots to the spot, against the move_base action servers of two robots, which can die."""
+"""The robot monitor, which sends robots to the spot, with the move_base action servers of two robots, which can die."""
 
 import math
 import os
@@ -51,17 +51,17 @@ class DispatcherTest(unittest.TestCase):
         self.words.clear()
 
     def publish_maps(self, grid, *robots):
-        """The maps of some robots; without a name that of all, and the one without borders."""
+        """Publishes the maps of some robots; without names those of all, the common one and the one without borders."""
         if not robots:
             self.stimulus.publish_map(grid)
         for name in robots or self.maps:
             self.maps[name].publish(message_from_grid(grid, rospy.Time.now()))
 
     def draw(self, first="ada", spot=SPOT):
-        """Draws, again and again until this robot is the first to be sent.
+        """Draws, repeatedly, until this robot is the first to be sent.
 
-        Maps, transforms and what navigation says of itself reach the dispatcher each in its own time. A drawing may
-        begin before it has heard what a test has just said, and then another robot is rightly sent.
+        Maps, transforms and navigation's status reach the dispatcher independently. A drawing may begin before it
+        has heard what a test has just published, and then another robot is rightly sent.
         """
 
         def is_first():
@@ -125,7 +125,7 @@ class DispatcherTest(unittest.TestCase):
         self.draw()
         best = self.is_sent("ada")
         self.setUp()
-        # somebody else has sent bob to just there
+        # somebody else has sent bob to exactly that pose
         self.bob.pose = (best[0], best[1], 0.0)
         goal = MoveBaseActionGoal()
         goal.goal_id.id = "somebody"
@@ -142,7 +142,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(len(self.bases["bob"].goals), 1, "a free robot comes first")
 
     def test_borders_for_one_robot_do_not_hold_the_other(self):
-        self.publish_maps(with_border(room(6.0), 0.5, 0.0, 3.75, 5.0), "bob")  # bob is to keep out of where the spot is
+        self.publish_maps(with_border(room(6.0), 0.5, 0.0, 3.75, 5.0), "bob")  # bob has to keep out of the spot's area
         self.ada.pose, self.bob.pose = (5.0, 4.4, 0.0), (4.2, 2.5, math.pi)
         self.draw("ada", (2.0, 1.2))
         self.is_sent("ada")
@@ -153,7 +153,7 @@ class DispatcherTest(unittest.TestCase):
         for base in self.bases.values():
             base.die()
         self.draw_once()
-        # the interaction goes on; when the spot is lost people are told how things are
+        # the interaction goes on; when the spot is lost, people are told that no robot comes
         self.hear_spots(25)
         self.stimulus.spot = None
         wait_until(lambda: "spot_not_seen_no_robot" in self.words, lambda: f"people to be told; {self.words}")

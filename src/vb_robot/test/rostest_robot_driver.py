@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Two robots' drivers with spots, tf, scans, maps and commands; what they command moves the robots."""
+"""Two robots' drivers with spots, tf, scans, maps and commands, in a closed loop: their commands move the robots."""
 
 import os
 import signal
@@ -67,12 +67,12 @@ class DriverTest(unittest.TestCase):
         wait_until(self.is_released, lambda: f"the end of all stops; {self.drivers}")
 
     def is_released(self):
-        # again: a driver that has just started may have told of a stop since
+        # repeatedly: a driver that has just started may have reported a stop since
         self.stimulus.latch.resume(self.stimulus.latch.number)
         return self.drivers.get("") == ("none", "idle") and self.drivers["ada"][0] != "stop"
 
     def is_stopped(self):
-        self.stop.publish(Stop())  # again: a driver that reports need not be connected to this topic yet
+        self.stop.publish(Stop())  # repeatedly: a driver that reports may not be connected to this topic yet
         return {drives for drives, _code in self.drivers.values()} == {"stop"}
 
     def stop_all(self):
@@ -111,7 +111,7 @@ class DriverTest(unittest.TestCase):
         self.stimulus.set_state(GUIDE)
         self.stimulus.spot = (self.stimulus.pose[0] + 2.2, self.stimulus.pose[1], "robot", True)
         wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
-        # the base hears of it on another topic, so that either may come first
+        # velocity and report are on different topics, so that either may come first
         wait_until(lambda: self.drivers[""][0] == "follow", lambda: f"the driver to say what drives; {self.drivers}")
         self.stimulus.silent = True
         self.wait_hold("state_lost")
@@ -173,7 +173,7 @@ class DriverTest(unittest.TestCase):
         wait_until(lambda: self.drivers[""][1] == "idle", "a driver without the other one")
 
     def test_a_base_that_does_not_listen_is_reported(self):
-        # drivers that came up before this process listened have said so, too
+        # drivers that started before this process subscribed have reported it at first, too
         for robot in ("", "ada"):
             self.wait_notice("base_not_listening", robot, there=False)
         self.ada.wheels.unregister()
@@ -201,17 +201,17 @@ class DriverTest(unittest.TestCase):
         def newest():
             return [one for one in said if one.robot == ""][-5:]
 
-        # on a busy computer an input may come late meanwhile, which is another report
+        # on a busy computer a late input may cause another report in between
         wait_until(
             lambda: [(one.source, one.code) for one in newest()] == 5 * [("navigation", "driving")],
             lambda: f"five reports without a change; {newest()}",
         )
         gaps = np.diff([one.header.stamp.to_sec() for one in newest()])
-        self.assertTrue((gaps > 0.4).all(), gaps)  # at most twice; how late on a busy computer does not matter
+        self.assertTrue((gaps > 0.4).all(), gaps)  # at most; how much later on a busy computer is irrelevant
 
     def test_a_lost_localisation_looks_around_if_it_was_ever_located(self):
         known, unknown = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()
-        unknown.pose.covariance[0] = unknown.pose.covariance[7] = 0.25  # as AMCL starts, and as RViz shows a pose
+        unknown.pose.covariance[0] = unknown.pose.covariance[7] = 0.25  # as AMCL starts, and as RViz estimates a pose
         poses = rospy.Publisher("ada/amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
         looks = []
 

@@ -1,4 +1,4 @@
-"""What the rostests of this package share: a room, a robot whose pose is published to tf, spots and states."""
+"""Inputs that this package's rostests share: a room, a robot whose pose is published to tf, spots and states."""
 
 import math
 import threading
@@ -32,7 +32,7 @@ class Body:
         self._time = None
 
     def step(self, now):
-        """Moves on and gives its transforms."""
+        """Moves the robot on and returns its transforms."""
         with self.lock:
             if self._time is not None and now > self._time:
                 dt = min(0.2, (now - self._time).to_sec())
@@ -48,7 +48,7 @@ class Body:
 
 
 class Stimulus(Body):
-    """Publishes map, tf, state and spots. The robot's pose is (x, y, yaw) in the map frame, odom is the map."""
+    """Publishes map, tf, state and spots. The robot's pose is (x, y, yaw) in the map frame; odom equals map."""
 
     def __init__(self, pose, others=()):
         super().__init__(pose)
@@ -61,7 +61,7 @@ class Stimulus(Body):
         self._state = rospy.Publisher(names.STATE, InteractionState, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
         self._scans = rospy.Publisher("scan", LaserScan, queue_size=1)
-        self.silent = False  # the interaction manager is
+        self.silent = False  # whether the interaction manager is
         self._state_message, self._ticks = None, 0
         self._interaction = ""
         self.publish_map(room(6.0))
@@ -100,11 +100,11 @@ class Stimulus(Body):
         transforms = [transform for body in (self, *self.others) for transform in body.step(now)]
         with self.lock:
             spot, frame = self.spot, self.spot_frame
-        # a scanner in the robot's middle that sees nothing near, its frame as drivers of tf's first version name it
+        # a scanner at the robot's centre with nothing in range, its frame_id with a slash as in tf1
         scan = LaserScan(
             angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0, ranges=[math.inf] * 361
         )
-        # the stamp is the first beam's, and the scanner turns slowly: what it sees is new all the same
+        # the stamp is that of the first beam, and the scanner turns slowly: its scan counts as new all the same
         scan.header.stamp, scan.time_increment = now - rospy.Duration(0.4), 0.4 / 360
         scan.header.frame_id = "/base_laser_link"
         scan.range_min, scan.range_max = 0.1, 8.0

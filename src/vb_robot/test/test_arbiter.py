@@ -1,4 +1,4 @@
-"""Which source drives a robot, and whether it may; following, and getting away. In a closed loop, on a unicycle."""
+"""Which source drives a robot, and whether it may; following and escaping. In a closed loop, on a unicycle."""
 
 import math
 
@@ -73,7 +73,7 @@ def test_stop_is_latched_until_released(by):
 
 
 def test_a_restarted_driver_stays_stopped(tmp_path):
-    HeldStops(tmp_path / "stops")  # it ran before, without a stop
+    HeldStops(tmp_path / "stops")  # an earlier run, without a stop
     before = HeldStops(tmp_path / "stops")
     before.hear("a")
     assert before.store()
@@ -124,7 +124,7 @@ def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, seen):
     now = 0.1 * len(seen) + 1.5
     certain = {camera for camera, confidence in seen if confidence >= 0.4}
     acting = driver.should_follow("robot", now), dispatcher.should_dispatch()
-    # guided, a robot acts only if it sees the spot itself; in a state that nobody knows none moves
+    # a guided robot acts only if it sees the spot itself; in an unknown state no robot moves
     assert sum(acting) == {GUIDE: "robot" in certain, NEWER: False}.get(state, bool(certain))
     assert acting[0] <= ("robot" in certain) and acting[1] == (state in (BORDER, SEED) and "red" in certain)
     assert state != NEWER or driver.newest() is None
@@ -178,7 +178,7 @@ def test_a_robot_follows_until_another_one_sees_the_lost_spot():
 
 # ------------------------------------------------------------ following
 def drag(path, speed, pose, latency=0.12):
-    """Drags a spot along a path and rests 4 s; rows of (x, y, v, w, visible, spot distance)."""
+    """Drags a spot along a path, then rests 4 s; returns rows of (x, y, v, w, visible, spot distance)."""
     path = np.asarray(path, dtype=float)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     rig, rng = Rig(pose), np.random.default_rng(7)
@@ -223,13 +223,13 @@ def test_the_spot_stays_in_view(path, speed):
     assert NEAR_DISTANCE <= run[-1, 5] <= FAR_DISTANCE
 
 
-# ------------------------------------------------------------------ getting away
+# ------------------------------------------------------------------ escaping
 RADIUS = PROFILE.radius
 EDGE = 4.0  # [m] where the border begins, along x
 
 
 def beside(gap, yaw=0.3):
-    """A robot with a goal that navigation does not move, `gap` [m] from a border on its left or right, or ahead."""
+    """Returns a rig with a goal, but idle navigation, `gap` [m] from a border on its left or right, or ahead."""
     rig = Rig(grid=with_border(empty(), EDGE, 0.0, 8.0, 5.0), pose=(EDGE - RADIUS - gap, 2.5, yaw))
     rig.goal = True
     return rig
@@ -281,7 +281,7 @@ def test_escape_forgets_its_place_once_a_person_intervenes(stops):
     else:
         rig.teleop = (0.0, 0.1)
     rig.step(0.5)
-    rig.pose = (EDGE - RADIUS - 0.02, 1.0, math.pi)  # it was carried, or driven
+    rig.pose = (EDGE - RADIUS - 0.02, 1.0, math.pi)  # it was carried or driven away
     rig.latch.resume(rig.latch.number)
     rig.teleop = None
     rig.commands.clear()
@@ -308,7 +308,7 @@ def test_a_robot_that_is_not_pinched_is_left_alone(left_alone):
         rig.navigation = (0.0, 0.3)
         rig.step(0.5)
         rig.navigation = None
-        rig.silent.add("goal")  # it died; its goal is never ended
+        rig.silent.add("goal")  # navigation died; its goal never ends
     elif left_alone == "navigation drives it":
         rig.navigation = (0.0, 0.5)
     rig.commands.clear()

@@ -1,4 +1,4 @@
-"""The dispatch policy, and what is known about the spot."""
+"""The dispatch policy, and the record of sightings."""
 
 import math
 from typing import NamedTuple
@@ -21,12 +21,12 @@ def place(x, cost=None, **how):
 
 
 def at(*places):
-    """Whether an x [m] is one of these."""
+    """Returns a test of whether an x [m] is one of these."""
     return places.__contains__
 
 
 class Robot:
-    """One robot of the bench: places it could go to, where (x) it would see the spot and has room; what navigation says."""
+    """One robot of the bench: viewpoints on offer, the x where it sees the spot and has room, navigation's status."""
 
     def __init__(self, *offers, sees=at(), **how):
         self.offers, self.sees, self.room, self.searches = offers, sees, lambda x: True, 0
@@ -48,14 +48,14 @@ class Robot:
 
 
 class Bench:
-    """Steps a fleet at 4 Hz; goals that are given begin at once, and end when they are cancelled."""
+    """Steps a fleet at 4 Hz; goals become active at once, and end when they are cancelled."""
 
     def __init__(self, **robots):
         self.robots, self.fleet = robots, Fleet(robots)
         self.now, self.robot_wanted, self.key, self.unseen_s = 100.0, True, ("a", 1), 0.0
 
     def step(self):
-        """Returns the place (x) that some robot was sent to, or None."""
+        """Returns the x to which a robot was sent, or None."""
         self.now += 0.25
         fleet = {}
         for name, robot in self.robots.items():
@@ -74,7 +74,7 @@ class Bench:
         return sent
 
     def run(self, steps):
-        """Returns all places (x) that robots were sent to."""
+        """Returns every x to which robots were sent."""
         return [sent for sent in (self.step() for _ in range(steps)) if sent is not None]
 
 
@@ -84,7 +84,7 @@ def test_a_robot_that_is_not_ready_is_not_sent(state):
 
 
 class Then(NamedTuple):
-    """What changes of the robot and of the bench; then for how many steps, and where (x) the robot is sent meanwhile."""
+    """Changes of robot and bench, the number of steps after them, and each x to which the robot is then sent."""
 
     steps: int
     sent: list
@@ -92,7 +92,7 @@ class Then(NamedTuple):
     bench: dict = {}
 
 
-# How a robot goes on that is on its way to 1 m, from where it would see the spot.
+# What becomes of a robot on its way to x = 1 m, from where it would see the spot.
 AFTERWARDS = {
     "another goal is another place, and it comes after some patience": [
         Then(20, [], dict(offers=[place(1.1), place(1)], sees=at())),
@@ -195,7 +195,7 @@ def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
     ada.goal, ada.pose = REACHED, (1.0, 0.0, 0.0)
 
     def stand(steps):
-        """Steps while the spot stays unseen; a robot that is sent arrives at once. Returns where (x) to."""
+        """Steps while the spot stays unseen; a robot that is sent arrives at once. Returns each x it was sent to."""
         sent = []
         for _ in range(steps):
             bench.unseen_s += 0.25
@@ -219,7 +219,7 @@ def seen(stamp, x, y=0.0, camera="red", mobile=False):
 
 
 def drawing_since(stamp):
-    """The record of somebody who has begun to draw at a time [s]."""
+    """Returns the sightings of a drawing that began at a time [s]."""
     known = Sightings()
     known.set_state(BORDER, "1", stamp)
     return known
@@ -332,7 +332,7 @@ def test_a_free_robot_is_sent_before_a_busy_one():
         ({"goal": PREEMPTED}, 0.0),
         ({"server": False}, 0.0),
         ({"localized": False}, 0.0),
-        ({"goal": SENT}, 4.0),  # its navigation never accepts it
+        ({"goal": SENT}, 4.0),  # its navigation never accepts the goal
         ({}, 15.0),  # it is stuck
     ],
 )
@@ -360,7 +360,7 @@ def test_a_robot_that_failed_comes_after_one_that_did_not():
     bench = Bench(ada=ada, bob=bob)
     bench.step()
     ada.goal = FAILED
-    for has_map, steps in ((False, 20), (True, 1)):  # until ada need not rest any more
+    for has_map, steps in ((False, 20), (True, 1)):  # until ada's pause after the failure is over
         ada.has_map = bob.has_map = has_map
         bench.run(steps)
     assert bench.fleet.serving == "bob"
@@ -370,7 +370,7 @@ def test_two_robots_about_equally_near_do_not_take_turns():
     ada, bob = Robot(), Robot()
     bench, sent = Bench(ada=ada, bob=bob), []
     for i in range(30):
-        # the spot goes on, now this one is a little nearer, now that one
+        # the spot moves on, and each robot is a little nearer in turn
         shift = 0.3 * (-1) ** i
         ada.offers, bob.offers = [place(1 + 0.5 * i, 2.0 - shift)], [place(20 + 0.5 * i, 2.0 + shift)]
         sent += bench.run(8)

@@ -1,4 +1,4 @@
-"""The dispatcher as a whole, without ROS: lines that leave what the ceiling camera sees, robots that see nothing."""
+"""The whole dispatcher, without ROS: lines that leave the ceiling camera's view, robots that see nothing."""
 
 import math
 
@@ -21,7 +21,7 @@ EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
 
 
 class Lab:
-    """8 m x 5 m, a ceiling camera that sees x < 5 m, a spot that moves along y = 2.5 m, a robot that jumps."""
+    """A room of 8 m x 5 m, a ceiling camera that sees x < 5 m, a spot moving along y = 2.5 m, a robot that jumps."""
 
     def __init__(self, robot=(7.0, 1.0, 0.0)):
         grid = room()
@@ -35,7 +35,7 @@ class Lab:
         self.dispatcher.sightings.add(Sighting(self.now, tuple(position), camera, mobile))
 
     def step(self, speed=0.0, robot_sees=True):
-        """A quarter of a second in which the spot moves on along x [m/s]."""
+        """Runs a quarter of a second, in which the spot moves along x at `speed` [m/s]."""
         for _ in range(5):
             self.now += PERIOD / 5
             self.spot = self.spot + (speed * PERIOD / 5, 0.0)
@@ -80,7 +80,7 @@ def test_the_robot_looks_where_people_notice_that_the_spot_is_lost():
 
 def test_a_restarted_dispatcher_sends_a_robot_to_a_blind_corner():
     lab = Lab()
-    # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
+    # after its restart it learns the state and the contributing cameras, but gets no spots
     lab.spot = np.array([EDGE + 0.5, 2.5])
     assert not lab.dispatcher.sightings.should_dispatch()
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
@@ -127,10 +127,10 @@ def test_a_notice_says_after_a_while_that_no_robot_comes():
 @pytest.mark.parametrize("start", [(6.0, 2.3, 0.0), (5.4, 2.0, 2.0), (6.5, 3.0, -1.0)])
 def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
     lab, carpet = Lab(robot=start), np.array([[5.0, 1.7], [7.0, 1.7], [7.0, 3.2], [5.0, 3.2]])
-    lab.see("red", (4.9, 1.7))  # while it was drawn
+    lab.see("red", (4.9, 1.7))  # while the line was drawn
     lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
     lab.dispatcher.set_progress("a", DrawingState(carpet[0] - 0.02, carpet, closed=True), ["red"])
-    lab.spot = np.array([10.0, 2.5])  # nobody sees it
+    lab.spot = np.array([10.0, 2.5])  # where nobody sees it
     while lab.now < 105.0:
         lab.step()
     assert Polygon(carpet).distance(Point(lab.robot[:2])) >= 0.18
@@ -159,7 +159,7 @@ def look(cells, drawing, robot):
 
 
 def test_choosing_a_place_costs_the_same_in_a_hotel():
-    """What is looked at does not grow with the map: the same place, from the same window."""
+    """The searched window does not grow with the map, and the result is the same."""
     answers = []
     for cells in (200, 2000):
         outlook = look(cells, DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""What drives a robot, against oracles that are worked out by hand or written down a second time, more simply."""
+"""Driving, against oracles worked out by hand or written a second time, more simply."""
 
 import math
 
@@ -20,7 +20,7 @@ from vb_robot.driving.safety import Clearance, arc
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
-# the same examples on every computer, however busy
+# the same examples on every computer, even a busy one
 STEADY = settings(derandomize=True, suppress_health_check=list(HealthCheck))
 
 RADIUS = PROFILE.radius
@@ -28,7 +28,7 @@ RADIUS = PROFILE.radius
 
 # ------------------------------------------------------------ following
 class Law:
-    """The law of following, as a table: nearer from 1.3 to 1 m, back from 0.75 to 0.9 m, turning from 14 to 4 degrees."""
+    """The law of following, with hysteresis: nearer from 1.3 to 1 m, back from 0.75 to 0.9 m, turn from 14 to 4 deg."""
 
     def __init__(self):
         self.drives, self.turns = 0, False
@@ -67,7 +67,7 @@ def test_the_follower_obeys_its_law_and_restarts_after_a_loss(spots):
 
 # ------------------------------------------------------------ escaping
 class Pinched:
-    """A workspace whose nearest obstacle is `gap` [m] from the robot's rim, and whose nearest room is at `place`."""
+    """A workspace with its nearest obstacle `gap` [m] from the robot's rim, and its nearest free place at `place`."""
 
     def __init__(self, gap, place=(0.3, 0.0)):
         self.gap, self.place, self.asked = gap, place, []
@@ -89,7 +89,7 @@ def ask(escape, workspace, *times, goal=True, moves=False):
     "gap, helped", [(0.019, 1), (0.021, 0), (-PATH_MARGIN - RADIUS + 0.001, 1), (-PATH_MARGIN - RADIUS - 0.001, 0)]
 )
 def test_escape_begins_near_an_obstacle_and_ends_farther_away(gap, helped):
-    """One whose centre is within something is not helped."""
+    """A robot whose centre is inside an obstacle is not helped."""
     workspace, escape = Pinched(PATH_MARGIN + gap), Escape(RADIUS)
     assert ask(escape, workspace, 100.0, 101.4, 101.5, 102.0) == [False, False, helped, helped]
     workspace.gap = PATH_MARGIN + 0.039
@@ -189,11 +189,11 @@ def test_halting_stops_the_robot_with_the_faults_code():
     st.sampled_from([0.0, 1.0, -1.0, 1.0 / 0.36, -1.0 / 0.36, 1.0 / 0.24]),
 )
 def test_the_free_distance_ends_where_a_round_robot_meets_a_point(places, direction, bend):
-    """Along its arc; one narrower than 0.3 m counts as driving straight on.
+    """The distance is along its arc; a radius below 0.3 m counts as driving straight on.
 
     Args:
-        places: how far [m] each point is along the arc, and how far to its left.
-        bend: [1/m] of the arc.
+        places: (distance along the arc, distance to its left) [m] of each point.
+        bend: curvature [1/m] of the arc.
     """
     (along, across), driven = np.transpose(places), bend if abs(bend) < 1.0 / 0.3 else 0.0
     scan, yaw = scan_of([0.0], 0.0, 0.01), direction * driven * along
@@ -211,7 +211,7 @@ def test_the_free_distance_ends_where_a_round_robot_meets_a_point(places, direct
     "w, needed, edge", [(0.0, 0.0, 6.4), (0.4, 0.0, 23.6), (-0.4, 0.0, 23.6), (0.4, 0.3, 33.9), (10.0, 0.0, 96.4)]
 )
 def test_beams_must_reach_along_the_arc_but_for_a_gap(v, w, needed, edge):
-    """The robot's half width at 0.98 m is 10.4 deg, a hole may have 4 deg; an arc bends by half of its turn within 0.3 m."""
+    """The robot's half width at 0.98 m is 10.4 deg, a hole may be 4 deg; an arc bends by half its turn within 0.3 m."""
     mount = geometry.transform(np.diag([math.copysign(1.0, v)] * 2 + [1.0]), (0.0, 0.0, 0.0))
     for half, seen in ((edge - 0.7, False), (edge + 0.7, True)):
         number = 2 * int(half * 10) + 1
@@ -222,7 +222,7 @@ def test_beams_must_reach_along_the_arc_but_for_a_gap(v, w, needed, edge):
 @pytest.mark.parametrize("v", [0.2, -0.2])
 @pytest.mark.parametrize("w, seen", [(0.4, True), (-0.4, False)])
 def test_beams_to_its_left_show_the_arc_to_the_left(v, w, seen):
-    """Seen the way that it drives: 17 deg beside straight on, backwards as forward."""
+    """Relative to the direction of travel: 17 deg off straight on, backwards as forwards."""
     mount = geometry.transform(np.diag([math.copysign(1.0, v)] * 2 + [1.0]), (0.0, 0.0, 0.0))
     scan = scan_of(np.full(36, math.inf), math.radians(5.0), math.radians(1.0), mount)
     assert scan.sees_path(v, w, 0.18, 0.0) is seen
@@ -236,7 +236,7 @@ def test_beams_to_its_left_show_the_arc_to_the_left(v, w, seen):
     st.integers(3, 60),
 )
 def test_a_covered_sector_has_beams_to_its_edges_and_no_hole(holes, alone, bearing, half):
-    """In degrees, with beams 0.9 apart; at an edge, as within, four may be dark."""
+    """In degrees, with beams 0.9 apart; at an edge, as elsewhere, four degrees may be dark."""
     ranges, bearing, half = np.full(400, math.inf), 0.9 * bearing + 0.45, 0.9 * half + 0.2
     for begin, wide in holes:
         ranges[np.arange(begin, begin + wide) % 400] = math.nan
@@ -257,7 +257,7 @@ def test_a_hole_of_four_degrees_or_three_beams_hides_nothing(nans, step, covered
 
 
 def along_y(y):
-    """A scanner that looks along +y from a place [m] on that axis."""
+    """Returns the mount of a scanner that looks along +y from a point [m] on that axis."""
     return geometry.transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), (0.0, y, 0.2))
 
 
@@ -270,7 +270,7 @@ def along_y(y):
         (0.25, [0.215], False),
         (0.05, [0.022], True),
         (0.05, [0.015], False),
-        (0.02, [0.001], True),  # a robot smaller than the margin takes no echo for one of its parts
+        (0.02, [0.001], True),  # a robot smaller than the margin takes no echo for its own part
     ],
 )
 def test_an_echo_counts_in_range_and_outside_the_robots_own_parts(radius, distances, counts):
@@ -288,7 +288,7 @@ def test_an_echo_too_near_to_measure_touches_robot_or_scanner(at, point):
 
 # ------------------------------------------------------------ the gate
 def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None):
-    """A gate that knows everything at 10 s."""
+    """Returns a gate with all its inputs at 10 s."""
     gate = Gate(profile)
     gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
     gate.speed_limits = speed_limits
@@ -360,7 +360,7 @@ def test_each_source_keeps_its_own_clearances(source, ahead, sides, cells):
         gate.stamps["spot"] = 10.0
         return gate.limit(10.0, source, VelocityRequest(0.1, 0.0, "driving"))[0] > 0.0
 
-    for more in (-0.015, 0.015):  # the slowest that is not refused stops within a centimetre; a cell is one
+    for more in (-0.015, 0.015):  # the lowest permitted speed stops within 1 cm, and a cell is 1 cm
         assert drives((RADIUS + ahead + more, 0.0)) is (more > 0.0)
         assert drives((0.02, -RADIUS - sides - more)) is (more > 0.0)
         assert drives((-1.0, 0.0), 4.0 + RADIUS + cells + 0.01 + more) is (more > 0.0)
@@ -375,7 +375,7 @@ LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
     "source, gate, wish, found",
     [
         (NAVIGATION, knowing_gate(), (0.3, 0.2), (0.3, 0.2, "driving")),
-        # what is too fast is slower on its arc
+        # a command that is too fast is slowed down on its arc
         (NAVIGATION, knowing_gate(), (9.0, 0.9), (0.5, 0.05, "speed_limit")),
         (FOLLOW, knowing_gate(), (0.4, 0.2), (0.2, 0.1, "speed_limit")),
         (ESCAPE, knowing_gate(), (-0.4, 0.2), (-0.2, 0.1, "speed_limit")),
@@ -386,22 +386,22 @@ LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
         # without a scanner it drives slowly, by its map alone
         (NAVIGATION, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
         (TELEOP, knowing_gate(BLIND), (0.2, 0.1), (0.1, 0.05, "floor_not_scanned")),
-        # it backs off only where the scanner looks; a joystick may, slowly
+        # it backs off only where the scanner sees; a joystick may do so anywhere, slowly
         (FOLLOW, knowing_gate(fov=270), (-0.2, 0.1), (0.0, 0.1, "floor_not_scanned")),
         (FOLLOW, knowing_gate(), (-0.2, 0.1), (-0.2, 0.1, "driving")),
         (TELEOP, knowing_gate(fov=270), (-0.2, 0.1), (-0.1, 0.05, "floor_not_scanned")),
         # below 2 cm/s it only turns
         (NAVIGATION, knowing_gate(ranges=RADIUS + 0.041), (0.2, 0.3), (0.0, 0.3, "obstacle")),
         (NAVIGATION, knowing_gate(ranges=RADIUS + 0.0448), (0.2, 0.0), (0.03, 0.0, "obstacle")),
-        # a contact lets it only back up and turn, another one not even that, and none is released by another one
+        # one contact allows only backing up and turning, another not even that, and none is cleared by another's value
         (TELEOP, knowing_gate(touched="forward"), (0.1, 0.2), (0.0, 0.2, "contact")),
         (TELEOP, knowing_gate(touched="forward"), (-0.1, 0.2), (-0.1, 0.2, "driving")),
         (TELEOP, knowing_gate(touched="all"), (-0.1, 0.0), (0.0, 0.0, "contact")),
         (TELEOP, knowing_gate(touched="all"), (0.0, 0.5), (0.0, 0.0, "contact")),
-        # numbers that are none
+        # not finite
         (TELEOP, knowing_gate(), (math.nan, 0.0), (0.0, 0.0, "bad_command")),
         (TELEOP, knowing_gate(), (0.1, math.inf), (0.0, 0.0, "bad_command")),
-        # within a border only navigation may not drive
+        # inside a border, only navigation may not drive
         (NAVIGATION, knowing_gate(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
         (TELEOP, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
         (FOLLOW, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
@@ -422,10 +422,10 @@ def test_the_gate_limits_a_command_and_names_the_reason(source, gate, wish, foun
     st.sampled_from([0.0, 0.03]),
 )
 def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps, ahead):
-    """In units of 0.1 m, of a robot whose odometry stands; the clock may be set back. Three units are too many.
+    """Shifts in units of 0.1 m, of which three are a jump; the odometry stays constant, the clock may be set back.
 
     Args:
-        ahead: [s] the base's clock is ahead of the driver's.
+        ahead: [s] by which the base's clock is ahead of the driver's.
     """
     gate, now, place, fixes, held_until = Gate(PROFILE), 100.0, 0, [], -math.inf
     for seconds, shift in steps:
@@ -456,7 +456,7 @@ def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps, ahead):
     st.sampled_from([-0.6, -0.4, -0.1, 0.02, 0.1, 0.3, 0.7]),
 )
 def test_an_inputs_age_is_reduced_by_its_usual_period(messages, later):
-    """A pause does not count as a period; a stamp a little ahead is as new as the last command."""
+    """A pause does not count as a period; a stamp slightly in the future counts as the present."""
     gate, now, stamps, periods = Gate(PROFILE), 10.0, [], []
     for seconds, ahead in messages:
         now += seconds

@@ -1,4 +1,4 @@
-"""What a robot does not know is a stop: where it is, which maps belong together, who else drives it, what it touches."""
+"""A robot stops if it does not know where it is, which maps belong together, who else drives it, or what it touches."""
 
 import math
 import re
@@ -28,7 +28,7 @@ def test_another_publisher_is_reported_in_every_state(situation):
         rig.latch.stop("a", "test")
     rig.navigation = (0.3, 0.0) if situation == "driving" else None
     rig.step(0.5)
-    rig.arbiter.gate.registered = ("/move_base",)  # silent, but it can
+    rig.arbiter.gate.registered = ("/move_base",)  # it sends nothing, but could
     command = rig.step(0.5)
     assert (command.code, command.v, command.w, command.publish) == ("other_cmd_vel_publisher", 0.0, 0.0, True)
     rig.arbiter.gate.registered = ()
@@ -75,10 +75,10 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
 # ------------------------------------------------------------ where it is
 @pytest.mark.parametrize("known", [True, False])
 def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
-    """Without a pose AMCL itself takes (0, 0, 0), with variances of 0.25 m^2: the robot does not know where it is."""
+    """Without a pose, AMCL itself assumes (0, 0, 0) with variances of 0.25 m^2: the robot does not know where it is."""
     launch = (Path(roslib.packages.get_pkg_dir("vb_bringup")) / "launch" / "navigation.launch").read_text()
     file = tmp_path / "navigation.launch"
-    file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # they ask whether AMCL is installed
+    file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # these check whether AMCL is installed
     config, pose = roslaunch.config.ROSLaunchConfig(), {"x": 2.0, "y": 3.0, "yaw": 1.5}
     roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(
         str(file), config, argv=[f"{name}:={value}" for name, value in pose.items() if known], verbose=False
@@ -109,10 +109,10 @@ def test_a_contact_that_cannot_be_heard_or_read_is_refused(more, complaint):
 
 # ------------------------------------------------------------ scanners
 class SlowScanner(Rig):
-    """A scanner of 5 Hz: each scan ends 0.2 s after it began, and is stamped with its end."""
+    """A robot with a 5 Hz scanner: each scan takes 0.2 s, and is stamped with its end."""
 
     def _step(self):
-        self.silent.add("scan")  # the usual one
+        self.silent.add("scan")  # the usual scanner
         if "slow scan" not in self.silent and round(self.now / DT) % 4 == 0:
             self.arbiter.gate.set_scan(scan_of(self.ranges), self.now - 0.04)
         super()._step()
@@ -128,9 +128,9 @@ def test_a_scanner_of_5_hz_does_not_slow_the_robot():
     assert np.mean([command.w for command in rig.commands]) >= 0.95
 
 
-# ------------------------------------------------------------ what is lost while it drives
+# ------------------------------------------------------------ inputs lost while it drives
 def sets(name, value, clear):
-    """A fault that is an attribute of the gate."""
+    """Returns a fault that sets an attribute of the gate."""
     return lambda rig, faulty: setattr(rig.arbiter.gate, name, value if faulty else clear)
 
 
@@ -139,7 +139,7 @@ def silences(what):
 
 
 def mixes_maps(rig, faulty):
-    """The driver's node gives no maps where they do not belong together."""
+    """Withholds the maps, as the driver's node does if they do not belong together."""
     rig.arbiter.gate.workspace = None
     if not faulty:
         rig.set_grid(empty())
@@ -151,7 +151,7 @@ def drops_a_wheel(rig, faulty):
 
 LATEST = 0.5  # [s], as robots.md promises
 FAULTS = {
-    # what is lost: (how, the code, the latest that wheels must rest [s])
+    # what is lost: (how, the code, the time [s] by which the wheels must stand still)
     "scan": (silences("scan"), "scan_lost", LATEST),
     "scan of 5 Hz": (silences("slow scan"), "scan_lost", LATEST + 0.1),
     "tf": (silences("pose"), "pose_lost", LATEST),
@@ -166,9 +166,9 @@ FAULTS = {
 
 
 def lose(what, who, seed):
-    """Loses something for 2 s at a moment, speed and turn drawn at random.
+    """Loses an input for 2 s, with moment, speed and turn rate drawn at random.
 
-    Returns [s] from the loss to the first command of a rest that lasts, or inf; the rig; the commands meanwhile.
+    Returns the time [s] from the loss until the commands stay zero, or inf; the rig; the commands during the loss.
     """
     random = np.random.default_rng(seed)
     rig = (SlowScanner if "5 Hz" in what else Rig)()
@@ -182,7 +182,7 @@ def lose(what, who, seed):
     for step in range(80):
         if step in (0, 40):
             inflict(rig, step == 0)
-        # a spot that is drawn away for ever: only the gate can stop the robot
+        # the spot keeps moving away: only the gate can stop the robot
         rig.spot = (rig.pose[0] + 1.6 * math.cos(rig.pose[2]), rig.pose[1] + 1.6 * math.sin(rig.pose[2]))
         rig.spot = rig.spot if who == "follow" else None
         rig.step()
@@ -195,12 +195,12 @@ def lose(what, who, seed):
 @pytest.mark.parametrize("who", ["follow", "navigation"])
 @pytest.mark.parametrize("what", FAULTS)
 def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(what, who):
-    """At twenty moments each. A base's brakes can follow, and the robot goes on when the input is back."""
+    """Twenty random moments each; a base's brakes can follow, and the robot goes on when the input is back."""
     _, code, latest = FAULTS[what]
     for seed in range(20):
         took, rig, meanwhile = lose(what, who, seed)
         assert took <= latest + 1e-9 and meanwhile[-1].code == code
-        if latest > DT:  # what is found to be false ends at once, what is late by the brakes
+        if latest > DT:  # a false input stops it at once, a late one within its braking deceleration
             speeds = np.array([command.v for command in rig.commands])
             assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.deceleration * DT
         assert rig.commands[-1].v > 0.05

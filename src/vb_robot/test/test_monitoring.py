@@ -1,4 +1,4 @@
-"""What robot_monitor reads from a robot's navigation, which goals it calls out of reach, and what it asks of a planner."""
+"""What robot_monitor reads from a robot's navigation, which goals it refuses, and what it sets in a local planner."""
 
 import itertools
 import math
@@ -28,7 +28,7 @@ from vb_robot.monitoring.wiring import Wiring
 
 
 def graph(maps, robot="", missing=(), heard=True):
-    """A move_base with these maps, all of which somebody publishes but for what is missing."""
+    """Returns the node graph of a move_base with these maps; topics in `missing` have no publisher."""
     node, velocities = wiring.within(robot, "move_base"), wiring.within(robot, "cmd_vel")
     paths = [f"{node}/NavfnROS/plan", f"{node}/DWAPlannerROS/global_plan"]
     subscribed = {name: [node] for name in (wiring.within(robot, "move_base_simple/goal"), *maps)}
@@ -54,14 +54,14 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
         ("", [ALL], {}, True),
         ("", [ALL, MARGIN], {}, True),
         ("", ["/map"], {}, False),
-        # one costmap is wired, the other is not: it cuts corners
+        # only one costmap has the borders: it cuts corners
         ("", ["/map", ALL], {}, False),
         ("", [ALL], {"local_costmap": STATIC}, True),
-        # a border that is drawn while it drives would be noticed by nobody
+        # a border that is drawn while it drives would not be noticed
         ("", [ALL], {"local_costmap": ROLLING}, False),
         ("", [ALL], {"local_costmap": ROLLING, "planner_frequency": 1.0}, True),
         ("", [], {}, False),
-        # one with a name may plan on its own map or on that of all
+        # a named robot may plan on its own map or on the common one
         ("ada", ["/ada/virtual_borders/map"], {}, True),
         ("ada", [ALL], {}, True),
         ("ada", ["/bob/virtual_borders/map"], {}, False),
@@ -75,7 +75,7 @@ def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, p
 
 
 def test_a_move_base_that_waits_for_a_map_is_found():
-    """Without a driver nobody publishes keep_out: move_base has no action server then, and says so at INFO only."""
+    """Without a driver nobody publishes keep_out; then move_base has no action server, and only logs it at INFO."""
     seen = wiring.observe(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
     assert (seen.move_base, seen.missing_maps, seen.unheard) == ("/move_base", (MARGIN,), ("/cmd_vel",))
 
@@ -102,7 +102,7 @@ def known_border(name, x0, y0, x1, y1):
 
 
 def make_checker(areas, radius=0.2, physical=None):
-    """A checker with borders that restrict rectangles (x0, y0, x1, y1) [m] by name."""
+    """Returns a checker with borders that restrict rectangles (x0, y0, x1, y1) [m], by name."""
     physical = physical or room(8.0, 4.0)
     borders = physical
     for area in areas.values():
@@ -120,18 +120,18 @@ START, FAR = (0.5, 0.5), (7.0, 2.0)
     "areas, start, goal, why",
     [
         (RUG, START, (2.5, 1.5), ("goal_in_border", "rug")),
-        (RUG, START, (1.9, 1.5), ("goal_in_border", "rug")),  # its edge would be inside
+        (RUG, START, (1.9, 1.5), ("goal_in_border", "rug")),  # the robot's edge would be inside
         (RUG, START, (5.0, 1.5), None),
         (RUG, START, (1.7, 1.5), None),
         (RUG, START, (0.03, 2.0), ("goal_in_obstacle", "")),
         (RUG, START, (9.0, 2.0), ("goal_off_map", "")),
-        # of borders that cut a goal off the first one on the way is named
+        # of several borders that cut off a goal, the first one on the way is named
         ({**HALL, **DOOR}, START, FAR, ("goal_behind_border", "hall")),
         ({**HALL, **DOOR}, FAR, (0.5, 2.0), ("goal_behind_border", "door")),
         ({**HALL, **DOOR}, START, (1.5, 3.0), None),
-        ({**RUG, **DOOR}, (0.5, 1.5), (7.0, 1.5), ("goal_behind_border", "door")),  # one can go round the rug
-        (RUG, (2.5, 1.5), (5.0, 1.5), ("goal_behind_border", "rug")),  # it is inside
-        # nothing is claimed of a robot whose place is not known
+        ({**RUG, **DOOR}, (0.5, 1.5), (7.0, 1.5), ("goal_behind_border", "door")),  # the rug can be bypassed
+        (RUG, (2.5, 1.5), (5.0, 1.5), ("goal_behind_border", "rug")),  # the robot is inside
+        # nothing is said about the way of a robot whose position is not known
         (HALL, None, FAR, None),
         (HALL, None, (3.1, 2.0), ("goal_in_border", "hall")),
     ],
@@ -188,7 +188,7 @@ def test_only_what_forbids_a_place_lends_its_name():
 
 @pytest.mark.parametrize("seed", range(40))
 def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
-    """An independent oracle: the floors of cells that are far enough from every blocked one, by a tree of these."""
+    """The oracle is independent: connected components of cells far enough from every blocked one, by a k-d tree."""
     rng, areas = np.random.default_rng(seed), {}
     for name in "abc":
         x, y = rng.uniform(0.3, 6.5), rng.uniform(0.0, 3.0)
@@ -200,7 +200,7 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
     start, goal = np.argwhere(fits)[rng.integers(0, fits.sum(), 2)]
     places = checker.borders.cell_to_world(np.array([start, goal]))
     joined = floors[tuple(start)] == floors[tuple(goal)]
-    # by a cell it is generous, so that it never calls a goal out of reach that is not
+    # the check is generous by one cell, so that it never refuses a goal that can be reached
     why = checker.check(*places)
     assert why is None or not joined
     assert joined or (why or make_checker(areas, radius=0.25).check(*places)) is not None
@@ -209,7 +209,7 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
 # ------------------------------------------------------------ slow zones
 @pytest.mark.parametrize("limit", [0.2, 0.1, 0.05, 0.02])
 def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
-    """It subtracts penalty_epsilon from its highest speeds: what it does with nothing left is undefined."""
+    """It subtracts penalty_epsilon from its highest speeds; if nothing is left, its behaviour is undefined."""
     usual = {"max_vel_x": 0.4, "max_vel_x_backwards": 0.2, "penalty_epsilon": 0.05, "max_vel_theta": 0.3}
     found = limited({name: usual[name] for name in wiring.PLANNERS["TebLocalPlannerROS"]}, limit)
     assert 0.0 < found["max_vel_x"] - found["penalty_epsilon"] < limit
@@ -217,7 +217,7 @@ def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
 
 
 class Planner:
-    """A local planner with dynamic_reconfigure, and the parameter server; it may refuse to drive more slowly."""
+    """A local planner with dynamic_reconfigure, and the parameter server; it may refuse lower speeds."""
 
     def __init__(self, monkeypatch):
         self.values = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1}
@@ -240,7 +240,7 @@ class Planner:
         return ReconfigureResponse(Config(doubles=[*found, DoubleParameter("sim_time", 2.0)]))
 
     def set(self, **values):
-        """Sets values as a person or a restart does."""
+        """Sets values and announces them, as after a person's change or a restart."""
         self.values.update(values)
         for hear in self.heard_by:
             hear(Config(doubles=[DoubleParameter(name, value) for name, value in self.values.items()]))
@@ -290,7 +290,7 @@ def test_a_planner_that_keeps_its_speed_is_asked_again(planner):
 
 
 def test_a_higher_speed_set_in_a_slow_zone_is_limited_again(planner):
-    """So is a planner that was restarted there: it says its values as it starts."""
+    """So is a planner that was restarted in the zone: it announces its values at start."""
     speed = planner.speed()
     speed.apply(0.2)
     asked = planner.asked

@@ -19,16 +19,16 @@ def shim_with(path=PATH):
 
 
 def align(shim, v, w, yaw, now=NOW):
-    """What becomes of a request [m/s, rad/s] of a robot on the path that faces this way [rad]."""
+    """Returns what the shim makes of a request [m/s, rad/s] for a robot on the path with this yaw [rad]."""
     found = shim.align(VelocityRequest(v, w), (1.0, 0.0, yaw), now)
     return found.v, found.w
 
 
 def turned_round(seed, shim, sweep_s):
-    """Returns whether a robot that faces away gets round, with a controller that turns to and fro behind itself.
+    """Returns whether a robot that faces away turns round, with a controller that turns to and fro while facing away.
 
     Args:
-        sweep_s: [s] how long the controller goes on in one direction: DWA was seen to do so for 1 to 10 s.
+        sweep_s: [s] for how long the controller keeps one direction: 1 to 10 s were observed with DWA.
     """
     rng = np.random.default_rng(seed)
     x, y, yaw, w = 1.0, 0.0, math.pi + rng.uniform(-0.2, 0.2), 0.0
@@ -37,7 +37,7 @@ def turned_round(seed, shim, sweep_s):
         if abs(off) < 0.3:
             return True
         if step % int(sweep_s / STEP) == 0:
-            # back to where it faced away, and beyond
+            # back to facing away, and beyond
             w = math.copysign(rng.uniform(0.2, 0.4), off) if abs(off) > math.radians(110) else -math.copysign(0.5, off)
         request = VelocityRequest(0.03 * float(rng.random() < 0.3), w)
         given = shim.align(request, (x, y, yaw), NOW) if shim else request
@@ -58,7 +58,7 @@ def test_it_turns_the_shorter_way_and_keeps_to_it(side):
     for degrees in (170, 175, 185, 190, 120, 91, 80, 40):
         v, w = align(shim, 0.1, -side * 0.3, side * math.radians(degrees))
         assert v == 0.0 and -side * w >= 0.5
-    for degrees in (20, 80):  # it is round; and beside is not behind
+    for degrees in (20, 80):  # it has turned round; and a path to the side is not behind
         assert align(shim, 0.1, side * 0.3, side * math.radians(degrees)) == (0.1, side * 0.3)
 
 
@@ -70,7 +70,7 @@ def test_a_stop_is_a_stop():
     shim = shim_with()
     align(shim, 0.0, 0.3, 3.0)
     assert align(shim, 0.0, 0.0, 3.0) == (0.0, 0.0)
-    # after it another drive begins, whose path is beside the robot
+    # a new drive begins after the stop, with the path to the robot's side
     align(shim, 0.0, 0.0, math.radians(-80))
     assert align(shim, 0.1, 0.2, math.radians(-80)) == (0.1, 0.2)
 
@@ -103,7 +103,7 @@ def test_a_turning_recovery_passes_until_navigation_drives_on():
     shim = shim_with()
     assert align(shim, 0.0, 1.0, -3.0)[1] > 0.0
     shim.recover(NOW)
-    for degrees in range(0, 360, 10):  # once round, also over what is behind
+    for degrees in range(0, 360, 10):  # a full turn, also while facing away
         assert align(shim, 0.0, 1.0, math.radians(degrees), NOW + 0.04 * degrees) == (0.0, 1.0)
     assert align(shim, 0.1, 0.0, -3.0, NOW + 15.0)[0] == 0.0, "the controller drives again"
     shim.recover(NOW)

@@ -1,4 +1,4 @@
-"""What a scan, a map and a map of speeds let a robot do, and how uncertain its place is."""
+"""What a scan, a map and a map of speed limits let a robot do, and how uncertain its pose is."""
 
 import cmath
 import math
@@ -44,7 +44,7 @@ def test_a_robot_stops_before_what_it_saw_however_old_the_scan(age, room):
     ranges[178:182] = RADIUS + CLEARANCES[TELEOP].ahead + room  # straight ahead
     gate.set_scan(scan_of(ranges), 10.0)
     v, _, code = gate.limit(10.0 + age, TELEOP, VelocityRequest(1.0, 0.0, "driving"))
-    # it has moved since the scan, and moves on until the next command is at the wheels
+    # it has moved since the scan, and moves on until the next command reaches the wheels
     moving = max(age + 1.0 / 20.0 + 0.02, 0.15)
     assert code == "obstacle" and v * moving + v * v / (2.0 * LIMITS.deceleration) == pytest.approx(room, abs=0.005)
 
@@ -74,7 +74,7 @@ POSES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.
 
 @given(POSES, POSES, st.one_of(st.none(), st.tuples(POSES, POSES)), st.floats(0.01, 2.0))
 def test_a_jump_is_what_odometry_or_top_speed_cannot_explain(before, after, odometry, seconds):
-    """A turn of 1 rad counts as 0.5 m; without odometry 1 m/s and 3 rad/s may have been driven. In complex numbers."""
+    """A turn of 1 rad counts as 0.5 m; without odometry, motion of 1 m/s and 3 rad/s is allowed. In complex numbers."""
     (p, turned_p), (q, turned_q) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in (before, after))
     moved, turned, spare = 0.0, 1.0, seconds
     if odometry is not None:
@@ -89,7 +89,7 @@ def test_a_jump_is_what_odometry_or_top_speed_cannot_explain(before, after, odom
 
 # ------------------------------------------------------------ maps and places
 def workspace(value=100):
-    """One with a square border, and a wall."""
+    """Returns a workspace with a square border and a wall, and its physical map."""
     physical = with_border(empty(6.0, resolution=0.05), 3.0, 0.0, 3.05, 5.0)
     return Workspace(with_border(physical, 0.5, 0.5, 1.5, 1.5, value), physical, 0.18), physical
 
@@ -125,7 +125,7 @@ def test_navigations_map_has_what_the_driver_keeps_out_of():
 
 
 def spread(std, turned=np.eye(2)):
-    """The covariance (3, 3) of x, y and yaw; std (2,) [m] along turned axes."""
+    """Returns the covariance (3, 3) of x, y and yaw, with std (2,) [m] along rotated axes."""
     covariance = np.diag([0.0, 0.0, 0.01])
     covariance[:2, :2] = turned @ np.diag(std) ** 2 @ turned.T
     return covariance

@@ -18,7 +18,7 @@ from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTAN
 
 
 def two_rooms(door=True):
-    """8 m x 5 m, parted at x = 4 m by a wall with a doorway of 0.7 m at y = 4 m, a table in the left room."""
+    """Returns 8 m x 5 m, divided at x = 4 m by a wall with a 0.7 m doorway at y = 4 m, a table in the left room."""
     grid = room(resolution=0.025)
     grid.data[:, 158:162] = 100
     if door:
@@ -50,7 +50,7 @@ def test_clearance_is_never_overestimated():
     clearance = clearance_grid(blocked, 0.1)
     rows, columns = np.nonzero(blocked)
     for row, column in rng.integers(0, (30, 40), (50, 2)):
-        # the nearest point of a blocked cell's square, without cleverness
+        # by brute force: the nearest point of every blocked cell's square
         dr = np.maximum(np.abs(rows - row) - 0.5, 0.0)
         dc = np.maximum(np.abs(columns - column) - 0.5, 0.0)
         true = 0.0 if blocked[row, column] else 0.1 * np.hypot(dr, dc).min()
@@ -60,11 +60,11 @@ def test_clearance_is_never_overestimated():
 @pytest.mark.parametrize("closed", [range(0), range(146, 160), range(146, 174)])
 def test_paths_lead_only_through_a_doorway_that_is_wide_enough(closed):
     grid = two_rooms()
-    grid.data[closed, 158:162] = 100  # of half of it 0.35 m are left, the robot needs 0.42 m
+    grid.data[closed, 158:162] = 100  # half closed it is 0.35 m wide, and the robot needs 0.42 m
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
     way = ClearanceMap(grid, 0.18).path_lengths(start, goal)[0]
     least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
-    # eight-connected ways are up to 8 % too long, and they keep off the doorposts
+    # eight-connected paths are up to 8 % too long, and keep off the doorposts
     assert way == np.inf if closed else least <= way <= 1.15 * least
 
 
@@ -85,11 +85,11 @@ def test_sides_of_polygon_and_curve():
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
     left = CLEARANCE_MAP.side_of((1.0, 1.0), door, False)
     assert left[40, 40] and not left[40, 280]
-    # a line in the middle of a room whose prolongation ends at walls on both ends parts that room
+    # without a line there are no sides
     assert CLEARANCE_MAP.side_of((5.5, 1.5), np.zeros((0, 2)), False) is None
 
 
-# ------------------------------------------------------------------ what it looks at
+# ------------------------------------------------------------------ the target
 RIGHTWARDS = np.array([0.3, 0.0])  # [m/s]
 
 
@@ -117,7 +117,7 @@ def test_the_target_is_ahead_of_a_moving_spot_and_not_in_a_wall(x, velocity, see
 
 # ------------------------------------------------------------------ viewpoints
 def offers(clearance_map, robot, drawing, others=(), least=0.3):
-    """The best pose, the best one elsewhere, and so on."""
+    """Yields the best viewpoint, then the best at least `least` [m] from those before, up to twelve."""
     outlook, avoid = ViewpointPlanner(clearance_map, VIEW, drawing, others), []
     while len(avoid) < 12:
         best = outlook.best_viewpoint(robot, avoid)
@@ -133,12 +133,12 @@ def check_invariants(clearance_map, found, drawing, robot):
     target = planner.look_at
     for viewpoint in found:
         place = np.array([viewpoint.pose[:2]])
-        # clearance by an oracle of its own: every blocked cell's centre
+        # clearance by an independent oracle: the distance to every blocked cell's centre
         blocked = clearance_map.grid.cell_to_world(np.argwhere(clearance_map.blocked))
         gap = np.linalg.norm(blocked - place, axis=1).min()
         assert gap >= clearance_map.radius + STOP_MARGIN
         distance = math.dist(place[0], target)
-        at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands it may be a little far: it only has to turn
+        at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands tolerances are wider: it only has to turn
         assert MIN_DISTANCE * (0.8 if at_home else 1.0) - 1e-6 <= distance
         assert distance <= MAX_DISTANCE * (1.3 if at_home else 1.0) + 1e-6
         assert VIEW.sees(to_base(target[None], viewpoint.pose), IMAGE_MARGIN - 1e-6)[0]
@@ -169,7 +169,7 @@ def test_open_floor_has_viewpoints_on_the_robots_side():
 
 
 def test_robot_that_only_has_to_turn_does_not_drive():
-    # the spot lies 1.3 m to its left: places nearer to the best distance are a few decimetres away
+    # the spot lies 1.3 m to its left: poses closer to the best distance are a few decimetres away
     found = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_POINTS)))
     assert found[0].pose == pytest.approx((6.0, 1.0, math.pi / 2))
 
@@ -200,12 +200,12 @@ def test_unreachable_spot_has_no_viewpoint():
 
 def test_seed_side_is_left():
     door = np.array([[4.0, 3.65], [4.0, 4.35]])
-    # the seed lies in the right room, the robot stands there too: it must come out
+    # the seed and the robot are in the right room: the robot must leave it
     drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
     found = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing))
     assert found and found[0].pose[0] < 4.0 and not found[0].sees_spot
     assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
-    # from the left room nothing of the seed can be seen, and there is no need to go anywhere
+    # the seed cannot be seen from the left room, and the robot need not go anywhere
     assert list(offers(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing)) == []
 
 
@@ -215,7 +215,7 @@ CARPET = np.array([[5.1, 1.6], [7.1, 1.6], [7.1, 2.9], [5.1, 2.9]])
 @settings(max_examples=8)
 @given(st.floats(5.15, 7.05), st.floats(1.65, 2.85), st.floats(0, 6.28), st.booleans())
 def test_a_robot_is_not_sent_where_the_border_would_lock_it_in(x, y, yaw, seeding):
-    # three sides are drawn; while the seed is shown a robot within them has to leave
+    # three sides are drawn; while the seed is shown, a robot inside has to leave
     spot, velocity = (CARPET.mean(axis=0), None) if seeding else (CARPET[3], np.array([0.0, -1.0]))
     drawing = DrawingState(spot, CARPET, velocity, closed=seeding, seeding=seeding, seen_by_stationary=True)
     found = list(offers(CLEARANCE_MAP, (x, y, yaw), drawing))[:4]
@@ -229,14 +229,14 @@ def seed_within(chain, seen_by_stationary):
 
 
 def crossed(robot, viewpoint):
-    """How much of the carpet [m] lies on the straight way, which in an empty room is the shortest."""
+    """Returns the length [m] over the carpet of the straight way, which in an empty room is the shortest."""
     return LineString([robot[:2], viewpoint.pose[:2]]).intersection(Polygon(CARPET)).length
 
 
 @pytest.mark.parametrize("robot", [(5.0, 4.0, 3.0), (5.6, 3.8, 0.0)])
 @pytest.mark.parametrize("drawn", [0.5, 0.75])
 def test_a_robot_is_not_sent_over_the_area_that_is_being_drawn(robot, drawn):
-    # The last side is drawn, a long one, which from beyond the carpet is too far away. Not every start is spared the area:
+    # The last, long side is being drawn, which is too far away from beyond the carpet. Not every start avoids the area:
     # a path that grazes it costs as much as one through its middle, so that from (7.0, 4.0) a robot still crosses it.
     chain = np.vstack([np.roll(CARPET, -1, axis=0), CARPET[0] + drawn * (CARPET[1] - CARPET[0])])
     drawing = DrawingState(chain[-1], chain, np.array([0.3, 0.0]), seen_by_stationary=True)
@@ -253,7 +253,7 @@ def test_no_area_is_crossed_while_another_camera_sees_the_seed(x, y, yaw):
 
 
 def test_a_robot_crosses_the_seeds_side_only_for_an_unseen_seed():
-    robot, failed = (6.1, 1.2, math.pi), [(6.1, 0.6, 2.35)]  # all places but those beyond the carpet
+    robot, failed = (6.1, 1.2, math.pi), [(6.1, 0.6, 2.35)]  # all viewpoints but those beyond the carpet
     best = ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, False)).best_viewpoint(robot, failed)
     assert crossed(robot, best) > 0.5
     assert ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, True)).best_viewpoint(robot, failed) is None

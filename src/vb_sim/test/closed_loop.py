@@ -1,4 +1,4 @@
-"""A small stand-in for the whole system, for testing people without ROS: cameras, robot, commands."""
+"""A small stand-in for the whole system, to test simulated people without ROS: cameras, robot, commands."""
 
 import math
 
@@ -8,12 +8,12 @@ from vb_core import geometry
 from vb_sim.person.participant import CommandReply, Perception
 from vb_sim.robot.robot_body import advance
 
-DT = 0.04  # [s] half the real rate: the same behaviour in half the time
+DT = 0.04  # [s] at half the real rate: the same behaviour in half the computing time
 COMMANDS = {"define_border": "border", "define_seed": "seed", "guide_robot": "guide"}
 
 
 class System:
-    """Answers commands; sees the spot where `covered` says so or the robot looks; the robot comes or follows."""
+    """Answers commands; sees the spot where `covered` is true or in the robot's view; the robot comes or follows."""
 
     def __init__(self, script, robot, covered, dispatch_after=2.0, follows=False, refuse_saves=()):
         self.script, self.robot, self.covered = script, robot, covered
@@ -25,7 +25,7 @@ class System:
         self._arrives = self._answer_at = None
 
     def from_robot(self, spot):
-        """Distance [m] and bearing [rad]."""
+        """Returns the distance [m] and bearing [rad] of the spot from the robot."""
         x, y, yaw = self.robot
         return math.dist(spot, (x, y)), geometry.wrap_angle(math.atan2(spot[1] - y, spot[0] - x) - yaw)
 
@@ -85,7 +85,7 @@ class System:
 
     def _drive(self, action, dt):
         if self._arrives is not None and self.percept.now >= self._arrives and action.laser is not None:
-            # put where it sees the spot, which stands for driving there
+            # placed where it sees the spot, in place of driving there
             spot = np.array(action.laser)
             if not self.robot_sees(spot):
                 self.robot = (spot[0], spot[1] - 1.0, math.pi / 2)

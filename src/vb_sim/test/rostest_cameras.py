@@ -55,7 +55,7 @@ class CamerasTest(unittest.TestCase):
         cls.lab = FakeLab()
 
     def of_one_time(self, *topics):
-        """The newest messages of several topics with the same stamp."""
+        """Waits for messages of several topics with a common stamp, and returns the newest ones."""
 
         def found():
             kept = [{message.header.stamp: message for message in list(topic.all)} for topic in topics]
@@ -74,7 +74,7 @@ class CamerasTest(unittest.TestCase):
             camera_from_info(info)
 
     def test_spot_lies_where_tf_and_camera_info_say(self):
-        # the calibrated pose is a little off, by some millimetres
+        # the calibrated pose is off by some millimetres
         for key, parent, inverse, limit in (
             ("north", "map", np.eye(4), 8.0),
             ("color", "tb/base_link", geometry.transform_from_pose2d(0.4, 1.0, 0.0), 1.5),

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The simulated lab over real topics, and with its robot the stand-ins for map_server and move_base."""
+"""The simulated lab over real topics, and the stand-ins for map_server and move_base with its robot."""
 
 import math
 import unittest
@@ -55,7 +55,7 @@ class LabSimulatorTest(unittest.TestCase):
         cls.grid = grid_from_message(cls.map.message)
 
     def publish(self, blocked=None):
-        """The map with a box (x0, y0, x1, y1) [m] blocked; waits until the costmap has it."""
+        """Publishes the map with a box (x0, y0, x1, y1) [m] blocked, and waits until the costmap has it."""
         data = self.grid.data.copy()
         if blocked is not None:
             low, high = self.grid.world_to_cell(np.array(blocked).reshape(2, 2))
@@ -106,7 +106,7 @@ class LabSimulatorTest(unittest.TestCase):
         occupancy = np.array(self.costmap.message.data).reshape(self.grid.shape)
         row, column = self.grid.world_to_cell([(4.0, 1.0)])[0]
         self.assertEqual(occupancy[row, column], 100)
-        # a goal inside it: no plan, and with a tolerance its rim
+        # a goal inside the border: no plan, and with a tolerance a plan to its rim
         self.assertEqual(len(self.path(start, (4.0, 1.0))), 0)
         self.assertGreater(len(self.path(start, (5.0, 1.0), 0.5)), 0)
 
@@ -115,7 +115,7 @@ class LabSimulatorTest(unittest.TestCase):
         driven = len(self.cmd_vel.all)
         self.send(5.2, 1.0, 1.5)
         wait_until(lambda: self.client.get_state() == GoalStatus.ACTIVE, "the goal to be taken")
-        # as the real one: no plans for others while a goal is active
+        # like the real move_base: no plans for others while a goal is active
         self.assertFalse(self.may_plan())
         self.state.wait(lambda state: state.robot_poses[0].x < 7.3, "the robot to set out")
         border = (6.0, 0.4, 6.4, 1.3)
@@ -154,7 +154,7 @@ class LabSimulatorTest(unittest.TestCase):
         self.assertNotEqual((estimate[0], estimate[1]), (true.x, true.y))
         mount = self.transforms.lookup("base_link", "base_laser_link", rospy.Time(0), 2.0)
         self.assertAlmostEqual(mount[2, 3], 0.3)
-        # nobody commands any longer
+        # nobody sends commands any longer
         wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6, "the robot to stand")
 
     def test_1_the_scan_shows_the_corner_of_the_start(self):

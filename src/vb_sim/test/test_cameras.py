@@ -1,4 +1,4 @@
-"""The rendered cameras and the errors of their calibration, against geometry worked out independently."""
+"""The rendered cameras and their calibration errors, against independently computed geometry."""
 
 import dataclasses
 from pathlib import Path
@@ -66,7 +66,7 @@ def expected_pixel(model, T_map_optical, x, y):
 
 
 def added_light(view, scene):
-    """What the laser adds to the image of a scene."""
+    """Returns what the laser adds to the image of a scene."""
     lit = view.frame(scene).astype(float)
     return lit - view.frame(dataclasses.replace(scene, laser=None))
 
@@ -84,7 +84,7 @@ def test_spot_lies_where_the_camera_model_says(lab, name, color):
     for x, y in np.column_stack([rng.uniform(0.8, 2.5, 15), rng.uniform(0.6, 2.4, 15)]):
         change = added_light(view, Snapshot(1.0, laser=(x, y), laser_color=color))
         if name == "bayer":
-            # the green pixels of both kinds of rows make a whole grid
+            # keep only the green pixels, which lie in every row and column
             change[0::2, 0::2] = change[1::2, 1::2] = 0.0
         assert np.linalg.norm(centroid(change) - expected_pixel(view.model, view.pose, x, y)) < 0.2
 
@@ -121,10 +121,10 @@ def test_a_fast_spot_is_smeared_over_the_exposure(lab):
     assert fast.light.sum() == pytest.approx(still.light.sum(), rel=0.02)
 
 
-# ------------------------------------------------------------------ what hides it
+# ------------------------------------------------------------------ occlusion
 def test_person_and_furniture_hide_the_spot(lab):
     view = ceiling(lab, "mono")
-    # the ray to a point beyond the person, seen from the camera, passes through the shoulders
+    # from the camera, the ray to a point beyond the person passes through the shoulders
     hidden, behind_box = (0.9, 1.5), (3.28, 0.9)
     assert added_light(view, Snapshot(1.0, laser=hidden)).max() > 80
     u, v = np.round(expected_pixel(view.model, view.pose, *hidden)).astype(int)
@@ -132,7 +132,7 @@ def test_person_and_furniture_hide_the_spot(lab):
     assert with_person[v - 3 : v + 4, u - 3 : u + 4].max() < 200
     assert np.abs(added_light(view, Snapshot(1.0, laser=behind_box))).max() <= 2
     assert added_light(view, Snapshot(1.0, laser=(2.6, 1.0))).max() > 80
-    # the box from the robot, too
+    # the box hides it from the robot, too
     lost, found = (
         np.abs(added_light(robot(lab), Snapshot(1.0, {"robot": (2.0, 1.0, 0.0)}, place))).max()
         for place in ((3.4, 1.0), (2.6, 1.0))
@@ -158,7 +158,7 @@ def test_noise_is_as_large_as_the_model_says(lab):
     first, second = (view.frame(Snapshot(1.0)).astype(float) for _ in range(2))
     middle = (slice(200, 340), slice(300, 500))
     sigma = Models().camera_noise.sigma(first[middle].mean())
-    # rounding to whole grey levels adds 1/12
+    # rounding to whole grey levels adds a variance of 1/12
     assert (first - second)[middle].std() == pytest.approx(np.sqrt(2 * (sigma**2 + 1 / 12)), rel=0.05)
 
 
@@ -254,7 +254,7 @@ def test_history_interpolates_and_forgets():
     assert scene.laser[0] == pytest.approx(10.10) and scene.laser_velocity[0] == pytest.approx(2.0)
     assert history.at(5.19).laser[0] == pytest.approx(10.38)
     assert history.at(6.5).laser is None and not history.at(6.5).robots
-    history.add(Snapshot(5.20, laser=(12.0, 1.0)))  # a spot that jumps is not swept over the floor
+    history.add(Snapshot(5.20, laser=(12.0, 1.0)))  # a spot that jumps is not smeared over the floor
     assert (history.at(5.192).laser, history.at(5.192).laser_velocity) == ((12.0, 1.0), (0.0, 0.0))
 
 
@@ -267,7 +267,7 @@ def test_frames_are_spread_evenly_and_on_time():
         np.testing.assert_allclose(np.diff(stamps), 0.04, atol=1e-9)
     np.testing.assert_allclose(np.diff(sorted(stamp for _, stamp in taken)), 0.04 / 3, atol=1e-9)
     assert schedule.skipped == 0
-    # a computer that is too slow takes the newest one
+    # a computer that is too slow takes the newest frames
     assert len(schedule.due(14.0)) == 3 and schedule.skipped == 3 * 49
 
 
@@ -281,13 +281,13 @@ def test_smooth_clock_runs_between_ticks_and_stops_with_time():
     assert clock.now() == pytest.approx(1.025)
 
 
-# ------------------------------------------------------------------ the errors that a calibration leaves
+# ------------------------------------------------------------------ calibration errors
 CAMERAS = load_world(str(Path(__file__).resolve().parents[1] / "worlds" / "lab.yaml")).cameras
 TILTED = CeilingCamera(name="tilted", pitch=35.0)
 
 
 def off_on_floor(camera, pose, far=8.0):
-    """(N,) [m] by which the floor points of the image are wrong, up to a distance [m]."""
+    """Returns (N,) [m], the errors of the image's floor points up to a distance [m]."""
     model, true = camera.model(), camera.pose()
     u, v = np.meshgrid(np.linspace(0, model.width - 1, 15), np.linspace(0, model.height - 1, 9))
     rays = model.rays(np.column_stack([u.ravel(), v.ravel()]))
@@ -303,7 +303,7 @@ def test_exact_measurements_give_the_true_pose(camera):
 
 
 def test_floor_is_as_wrong_as_least_squares_says():
-    # N places measured to sigma per coordinate leave sigma * sqrt(6 / N) at themselves, whatever else they are
+    # N points measured to sigma per coordinate leave an RMS of sigma * sqrt(6 / N) at these points, wherever they are
     camera, rms = CAMERAS[1], {}
     for count in (4, 8, 32):
         optics = Optics(calibration_points=count, calibration_point_m=0.01)

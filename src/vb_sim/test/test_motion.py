@@ -44,7 +44,7 @@ def body(
 
 
 def drive(robot, speed, turn_rate, seconds, now=0.0):
-    """Drives with a fresh command in each step; gives the velocities."""
+    """Drives with a new command in each step; returns the velocities and the time."""
     velocities = []
     for _ in range(int(round(seconds / DT))):
         robot.command(speed, turn_rate, now)
@@ -132,7 +132,7 @@ def test_localisation_error_has_its_sigma_and_varies_slowly():
         steps += list(np.diff(of_one, axis=0))
     sigma = np.std(errors, axis=0)
     assert sigma[:2] == pytest.approx(0.02, rel=0.35) and sigma[2] == pytest.approx(0.01, rel=0.35)
-    # over 0.1 s of 5 s an Ornstein-Uhlenbeck process moves by sqrt(2 * 0.1 / 5) = 0.2 of its sigma
+    # in 0.1 s, an Ornstein-Uhlenbeck process with time constant 5 s moves by sqrt(2 * 0.1 / 5) = 0.2 of its sigma
     assert np.std(steps, axis=0)[:2] == pytest.approx(0.004, rel=0.25)
 
 
@@ -159,7 +159,7 @@ def test_beams_agree_with_fine_sampling():
     points = origin + samples[:, None] * directions[:, None]
     blocked = sample(grid, grid.data, points.reshape(-1, 2), UNKNOWN).reshape(points.shape[:2]) != FREE
     expected = samples[blocked.argmax(axis=1)]
-    # a beam may pass a cell's very corner
+    # a beam may just graze a cell's corner
     assert np.mean(np.abs(ranges - expected) < 0.05) > 0.97
     assert (ranges > expected - 0.05).all()
 
@@ -177,7 +177,7 @@ def test_a_person_is_seen_by_the_scanner():
     angles, ranges = lab.scan(0)
     assert ranges[np.argmin(np.abs(angles - math.pi / 2))] == pytest.approx(0.85, abs=1e-6)
     assert np.isinf(cast_disc((0.0, 0.0), np.array([math.pi]), (1.0, 0.0), 0.1)).all()
-    # one who stands right before it is nearer than it can measure, and that is said
+    # a person right in front is nearer than the scanner can measure, which it reports as -inf
     lab.person = (1.0, 1.75, 0.0)
     assert -math.inf in lab.scan(0)[1]
 
@@ -185,7 +185,7 @@ def test_a_person_is_seen_by_the_scanner():
 # ------------------------------------------------------------ time
 def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
     lockstep, passed = Lockstep(("navigation", "driver"), timeout=3600.0), threading.Event()
-    lockstep.wait()  # nobody drives: an hour is not waited
+    lockstep.wait()  # nobody drives: it does not wait an hour
     lockstep.arrive("driver")
     lockstep.wait()
     for who in ("navigation", "driver"):

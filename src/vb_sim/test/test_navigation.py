@@ -31,7 +31,7 @@ def room(rows=100, columns=140, resolution=0.05, origin=(-1.0, -2.0, 0.0)):
 
 
 def with_wall(gap=True):
-    """A room with a wall across it at x = 2.5 m, which has a 1 m gap near the top."""
+    """Returns a room with a wall across it at x = 2.5 m, which has a 1 m gap near the top."""
     grid = room()
     data = grid.data
     column = grid.world_to_cell([(2.5, 0.0)])[0][1]
@@ -65,7 +65,7 @@ def test_static_values_as_static_layer(value, cost):
 
 # ------------------------------------------------------------ planner
 def oracle(costmap, start, goal):
-    """Cost between two cells by a graph built cell by cell."""
+    """Returns the cost between two cells, by a graph built cell by cell."""
     free = costmap.costs < INSCRIBED
     ids = np.arange(free.size).reshape(free.shape)
     weight = NEUTRAL_COST + COST_FACTOR * costmap.costs.astype(float)
@@ -82,7 +82,7 @@ def oracle(costmap, start, goal):
 def test_paths_are_the_cheapest(seed):
     rng = np.random.default_rng(seed)
     data = np.where(rng.random((30, 40)) < 0.2, OCCUPIED, FREE).astype(np.int8)
-    costmap = Costmap(GridMap(data, 0.1), 0.05)  # blocked cells that meet at their corners only, too
+    costmap = Costmap(GridMap(data, 0.1), 0.05)  # some blocked cells meet only at their corners
     free = np.argwhere(costmap.traversable())
     start, goal = free[0], free[-1]
     planner = Planner(costmap)
@@ -92,7 +92,7 @@ def test_paths_are_the_cheapest(seed):
         with refused("no_path"):
             planner.plan(*ends)
         return
-    costs, _ = planner._search(tuple(start))  # of the path over the cells, before it is shortened
+    costs, _ = planner._search(tuple(start))  # of the path over cells, before it is shortened
     assert costs[tuple(goal)] == pytest.approx(expected)
 
 
@@ -114,7 +114,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     assert np.allclose(path[0], ends[0]) and np.allclose(path[-1], ends[1])
     fine = geometry.resample_chain(path, 0.01) if len(path) > 1 else path
     cells = costmap.grid.world_to_cell(fine)
-    # never an obstacle; the inscribed zone by less than a cell, where a line cuts its corner
+    # it never enters an obstacle, and the inscribed zone by less than a cell, where a line cuts its corner
     assert (costmap.costs[cells[:, 0], cells[:, 1]] != LETHAL).all()
     blocked = ~costmap.traversable()
     inside = distance_transform_edt(blocked)[cells[:, 0], cells[:, 1]]
@@ -149,7 +149,7 @@ def test_a_plan_without_a_path_is_refused_with_the_reason(start, goal, tolerance
 def test_tolerance_ends_at_the_nearest_place_that_can_be_reached():
     planner = Planner(Costmap(with_wall(gap=False), RADIUS))
     path = planner.plan(np.array([0.0, 0.0]), np.array([2.45, 0.0]), 0.5)
-    # the wall's cells begin at 2.5 m, and the nearest centre that is 0.18 m from theirs is at 2.325 m
+    # the wall's cells begin at 2.5 m; the nearest cell centre 0.18 m from theirs is at 2.325 m
     assert path[-1] == pytest.approx((2.325, 0.0), abs=0.03)
 
 

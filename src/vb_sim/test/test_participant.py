@@ -1,4 +1,4 @@
-"""The simulated person, on a small stand-in for the system."""
+"""The simulated person, with a small stand-in for the system."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=Partici
 
 
 def check_drawing(key, sim):
-    """What was seen lies on the border, and covers it."""
+    """Checks that the seen spots lie on the border and cover it."""
     scenario = WORLD.scenario(key)
     border, chain = np.array(sim.border), chain_of(scenario.border, scenario.closed)
     assert max(distance_to_chain(spot, chain) for spot in border[::5]) < 0.12
@@ -55,7 +55,7 @@ SCENARIOS = ("room", "carpet", "corner")
     [
         *[(key, "nrs", 120.0, {}, []) for key in SCENARIOS],
         *[(key, "robot_only", 280.0, {"covered": NOWHERE}, ["guide_robot"]) for key in SCENARIOS],
-        # the end of the border that is not covered, and its beginning
+        # the end of the border is not covered, or its beginning
         ("corner", "nrs", 200.0, {"covered": lambda spot: spot[0] < 7.0, "dispatch_after": 4.0}, []),
         ("corner", "nrs", 200.0, {"covered": lambda spot: spot[1] < 4.2, "dispatch_after": 4.0}, []),
         # no camera, but a robot
@@ -74,7 +74,7 @@ def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, more, fi
     sim = system(key, method, **more)
     assert sim.run(limit) == "saved"
     assert sim.commands == [*first, *DRAWN]
-    # a robot is led with its buttons, and without cameras there is nothing else
+    # a robot is led with its buttons, and without cameras there is no other input
     assert ("buttons" in sim.sources, "participant" in sim.sources) == ("guide_robot" in first, method == "nrs")
     check_drawing(key, sim)
     if "buttons" not in sim.sources:
@@ -84,7 +84,7 @@ def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, more, fi
 def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
     sim = system("corner", "robot_only", covered=NOWHERE)
     drive = sim._drive
-    # it follows while it is led and not while one draws
+    # it follows while it is led, but not during drawing
     sim._drive = lambda action, dt: None if sim.percept.state == "border" else drive(action, dt)
     assert sim.run(280.0) == "saved"
     check_drawing("corner", sim)
@@ -102,7 +102,7 @@ def test_a_person_gives_up_where_no_camera_sees_the_spot():
 )
 def test_a_person_mends_what_a_refusal_names_and_saves_again(refusal, then):
     sim = system("room", refuse_saves=[refusal])
-    sim.percept.state = "border"  # somebody else's
+    sim.percept.state = "border"  # a state that somebody else left
     assert sim.run(120.0) == "saved"
     assert sim.commands == ["cancel", *DRAWN, *then]
 
@@ -114,7 +114,7 @@ def test_the_person_gives_up_after_some_tries():
 
 
 def test_mistakes_are_drawn_for_each_run():
-    """A person may err with one method and not with the other; the same run always goes the same."""
+    """A person may err with one method and not with the other; the same run is always the same."""
 
     def errs(seed, method):
         scenario, model = WORLD.scenario("carpet"), ParticipantModel(wrong_side=0.5)
@@ -175,20 +175,20 @@ def drawn_by(style, model=REAL):
 
 
 def test_real_strokes_move_as_people_do():
-    """Over all people of the resource: stops at corners, peaks between them, the same mean speed, uneven sides."""
+    """For all people of the resource: stops at corners, peaks between them, the same mean speed, uneven sides."""
     slow, fast, off = [], [], []
     for style in load_styles():
         stroke = drawn_by(style)
         arcs = np.arange(0.0, stroke.length, 0.01)
         pace = np.array([stroke.pace(arc) for arc in arcs])
-        # the time for the whole is that of its sides at the mean speed, tempo included
+        # the whole takes about as long as at the mean speed, tempo included
         assert 0.5 < np.sum(0.01 / pace) / stroke.length < 2.0
         slow.append(pace.min())
         fast.append(pace.max())
         chain = chain_of(SQUARE, True)
         off.append(np.sqrt(np.mean([distance_to_chain(stroke.at(arc), chain) ** 2 for arc in arcs[::10]])))
     assert np.median(slow) < 0.25 and np.median(fast) > 2.0
-    # centimetres, as people are off on the floor, not the millimetres of a ruler
+    # errors of centimetres, as people make on the floor, not the millimetres of a ruler
     assert 0.02 < np.median(off) < 0.25
 
 
@@ -200,7 +200,7 @@ def test_closed_strokes_have_gaps_and_overlaps():
 
 
 def test_the_ends_of_open_strokes_are_missed_like_any_corner():
-    """A doorway's line has two ends and nothing else: without errors there its index was 1.000 by construction."""
+    """A doorway's line has only its two ends: without errors there, its index would be 1.000 by construction."""
     door, model = np.array([[3.2, 3.18], [3.2, 3.88]]), ParticipantModel(aim_sigma=0.03)
     strokes = [Stroke(door, False, model, np.random.default_rng(seed)) for seed in range(200)]
     ends = np.array([stroke.points[[0, -1]] for stroke in strokes])

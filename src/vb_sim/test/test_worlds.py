@@ -1,4 +1,4 @@
-"""World files that are like another one, and the files that come with the package."""
+"""World files based on another one by `like`, and the files that come with the package."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -39,7 +39,7 @@ def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
 
 @pytest.mark.parametrize("robot, world", [("turtlebot2", "lab"), ("turtlebot3_burger", "burger")])
 def test_robot_is_drawn_within_its_profiles_cylinder(robot, world):
-    # else simulated cameras see parts of it that no detector takes for a robot's
+    # otherwise simulated cameras see parts that no detector attributes to the robot
     shape = RobotProfile.load(WORLDS.parents[2] / "robots" / f"{robot}.yaml").shape
     (drawn,) = load_world(WORLDS / f"{world}.yaml").robots
     points = piece_outlines(robot_pieces((2.0, 1.0, 0.4), drawn.radius)).reshape(-1, 3)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The interaction manager over a real roscore, with stub neighbours; and the wizard console in a pseudo-terminal."""
+"""The interaction manager over a real roscore with stubs for its neighbours; the console in a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ ARGUMENTS = [
     f"_log_file:={LOG}",
     f"_stop_file:={FOLDER}/stop",
     "_method:=a_method",
-    "_idle_timeout:=300",  # what a node was given stays on the parameter server, for the next one of this name too
+    "_idle_timeout:=300",  # parameters stay on the server for the next node of this name
 ]
 
 
@@ -72,7 +72,7 @@ class InteractionManagerTest(unittest.TestCase):
     def setUp(self):
         self.stub.add = AddBorderResponse(success=True, code="ok", id="b1")
         self.stub.before_add = lambda: None
-        # a test that failed may have left the stub or the node half way
+        # a failed test may have left the stub or the node in any state
         self.stub.withdraw()
         self.stub.offer()
         rospy.wait_for_service("/virtual_borders/command", 60)
@@ -84,7 +84,7 @@ class InteractionManagerTest(unittest.TestCase):
         return rospy.ServiceProxy("/virtual_borders/command", Command)(command=name, source=source, **more)
 
     def save(self):
-        """Saves as a person does: says it again if a neighbour did not answer in time."""
+        """Saves as a person does, again if a neighbour did not answer in time."""
 
         def saved():
             answer = self.command("save")
@@ -108,7 +108,7 @@ class InteractionManagerTest(unittest.TestCase):
 
     @contextlib.contextmanager
     def another(self, *arguments):
-        """Puts a manager with other parameters in the usual one's place: one in a namespace would use the same names."""
+        """Replaces the usual manager with one of other parameters: even in a namespace it would use the same names."""
         self.node.kill()
         del self.state.all[:]
         other = manager(*arguments)
@@ -123,7 +123,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertTrue(self.command("define_border", "voice").success)
         drawing = self.in_state("border")
         self.assertTrue(drawing.interaction_id and not drawing.started.is_zero())
-        # elapsed times grow without anybody saying anything
+        # elapsed times grow without a command
         self.state.wait(lambda message: message.border_s > drawing.border_s, "time that runs")
         self.progress.publish(interaction_id=drawing.interaction_id, border_spots=5)
         wait_until(lambda: self.command("save").code == "missing_seed", "the spots in the answer")
@@ -144,7 +144,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual((record["sources"], record["method"]), (["voice", "test", "wizard"], "a_method"))
 
     def draw(self, identity, dx=0.0):
-        """Progress with border and seed, as the border fusion tells it."""
+        """Publishes progress with border and seed, as the border fusion does."""
         self.progress.publish(
             interaction_id=identity,
             code="ok",
@@ -167,7 +167,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual((first.header.frame_id, list(first.region.data)), ("map", [100, 0]))
         self.assertEqual(len(first.border.points), 3)
         self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
-        # a moved seed is looked at again, and so are borders that others change
+        # a moved seed causes a new preview, and so do borders that others change
         refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
         refusal.issues = [
             BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message="It separates nothing.")
@@ -179,7 +179,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.stub.preview = good
         self.borders.publish(revision=77)
         self.preview.wait(lambda message: message.success, "the preview in another map")
-        # a neighbour that is away is said so, and asked again
+        # a missing neighbour is reported, and asked again
         self.stub.withdraw()
         self.draw(identity, dx=0.4)
         away = self.preview.wait(lambda message: message.code in ("no_service", "no_response"), "the missing neighbour")
@@ -189,7 +189,7 @@ class InteractionManagerTest(unittest.TestCase):
         shown = self.preview.wait(lambda message: message.available, "the neighbour that is back")
         asked = len(self.stub.candidates)
         self.save()
-        # the border that was shown is saved: it is not extracted again
+        # the border that was shown is saved, without a new extraction
         saved = self.stub.added[-1].border
         self.assertEqual((saved.points, saved.seed), (shown.border.points, shown.border.seed))
         self.assertEqual(len(self.stub.candidates), asked)
@@ -228,7 +228,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual((state.name, state.interaction_id, state.last_success), ("seed", identity, False))
 
     def hang_while_saving(self):
-        """A save whose answer comes too late; gives what it was answered, and what lets the integrator go on."""
+        """Starts a save that hangs in the integrator; returns its future answer and the event that releases it."""
         self.begin()
         reached, released = threading.Event(), threading.Event()
         self.stub.before_add = lambda: reached.set() or released.wait(60)
@@ -239,7 +239,7 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_save_without_an_answer_is_repeated_under_the_same_id(self):
         count = len(self.stub.added)
         saving, released = self.hang_while_saving()
-        # others are answered meanwhile, and stop is obeyed at once
+        # other commands are answered meanwhile, and stop is obeyed at once
         self.assertEqual(self.command("cancel").code, "busy")
         self.assertEqual(self.command("stop").code, "stopped")
         stopped = self.state.wait(lambda message: message.stopped, "the stop while saving")
@@ -248,7 +248,7 @@ class InteractionManagerTest(unittest.TestCase):
         released.set()
         wait_until(lambda: len(self.stub.added) == count + 1, "the late border")
         self.stub.before_add = lambda: None
-        # with the laser still on the second candidate differs: only the id tells that it is the same border
+        # with the laser still on, the second candidate differs: only the id shows that it is the same border
         self.stub.candidate.border.points[0].x += 0.05
         self.save()
         first, second = self.stub.added[-2:]
@@ -288,7 +288,7 @@ class InteractionManagerTest(unittest.TestCase):
             spots.publish(LaserSpot(header=Header(stamp=rospy.Time.now(), frame_id="map")))
             if self.command("guide_robot", uncertain=True).code == "confirm_command":
                 return True
-            self.command("define_border")  # the command came before the spot, and was carried out
+            self.command("define_border")  # the command was carried out, as it came before the spot
             return False
 
         wait_until(pointing, "the question whether a robot should follow the laser that is on")
@@ -317,7 +317,7 @@ class InteractionManagerTest(unittest.TestCase):
         topic.publish(source="a red button")
         before = self.state.wait(lambda message: message.stopped, "the stop by topic")
         self.assertEqual((before.name, before.available_commands[0]), ("seed", "resume"))
-        # robots are told before the file is written; until then they alone would hold the stop
+        # robots hear of the stop before the file is written; until then only they hold it
         wait_until(lambda: before.stop_number in Path(f"{FOLDER}/stop").read_text(), "the stop's file")
         self.node.kill()
         del self.state.all[:]
@@ -360,10 +360,10 @@ class InteractionManagerTest(unittest.TestCase):
         folder = os.path.join(FOLDER, "full")
         os.makedirs(folder, exist_ok=True)
         with self.another(f"_stop_file:={folder}/stop") as other:
-            # as a full disk: nothing new can be made, also not by root, and what is there can be emptied
+            # like a full disk: no file can be created, not even by root, but an existing one can be emptied
             os.rename(f"{folder}/stop", f"{folder}/kept")
             os.mkdir(f"{folder}/stop")
-            # the answer waits for the disk for a moment only, the notice comes in any case
+            # the answer waits only briefly for the disk, the notice comes in any case
             self.assertTrue(self.command("stop").success)
             wait_until(
                 lambda: any(n.code == "stop_not_stored" for said in notices.all for n in said.notices), "the notice"
@@ -384,7 +384,7 @@ class InteractionManagerTest(unittest.TestCase):
         with self.another("_idle_timeout:=3"):
             wait_until(lambda: notices.all, "the impatient node's notices")
             self.assertTrue(self.command("define_border").success)
-            # they may be over when a slow machine looks: what was said counts
+            # on a slow machine they may be over when it looks, so all messages count
             wait_until(lambda: any(not message.ends_at.is_zero() for message in self.state.all), "the warning")
             wait_until(
                 lambda: ["interaction_ends_soon"] in [[n.code for n in said.notices] for said in notices.all],
@@ -405,7 +405,7 @@ class InteractionManagerTest(unittest.TestCase):
             interaction_id=drawing.interaction_id, border_spots=321, cameras_seeing_spot=["red"], code="ok"
         )
         terminal.shows("321 border")
-        seen = len(terminal.text)  # it waited when it started, too
+        seen = len(terminal.text)  # the console waited at its start, too
         self.node.kill()
         terminal.shows("waiting for the interaction manager", seen)
         seen = len(terminal.text)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The real voice node with spoken commands: from sound to the command service."""
+"""The real voice node with spoken commands, from sound to the command service."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.sounds = Newest("/virtual_borders/sound", Sound)
         wait_until(cls.audio.get_num_connections, "the node's ear")
         wait_until(cls.heard.subscriber.get_num_connections, "the node's report")
-        # this process, which counts, and the node
+        # two subscribers: this process, which counts sounds, and the node
         wait_until(lambda: cls.sound.get_num_connections() > 1, "the node to hear its own sounds")
 
     @classmethod
@@ -58,7 +58,7 @@ class VoiceCommandsTest(unittest.TestCase):
             self.audio.publish(piece)
 
     def give(self, text, understood=lambda: VoiceCommandsTest.requests):
-        """Says it again, in other noise, once it was judged, until it is understood: how often is the bench's matter."""
+        """Says a text, each time in new noise, until it is understood; the bench measures how often it is."""
         for seed in range(20):
             told = self.heard.count
             self.speak(text, seed)
@@ -92,12 +92,12 @@ class VoiceCommandsTest(unittest.TestCase):
         self.assertEqual({request.command for request in self.requests}, {"save"})
 
     def test_beside_own_sounds_a_stop_counts_and_nothing_else(self):
-        # ours are on all the time
+        # our own sounds play all the time
         timer = rospy.Timer(rospy.Duration(0.1), lambda _event: self.sound.publish(Sound(name="success")))
         self.addCleanup(timer.shutdown)
 
         self.give("cancel", lambda: any(one.command == "cancel" and one.reason == "muted" for one in self.heard.all))
-        del self.requests[:]  # of what was said before the node had heard of the sound
+        del self.requests[:]  # of commands before the node heard of the sound
         self.give("stop", lambda: any(one.command == "stop" and one.accepted and one.success for one in self.heard.all))
         self.assertEqual({request.command for request in self.requests}, {"stop"})
 

@@ -1,4 +1,4 @@
-"""What the wizard console says, and its keys."""
+"""The wizard console's text and keys."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_what_holds_is_said():
     found = text(view, 100.0)
     for word in ("STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"):
         assert word in found, word
-    assert "! Stopped: no robot drives" not in found  # the line of the state has said so
+    assert "! Stopped: no robot drives" not in found  # the state's line says so already
     view.state = None
     assert "! Stopped: no robot drives" in text(view)
 
@@ -74,11 +74,11 @@ def test_what_two_messages_tell_is_said_once():
     view.preview.issues[0].code = "robot_inside"
     view.notices = (Notice("robot_inside", Severity.WARNING),)
     assert text(view).count(f"! {sentences.translate('robot_inside')}") == 1
-    # why a preview is refused is its sentence and its first issue
+    # the reason of a refused preview is both its sentence and its first issue
     why = BorderIssue(severity=BorderIssue.ERROR, message="It separates nothing.")
     view.preview = BorderPreview(available=True, message="It separates nothing.", issues=[why])
     assert text(view).count("It separates nothing.") == 1 and "restrict" not in text(view)
-    # an error that the sentence does not tell is told, as an error
+    # an error other than the sentence is shown, as an error
     why.message = "The seed lies in a wall."
     assert [line.style for line in view.lines() if why.message in str(line)] == [WRONG]
 
@@ -121,5 +121,5 @@ def test_keys_are_distinguished_from_escape_sequences(typed, keys):
 def test_every_command_is_one_key_that_no_function_key_ends_with():
     assert sorted(COMMAND_KEYS.values()) == sorted(COMMANDS) and QUIT_KEY not in COMMAND_KEYS
     assert all(len(key) == 1 and key == key.lower() for key in COMMAND_KEYS)
-    # on a slow line the end of its sequence comes alone
+    # on a slow connection the end of a function key's sequence arrives separately
     assert not set("ABCDFHPQRS~0123456789;[") & set(COMMAND_KEYS)

@@ -1,4 +1,4 @@
-"""Commands that are sent again, what makes a drawing doubtful, when a preview is made again, and what was undone."""
+"""Repeated commands, doubts about a drawing, when a preview is made again, and what was undone."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, P
 from vb_voice_wizard.interaction_manager_node import _what_changed
 
 
-# ------------------------------------------------------------------ commands that are sent again
+# ------------------------------------------------------------------ repeated commands
 def counted():
-    """A command whose answers say how often it was carried out."""
+    """Returns a command whose answers say how often it was carried out."""
     return map(lambda count: Answer(True, "border_removed", {"borders": count}), itertools.count(1)).__next__
 
 
 def test_the_same_id_is_carried_out_once_and_gets_the_same_answer():
     cache, do = AnswerCache(5.0), counted()
-    # without an id everything is carried out
+    # a command without an id is carried out each time
     answers = [cache.carry_out(identity, do).values["borders"] for identity in ("a", "a", "b", "", "", "a")]
     assert answers == [1, 1, 2, 3, 4, 1]
 
@@ -68,7 +68,7 @@ def test_only_the_newest_answers_are_kept():
     assert cache.carry_out("899", do).values == {"borders": 1001}
 
 
-# ------------------------------------------------------------------ what makes a drawing doubtful
+# ------------------------------------------------------------------ doubts about a drawing
 SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera": "south"})
 
 
@@ -127,13 +127,13 @@ def shown(
 @pytest.mark.parametrize(
     "pace, now, at, delay",
     [
-        (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first one is due at once
+        (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first preview is due at once
         (PreviewScheduler(), DRAWN, 0.0, 0.0),
-        (shown(), DRAWN, 1e9, None),  # nothing is done while nothing changes that can be seen
+        (shown(), DRAWN, 1e9, None),  # no preview while nothing visible changes
         (shown(), changed(chain=places(CHAIN + 0.009), seed=places(SEED - 0.009)), 1e9, None),
         (shown(), PreviewInputs(), 100.0, 0.0),  # another interaction is shown at once
         (shown(), changed(interaction_id="i2"), 100.0, 0.0),
-        (shown(answered=False), DRAWN, 101.5, 0.5),  # a neighbour that is away is asked again
+        (shown(answered=False), DRAWN, 101.5, 0.5),  # a missing neighbour is asked again
         (shown(answered=False), DRAWN, 103.0, 0.0),
     ],
 )
@@ -185,7 +185,7 @@ def test_what_was_undone_is_named():
 
     rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)
     off, renamed = VirtualBorder(id="b1", name="Rug"), VirtualBorder(id="b1", name="Carpet", enabled=True)
-    # what the map integrator fills in is nobody's change
+    # fields that the map integrator fills in do not count as changes
     idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
     assert told([rug, bed], [rug]) == ("border_removed", "Bed")
     assert told([rug], [rug, bed]) == ("border_restored", "Bed")
@@ -197,7 +197,7 @@ def test_what_was_undone_is_named():
         ({"robots": ["ada"]}, ("change_undone", "Rug")),
         ({"occupancy": 0.5}, ("change_undone", "Rug")),
         ({"seed": Point(0.05, 0.0, 0.0)}, ("change_undone", "Rug")),
-        # found again on a map that has grown it lies a little elsewhere, which is no change
+        # relocated on a map that has grown, it is slightly displaced, which is not a change
         ({"seed": Point(1e-3, 0.0, 0.0)}, ("borders_changed", None)),
     ):
         assert told([rug, bed], [VirtualBorder(id="b1", name="Rug", enabled=True, **change), bed]) == answer

@@ -1,4 +1,4 @@
-"""The state machine: every state x command pair, timing, memory."""
+"""The state machine: every pair of state and command, timing, memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def machine(**params) -> Interaction:
 
 
 def say(interaction, command, source, now, *more):
-    """A person who knows of every stop."""
+    """Gives a command as a person who knows of every stop."""
     return interaction.command(command, source, now, *more, seen_stop=interaction.latch.number)
 
 
@@ -32,20 +32,20 @@ def after(*commands: str, **params) -> Interaction:
     interaction = machine(**params)
     for second, command in enumerate(commands):
         assert say(interaction, command, "test", float(second)).success
-    # these tests are about what was said; others are about whether spots were seen
+    # these tests are about commands; others test whether spots were seen
     interaction.count_spots(3, 2, 1, float(len(commands)))
     return interaction
 
 
 def situations():
-    """Every state, with every set of states visited on the way there that is possible."""
+    """Yields command sequences to every state, with every possible set of states visited on the way."""
     yield ()
     for length in (1, 2, 3):
         yield from itertools.permutations(ENTERING, length)
 
 
 def expected(way, command):
-    """The code that answers a command after others, whether it is carried out, and the state that it leads to."""
+    """Returns the answer's code for a command after others, whether it is carried out, and the resulting state."""
     state = ENTERING[way[-1]] if way else DEFAULT
     if command in ENTERING:
         entered = ENTERING[command]
@@ -83,7 +83,7 @@ def test_every_state_and_command_pair_is_answered(way, command):
         assert (record.outcome, record.border_id, record.interaction_id) == ("cancelled", "", identity)
         assert interaction.interaction_id == ""
     else:
-        # nothing is lost, whatever was answered
+        # nothing is lost, whatever the answer
         entered = ENTERING[command].collects if command in ENTERING else ""
         assert record is None and interaction.missing() == [part for part in missing if part != entered]
         assert interaction.interaction_id == identity or (not way and command in ENTERING)
@@ -110,7 +110,7 @@ def test_undo_and_redo_are_suggested_only_if_available(history):
     interaction.history = history
     suggested = interaction.suggested_commands()
     assert [command for command in suggested if command in (UNDO, REDO)] == history
-    assert STOP in suggested[:4]  # a display shows the first four
+    assert STOP in suggested[:4]  # displays show the first four
     interaction.command(DEFINE_BORDER, "test", 1.0)
     assert not {UNDO, REDO} & set(interaction.suggested_commands())  # they are refused while somebody draws
 
@@ -187,11 +187,11 @@ def test_any_sequence_is_timed_by_state_and_a_stop_holds(sequence):
         if command != STOP and source not in sources:  # a person who only stops does not take part
             sources.append(source)
         if interaction.pending:
-            now = pass_time(1.5)  # the others take their time
+            now = pass_time(1.5)  # the other nodes take their time
             interaction.finish(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
         stopped = command == STOP or (stopped and command != RESUME)
         assert interaction.latch.stopped == stopped
-        # in Default the figures of the interaction that ended stay
+        # in Default, the durations of the last interaction remain
         assert interaction.durations(now) == pytest.approx(spent)
         record = interaction.take_record()
         assert (record is None) == (not (before != DEFAULT and interaction.state == DEFAULT))
@@ -209,7 +209,7 @@ def test_a_pause_keeps_everything_until_the_person_goes_on(way):
     def paused(interaction):
         assert interaction.command(PAUSE, "test", 10.0).code == "paused" and interaction.state == PAUSED
         assert not interaction.state.robots_act and not interaction.unseen
-        # a night later it is still there, and the night was no work
+        # a night later it is still there, and the night does not count as working time
         assert not interaction.end_if_idle(40000.0) and interaction.ends_at == 0.0
         return interaction
 
@@ -224,7 +224,7 @@ def test_a_pause_keeps_everything_until_the_person_goes_on(way):
     assert interaction.command(CONTINUE, "test", 40002.0).success
     assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
     assert interaction.durations(40002.0) == spent
-    # what would have ended an interaction ends it again
+    # after the pause, silence ends the interaction again
     assert not interaction.end_if_idle(40002.0 + 299.0) and interaction.end_if_idle(40002.0 + 301.0)
 
 
@@ -285,13 +285,13 @@ def test_doubtful_command_needs_a_timely_answer_in_other_words(data):
         answer = say(interaction, said, source, now, uncertain, doubtful)
         if said == "nonsense":
             assert answer.code == "unknown_command"
-            continue  # a person who was not understood repeats it
+            continue  # an unknown command leaves the question open
         meant = asked[:2] == (name, source) and now - asked[2] <= CONFIRM_WITHIN
-        asked = ("", "", 0.0)  # by anything else that is said
+        asked = ("", "", 0.0)  # any other command closes the question
         if said in ANSWERS:
             done, code = meant, "nothing_asked"
         else:
-            # what was misheard once is misheard again: the same word is an answer only if there was no doubt of it
+            # a misheard word may be misheard again: the same word is an answer only if it was recognised with certainty
             done = said in (PAUSE, STOP) or (not uncertain and (meant or not (doubtful and said == SAVE)))
             code = "confirm_save" if said == SAVE else "confirm_command"
         if done:
@@ -323,8 +323,8 @@ def test_one_misheard_word_does_no_harm(way, command, laser_on):
     assert set(interaction.missing()) <= set(missing)
     assert drawing in ("", interaction.interaction_id) or len(missing) == 2, "only where nothing is drawn"
     if laser_on:
-        # a robot would follow the laser, or the line go on as the seed; without a drawing, cancelling ends the guiding, and a
-        # pause keeps all that is drawn
+        # else a robot would follow the laser, or the line become the seed; without a drawing, cancelling only ends the
+        # guiding, and a pause keeps everything drawn
         assert interaction.state == state or command == PAUSE or (command == CANCEL and len(missing) == 2)
 
 
@@ -412,7 +412,7 @@ def test_unseen_laser_is_reported_instead_of_a_missing_seed():
     assert not interaction.unseen
     assert interaction.command(SAVE, "test", 117.0).code == "missing_seed"
 
-    # spots of the border are none of the seed
+    # spots of the border do not count for the seed
     interaction.command(DEFINE_SEED, "test", 120.0)
     interaction.advance(120.0 + UNSEEN_AFTER)
     assert interaction.unseen

@@ -1,4 +1,4 @@
-"""The voice recogniser and its parts, spoken to by espeak-ng: an utterance, a stream beside our own sounds, microphones."""
+"""The voice recogniser and its parts, with espeak-ng's voices: utterances, streams with our sounds, microphones."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def recognizer():
 
 
 def test_commands_are_recognised_most_of_the_time(recognizer):
-    """One voice in one noise each: how often is bench/voice/recognition.py's matter."""
+    """One voice in one noise each: bench/voice/recognition.py measures how often they are."""
     issues = {command: examine(recognizer, say(*spoken))[0] for command, spoken in COMMANDS.items()}
     assert all(issue.command in (None, command) for command, issue in issues.items()), issues
     heard = [issue for command, issue in issues.items() if issue.command == command]
@@ -78,7 +78,7 @@ def test_the_speech_model_tells_what_was_said_not_how_loud():
     told = model.log_likelihood_ratios(pcm, every)
     assert told.shape == (5,) and texts[int(told.argmax())] == "define seed"
     np.testing.assert_allclose(model.log_likelihood_ratios((pcm // 4).astype(np.int16), every), told, atol=1.5)
-    # what else is asked does not matter
+    # the other texts do not matter
     assert SpeechModel(["save"]).log_likelihood_ratios(pcm, every[:1])[0] == pytest.approx(told[2], abs=1.0)
     assert np.isfinite(model.log_likelihood_ratios(np.zeros(RATE // 5, np.int16), every)).all()
 
@@ -101,7 +101,7 @@ def test_bad_files_are_named(tmp_path):
     "before", ["no", "what are you doing", "this sentence goes on and on and on for much longer than any command"]
 )
 def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
-    """One voice in one noise each: how often is bench/voice/recognition.py's matter."""
+    """One voice in one noise each: bench/voice/recognition.py measures how often it does."""
     heard = [
         command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")
     ]
@@ -114,7 +114,7 @@ BEGAN = 1000.0  # [s] of the clock when the stream begins
 
 
 def listen(listener, pcm, sounds=()):
-    """Streams sound; our own sounds, (name, [s] from the stream's beginning), are told when they begin."""
+    """Streams speech; our own sounds, (name, [s] from the stream's beginning), are announced when they begin."""
     heard, waiting = [], sorted(sounds, key=lambda sound: sound[1])
     for at in range(0, len(pcm), PART):
         while waiting and waiting[0][1] * RATE < at + PART:
@@ -147,9 +147,9 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
     start, end = plain.start - BEGAN, plain.end - BEGAN
     for sound, when, muted in (
         ("long", start - 0.2, True),
-        ("long", start + 0.1, False),  # it began before
-        ("long", end + 0.1, False),  # the sound came after the word, before the word was processed
-        ("long", end - 2.05, False),  # it goes on
+        ("long", start + 0.1, False),  # speech began before the sound
+        ("long", end + 0.1, False),  # the sound began after the word, but before it was processed
+        ("long", end - 2.05, False),  # speech goes on after the sound
         ("short", start - 0.3, False),
         ("unknown", start - 0.2, False),
     ):
@@ -160,7 +160,7 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
 
 @pytest.mark.parametrize("certain, age, doubtful", [(True, 0.0, False), (False, 0.0, True), (True, 1000.0, True)])
 def test_what_is_understood_late_is_doubtful(certain, age, doubtful):
-    """No load makes what was said expire: it is asked about if it matters."""
+    """Speech does not expire under load: a late command that matters is asked about."""
     given, now = [], time.monotonic()
     orders = SimpleNamespace(
         stop_number=lambda when: f"known at {when}",
@@ -177,7 +177,7 @@ STEP = CHUNK / RATE
 
 
 def spoken_at(spans, faint=()):
-    """A detector of speech that knows where it is: [(start, end) s], and where it may be; tells its chunks by counting."""
+    """Returns a speech detector that knows all speech and faint speech, [(start, end) s], and counts its chunks."""
     count = itertools.count()
 
     def probability(data):
@@ -193,7 +193,7 @@ def spoken_at(spans, faint=()):
 
 def cut(spans, total, size=RATE // 20, faint=()):
     endpointer, pcm = Endpointer(spoken_at(spans, faint)), (np.arange(int(total * RATE)) % 30000).astype(np.int16)
-    # each sample says where it is
+    # each sample's value is its position
     return [one for at in range(0, len(pcm), size) for one in endpointer.push(pcm[at : at + size])]
 
 
@@ -211,16 +211,16 @@ def test_speech_is_cut_where_it_is_whatever_the_size_of_the_pieces(size):
 def test_long_speech_is_told_once_and_a_pause_ends_it():
     found = cut([(1.0, 5.0), (6.0, 6.5)], 7.5)
     assert [one.too_long for one in found] == [True, False]
-    # so much speech, its padding, and no more is kept
+    # no more than this much speech and its padding is kept
     assert len(found[0].pcm) <= (MAX_UTTERANCE + 0.5) * RATE
 
 
 @pytest.mark.parametrize(
     "spans, faint, total, expected",
     [
-        ([(1.0, 1.03)], [], 2.5, []),  # a click is none
+        ([(1.0, 1.03)], [], 2.5, []),  # a click is not an utterance
         ([(1.0, 1.4), (1.55, 2.0)], [], 2.5, [(1.0, 2.0)]),  # a pause within a phrase does not end it
-        ([(1.0, 1.5)], [(1.5, 2.5), (3.5, 4.5)], 5.0, [(1.0, 2.5)]),  # it goes on where it is too faint to begin
+        ([(1.0, 1.5)], [(1.5, 2.5), (3.5, 4.5)], 5.0, [(1.0, 2.5)]),  # faint speech only continues it
     ],
 )
 def test_what_is_one_utterance(spans, faint, total, expected):
@@ -236,7 +236,7 @@ def test_a_voice_is_found_and_noise_is_not():
 
 
 def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
-    """The network's own memory makes it deaf after a minute of talk; the detector's ends after two seconds."""
+    """The network's own memory makes it deaf after a minute of talk; the detector's memory is two seconds."""
     talk = say("this sentence goes on and on and on for much longer than any command could ever take", pause=0.1)
     same = say("and now the same for both of them", pause=1.0)[: int(4.0 * RATE)]
     count = int(30 * RATE) // CHUNK * CHUNK
@@ -251,14 +251,14 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
 
 # ------------------------------------------------------------------ sound
 def test_a_microphone_that_is_on_is_known_by_its_noise_however_loud():
-    loudest = np.array([-32768, 32767] * 400, np.int16)  # their difference is more than int16 holds
+    loudest = np.array([-32768, 32767] * 400, np.int16)  # their difference overflows int16
     assert has_sound(loudest) and has_sound(np.array([5, 8, 6], np.int16))
     assert not has_sound(np.full(800, 300, np.int16)) and not has_sound(np.zeros(0, np.int16))
 
 
 def test_a_recording_program_is_read_and_started_again():
     troubles = []
-    # what it writes to its standard error is more than a pipe holds
+    # it writes more to its standard error than a pipe holds
     script = f"import sys; sys.stderr.write('overrun!\\n' * 20000); sys.stdout.buffer.write(bytes(range(200)) * {PIECE // 50})"
     microphone = Microphone([sys.executable, "-c", script], troubles.append, retry=0.0)
     pieces = [microphone.get() for _ in range(4)]
@@ -267,7 +267,7 @@ def test_a_recording_program_is_read_and_started_again():
     assert troubles == [f"{sys.executable} ended with status 0: overrun!"]
     while microphone.get() is not None:
         pass
-    assert len(troubles) == 1  # that it was closed is no trouble
+    assert len(troubles) == 1  # closing it is not reported as trouble
 
 
 def test_a_missing_recording_program_is_reported():

@@ -1,8 +1,8 @@
-"""The main checks of accessibility: names, contrast, size of what is touched."""
+"""The main accessibility checks: names, contrast, size of touch targets."""
 
 from __future__ import annotations
 
-# run in the page itself it returns what is wrong, a sentence each
+# a script that runs in the page and returns a sentence for each fault
 CHECKS = r"""
 const faults = [], shown = (e) => e.getClientRects().length && getComputedStyle(e).visibility !== "hidden" && !e.closest(".skip");
 const label = (e) => e.labels && e.labels.length ? e.labels[0].textContent : "";

@@ -1,4 +1,4 @@
-"""The page in a real browser, with the real nodes behind it: what its tests share."""
+"""The fixture of the page's tests: the page in a real browser, with the real nodes behind it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
 
 def round_the(corners, per_side=6):
-    """A finger's path round corners, back to near its start."""
+    """Returns a finger's path round corners, back to near its start."""
     path = []
     for a, b in zip(corners, corners[1:] + corners[:1]):
         path += [[a[0] + (b[0] - a[0]) * i / per_side, a[1] + (b[1] - a[1]) * i / per_side] for i in range(per_side)]
@@ -61,11 +61,11 @@ class PageTest(unittest.TestCase):
 
     def setUp(self):
         if self.browser.run("return document.body.dataset.mode != 'look' || document.getElementById('dialog').open"):
-            self.browser.driver.refresh()  # what failed before leaves nothing behind
+            self.browser.driver.refresh()  # a failed test leaves nothing behind
         self.browser.wait_ready()
         wait_until(self.remove_borders, "a page without borders")
-        self.browser.faults()  # of other tests
-        # a banner that goes moves the map
+        self.browser.faults()  # discards those of other tests
+        # a banner that disappears moves the map
         self.browser.wait("!document.getElementById('banners').textContent", what="a page with nothing to say")
 
     def borders(self):
@@ -73,7 +73,7 @@ class PageTest(unittest.TestCase):
         return list(message.borders) if message else []
 
     def remove_borders(self):
-        """Removes the borders that were heard of; returns whether there is none, which the page may know before the topic."""
+        """Removes the borders heard of on the topic; returns whether there is none any more, there and on the page."""
         for border in self.borders():
             rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=border.id, source="test")
         shown = self.browser.run("return Boolean(document.querySelector('#borders .name'))")
@@ -84,13 +84,13 @@ class PageTest(unittest.TestCase):
         return self.borders()
 
     def store_carpet(self, name="Rug", shown="Rug"):
-        """A border that a test only needs to be there."""
+        """Stores a border past the page, for a test that only needs one."""
         border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0)
         border.points, border.seed = [Point(x, y, 0.0) for x, y in CARPET], Point(4.0, 1.5, 0.0)
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)
-        # the next test's setUp removes the borders that were heard of
+        # the next test's setUp removes only borders heard of on the topic
         wait_until(lambda: answer.id in [border.id for border in self.borders()], "the border on its topic")
 
     def resume(self):
@@ -104,7 +104,7 @@ class PageTest(unittest.TestCase):
             yield small
 
     def restart_page(self, *arguments):
-        """Kills the page, which forgets what it has heard of, and starts it again."""
+        """Kills the page node, which forgets all that it has heard, and starts it again."""
         self.page.kill()
         self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
         self.start_page(*arguments)

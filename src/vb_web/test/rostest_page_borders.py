@@ -40,7 +40,7 @@ class BordersTest(PageTest):
         self.browser.click("#redo")
         self.wait_borders(1)
         self.browser.wait("document.getElementById('redo').disabled", what="a button that has nothing to do")
-        self.browser.driver.refresh()  # nobody has to try it
+        self.browser.driver.refresh()  # the buttons are right without being tried
         self.browser.wait_ready()
         self.browser.wait(
             "document.getElementById('redo').disabled && !document.getElementById('undo').disabled",
@@ -51,7 +51,7 @@ class BordersTest(PageTest):
         self.browser.wait_text("#borders", "Switched off")
         self.browser.click("#borders .switch")
         wait_until(lambda: self.borders()[0].enabled, "the border to be on")
-        # what changes nothing is no step of undo
+        # a change of nothing is not an undo step
         self.browser.wait("window.virtualBorders.view.borders.list[0].enabled", what="the page to know it too")
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
         self.browser.click("#borders .name")
@@ -67,18 +67,18 @@ class BordersTest(PageTest):
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
         self.browser.fingers([[[3.5, 2.0]], [[3.5, 2.0], [4.0, 2.0]], [[3.4, 2.0], [4.1, 2.0]]])
-        self.assertEqual(self.browser.run(corners), 1)  # a closer look keeps what was begun
-        # a phone that is turned under the finger: the line until then is no border
+        self.assertEqual(self.browser.run(corners), 1)  # zooming keeps the drawing
+        # a phone that is turned during a stroke: the line until then is not a border
         self.browser.fingers([[[3.0, 1.0]], [[3.5, 1.0]], [[4.0, 1.0]]], lift=False)
         self.browser.resize((740, 360))
         self.browser.wait("document.querySelectorAll('#placed .knob').length == 1", what="the corner from before")
         self.browser.lift()
         self.browser.resize(PHONE)
         self.assertEqual(self.browser.run("return document.body.dataset.mode"), "draw")
-        # a phone's Back closes what lies on top, and stays on the page; what nobody has saved is not lost without a question
+        # a phone's Back closes the topmost dialog or mode, not the page, and asks before it discards unsaved changes
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
-        # a dialog that comes up right after one was closed keeps what it lies on out of reach
+        # a dialog that opens right after another was closed keeps the page below it inert
         inert = self.browser.run(
             """[...document.querySelectorAll('#dialog button')].pop().click();
             document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}));
@@ -98,7 +98,7 @@ class BordersTest(PageTest):
         self.browser.driver.back()
         self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
         self.browser.click("#zoom-fit")
-        # two taps on Save are one border: taking one back leaves none
+        # two taps on Save make one border: one undo leaves none
         draw_carpet(self.browser)
         self.browser.run(
             "const save = [...document.querySelectorAll('#review button')].pop(); save.click(); save.click()"
@@ -107,7 +107,7 @@ class BordersTest(PageTest):
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         self.browser.click("#undo")
         self.wait_borders(0)
-        # what a dialog covered cannot be pressed at once
+        # a button that a dialog covered cannot be pressed at once
         self.browser.click("#settings-button")
         under = self.browser.driver.execute_async_script(
             """const done = arguments[0], one = document.querySelector('#map-tools button:last-child');
@@ -143,7 +143,7 @@ class BordersTest(PageTest):
         self.store_carpet()
         self.browser.click("#borders .name")
         self.browser.field("#dialog input").send_keys(" 2")
-        # a name that was typed comes back
+        # a typed name comes back
         self.browser.click("#dialog button", "Close")
         self.browser.click("#dialog button", "Keep editing")
         self.browser.wait_text("#dialog", "Switch off")
@@ -166,7 +166,7 @@ class BordersTest(PageTest):
         self.assertEqual(self.borders()[0].name, "Mat")
         self.browser.click("#review button", "Save")
         self.browser.wait_text("#borders", "Mat 3")
-        # one that somebody has removed meanwhile is saved as another one
+        # a border that somebody has removed meanwhile is saved as a new one
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Edit")
         self.browser.field("#review input").send_keys(" 4")
@@ -247,7 +247,7 @@ class BordersTest(PageTest):
         sides = self.browser.run("""const points = window.virtualBorders.draft().points, last = points[points.length - 1];
             return [points[1], last].map((one) => Math.hypot(one[0] - points[0][0], one[1] - points[0][1]))""")
         np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
-        # the seed follows each change of corners, and Delete takes the corner that has the focus
+        # the seed follows each change of corners, and Delete removes the focused corner
         seen = self.browser.driver.execute_async_script(
             """const done = arguments[0], { map, draft } = window.virtualBorders;
             import("/shapes.js").then(({ inside }) => {
@@ -261,7 +261,7 @@ class BordersTest(PageTest):
             });"""
         )
         self.assertEqual(seen, [True] * 3)
-        # a form that is drawn again keeps the caret, and half a number
+        # a form that is rendered again keeps the caret and a half-typed number
         caret = self.browser.run(
             """const { map, draft } = window.virtualBorders, before = document.querySelector("#review input");
             before.focus();
@@ -305,7 +305,7 @@ class BordersTest(PageTest):
             small.click("#review button", "Save")
             (wall,) = self.wait_borders(1)
             self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
-            small.wait_text("#borders", "Wall ")  # nobody named it
+            small.wait_text("#borders", "Wall ")  # unnamed
 
     def test_each_border_in_view_has_its_name_or_its_mark(self):
         self.browser.wait_arrived()
@@ -349,7 +349,7 @@ class BordersTest(PageTest):
 
     def test_borders_that_are_not_in_force_look_so(self):
         for name in ("On", "Off"):
-            self.store_carpet(name, name)  # both in one place, where one name has room at most
+            self.store_carpet(name, name)  # both in one place, with room for one name at most
         self.browser.click("#borders li:last-child .switch")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.wait("document.body.classList.contains('marks')", what="marks")

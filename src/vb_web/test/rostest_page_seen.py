@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What people see on the page: languages, sizes, robots and cameras, and that a part of the lab or its server is away."""
+"""What people see on the page: languages, sizes, robots and cameras, and missing parts of the lab or its server."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class SeenTest(PageTest):
             small.tap([4.0, 1.4])
             small.wait_text("#dialog", "Ausschalten")
             self.assertTrue(small.run(within))
-            # on its side too
+            # in landscape too
             small.resize((640, 360))
             self.assertTrue(small.run(within))
             small.click("#dialog button", "Schließen")
@@ -81,7 +81,7 @@ class SeenTest(PageTest):
                 const box = document.querySelector('#toast button').getBoundingClientRect();
                 return box.right <= line.right && document.querySelector('#toast button').scrollWidth <= box.width""")
             )
-            # a button says what one does, and below it the command that one says
+            # a button shows its action, and below it the spoken command
             self.assertTrue(
                 small.run(
                     """return [...document.querySelectorAll('#commands button')].every((e) =>
@@ -93,7 +93,7 @@ class SeenTest(PageTest):
             self.assertEqual(small.run(CHECKS), [])
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
-            # a keyboard that shrinks the page covers no field that one types in
+            # an on-screen keyboard that shrinks the page does not cover the field being typed in
             draw_carpet(small)
             small.field("#review input[data-key=name]").click()
             small.resize((640, 180))
@@ -147,7 +147,7 @@ class SeenTest(PageTest):
             what="the second request",
         )
         self.browser.run("window.virtualBorders.map.picture('floor', '')")
-        # it comes by itself, and not again after it was switched off and the link was lost
+        # the floor is switched on by itself, but not again after it was switched off and the link was lost
         on = self.browser.driver.execute_async_script(
             """const done = arguments[0], { view } = window.virtualBorders, button = document.getElementById("floor-button");
             import("/state.js").then(({ hello, page: { link } }) => {
@@ -161,7 +161,7 @@ class SeenTest(PageTest):
             });"""
         )
         self.assertEqual(on, ["true", "false", "false"])
-        # a map that begins elsewhere is shown where it is
+        # a map with another origin is shown in its place
         moved = (
             "const { map } = window.virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
         )
@@ -184,7 +184,7 @@ class SeenTest(PageTest):
             self.browser.run("return document.querySelectorAll('#borders img, #events img').length || window.evil || 0")
         )
 
-    # ------------------------------------------------------------- what is away
+    # ------------------------------------------------------------- missing parts
     def test_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
         draw_carpet(self.browser)
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
@@ -231,12 +231,12 @@ class SeenTest(PageTest):
     def test_killed_page_comes_back_and_asks_for_the_code(self):
         self.store_carpet()
         self.restart_page("_address:=0.0.0.0")
-        # for the tests after it, which have no code; what a node was given stays on the parameter server
+        # for later tests, which have no code: parameters stay on the server
         self.addCleanup(self.restart_page, "_address:=127.0.0.1")
         self.browser.wait(
             "document.querySelector('#login input').getClientRects().length", what="the form for the code"
         )
-        # as it was before
+        # the list is as it was before
         self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
         field = self.browser.field("#login input")
         self.browser.run("window.ask = fetch; window.fetch = () => Promise.reject()")

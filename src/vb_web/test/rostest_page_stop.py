@@ -21,7 +21,7 @@ class StopTest(PageTest):
     def test_commands_stop_and_go_on(self):
         self.browser.click("#commands button", "Define border")
         self.browser.wait("document.body.dataset.state == 'border'", what="the state border")
-        self.browser.click("#settings-button")  # stop is in reach also while a dialog is open
+        self.browser.click("#settings-button")  # stop can be reached even while a dialog is open
         self.browser.click("#stop")
         wait_until(lambda: self.heard[names.STATE].stopped and names.STOP in self.heard, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
@@ -30,9 +30,9 @@ class StopTest(PageTest):
                 "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"
             ),
             0,
-        )  # wherever one is
+        )  # wherever the page is scrolled
         self.browser.run("window.scrollTo(0, 0)")
-        # a stop of all robots stands there, so neither the answer nor a notice says it again
+        # the banner shows the stop of all robots, so neither the answer nor a notice repeats it
         self.browser.wait(
             "document.getElementById('toast').dataset.code == 'stopped'"
             " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')",
@@ -47,7 +47,7 @@ class StopTest(PageTest):
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
         events = (
-            "window.virtualBorders.view.events.map((event) => event.values.command)"  # they come apart from the state
+            "window.virtualBorders.view.events.map((event) => event.values.command)"  # sent separately from the state
         )
         self.browser.wait(f"{events}.slice(-1)[0] == 'cancel'", what="the last event")
         told = self.browser.run(f"return {events}")
@@ -92,7 +92,7 @@ class StopTest(PageTest):
 
     def test_stop_keeps_its_place_while_the_page_is_enlarged(self):
         with self.small_phone(mobile=True) as small:
-            # on the screen, and not in the page: what was seen of it times the scale
+            # in screen coordinates: relative to the visual viewport, times its scale
             place = """const { scale, offsetLeft, offsetTop } = visualViewport,
                 box = document.getElementById('stop').getBoundingClientRect();
                 return [(box.left - offsetLeft) * scale, (box.top - offsetTop) * scale, box.width * scale, box.height * scale]"""
@@ -109,7 +109,7 @@ class StopTest(PageTest):
             small.run("document.getElementById('stop').click()")
             small.wait("document.body.classList.contains('stopped')", what="the stop")
             self.browser.wait_text("#banners", "All robots are stopped")
-            # what misses Stop by a thumb's width presses no Resume, which is on the screen as well
+            # a tap that misses Stop by a thumb's width does not press Resume, which is on the screen as well
             gap = """const [stop, resume] = ['stop', 'resume'].map((id) => document.getElementById(id).getBoundingClientRect());
                 const { scale, offsetLeft, offsetTop, width, height } = visualViewport;
                 const seen = resume.left >= offsetLeft && resume.top >= offsetTop
@@ -128,7 +128,7 @@ class StopTest(PageTest):
         self.heard.pop(names.STOP, None)
         robot = rospy.Publisher(names.DRIVERS, DriverState, queue_size=1)
         manager = process_of("/interaction_manager")
-        # halted first: killed at once it would be restarted before anybody has missed it
+        # halted first: if killed at once, it would be restarted before anybody missed it
         os.kill(manager, signal.SIGSTOP)
         try:
             self.browser.wait_text("#banners", "has not responded for more than 0:0")
@@ -142,7 +142,7 @@ class StopTest(PageTest):
             robot.publish(robot="ada", stops=[self.heard[names.STOP].id])
             return self.heard[names.STATE].stopped
 
-        # roslaunch restarts the manager, and the robot that heard the stop tells it
+        # roslaunch restarts the manager, and the robot that heard the stop reports it
         wait_until(told, "the manager to know of the stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         self.resume()
@@ -161,7 +161,7 @@ class StopTest(PageTest):
         self.browser.wait_text("#banners", "All robots are stopped")
         self.browser.run("window.scrollTo(0, 0)")
         self.assertEqual(self.browser.run(place), before)
-        # a second tap on Stop is no Resume
+        # a second tap on Stop does not press Resume
         self.browser.run("document.getElementById('toast').dataset.code = ''")
         self.browser.click("#stop")
         self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'", what="the second answer")
@@ -176,9 +176,9 @@ class StopTest(PageTest):
         self.browser.click("#zoom-fit")
         view = "return JSON.stringify(window.virtualBorders.map.view)"
         before = self.browser.run(view)
-        self.browser.stroke([[4.0, 2.5], [3.0, 2.5], [1.0, 2.5]])  # one finger scrolls the page, if anything
+        self.browser.stroke([[4.0, 2.5], [3.0, 2.5], [1.0, 2.5]])  # one finger may only scroll the page
         self.assertEqual(self.browser.run(view), before)
-        # what is drawn beyond the map's edge ends at it; what is drawn beside the map is refused in words
+        # points beyond the map's edge are moved to the edge
         edge = self.browser.run("return window.virtualBorders.map.onMap([-50, -50])")
         self.assertEqual(self.browser.run("return window.virtualBorders.map.onMap(arguments[0])", edge), edge)
         self.assertEqual(self.browser.faults(), [])

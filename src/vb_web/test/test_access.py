@@ -1,4 +1,4 @@
-"""Codes, cookies, origins, limits: who gets in."""
+"""Access: codes, cookies, origins, limits."""
 
 import os
 import stat
@@ -50,7 +50,7 @@ def test_codes_are_taken_as_people_type_them():
 def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
     path = tmp_path / "sessions.json"
     cookie = Sessions(CODES, path).open(CODES[role.name.lower()])
-    sessions = Sessions(CODES, path)  # as after a restart
+    sessions = Sessions(CODES, path)  # like a restart
     found, name = sessions.find(cookie)
     assert found == role and name and cookie not in path.read_text()
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
@@ -99,7 +99,7 @@ def test_any_other_text_is_no_cookie(text):
 
 
 class Connection:
-    """One that is open until it is closed."""
+    """A connection that is open until it is closed."""
 
     gone = False
 
@@ -108,7 +108,7 @@ class Connection:
 
 
 def filled(places, *holders):
-    """Takes a place for each holder; gives the connections."""
+    """Takes a place for each holder; returns the connections."""
     connections = [Connection() for _ in holders]
     for connection, whose in zip(connections, holders):
         gone = places.take(connection, *whose.split())
@@ -142,7 +142,7 @@ def test_a_place_that_was_left_or_whose_connection_closed_is_free():
     assert places.take(third, "c") is None
     places.leave(second)
     assert places.take(Connection(), "d") is None
-    assert places.take(third, "c") is None  # again: it keeps its place
+    assert places.take(third, "c") is None  # taking it again keeps it
 
 
 OWN_HOSTS = ["localhost", "LOCALHOST.", "127.0.0.1", "127.9.9.9", "::1", "[::1]"]
@@ -154,7 +154,7 @@ def test_this_computer_has_its_own_names_and_no_others(host):
     assert access.is_loopback(host) is (host in OWN_HOSTS)
 
 
-# of another scheme, port, host; none at all; what hides another host, and what is no address
+# another scheme, port or host; none at all; one that hides another host, and an invalid address
 STRANGE_ORIGINS = ["https://lab:8420", "http://lab", "http://lab:8421", "http://evil", "null", "", None]
 STRANGE_ORIGINS += ["http://lab:8420@evil", "http://["]
 
@@ -171,7 +171,7 @@ def test_a_limiter_gives_the_burst_and_then_its_rate():
     assert [limiter.allows("a", 0.0) for _ in range(4)] == [True, True, True, False]
     assert limiter.allows("b", 0.0)
     assert limiter.allows("a", 1.0) and not limiter.allows("a", 1.0)
-    # a clock that jumped back gives nothing
+    # a clock that jumped back allows nothing
     assert not limiter.allows("a", 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Pictures lie where the map is, and show what is there."""
+"""Pictures are aligned with the map, and show what is there."""
 
 import cv2
 import numpy as np
@@ -57,7 +57,7 @@ def test_the_same_content_has_the_same_name_and_an_album_keeps_two():
 
 
 def looking_down(x, y, height):
-    """T_camera_map of a camera over (x, y) whose image has +y on top."""
+    """Returns T_camera_map of a camera above (x, y) whose image has +y at the top."""
     pose = np.eye(4)
     pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
     pose[:3, 3] = (-x, y, height)
@@ -68,7 +68,7 @@ def test_the_floor_is_where_the_cameras_see_it():
     grid = GridMap(np.zeros((100, 160), np.int8), 0.05, (-1.0, 2.0, 0.0))
     camera = CameraModel.ideal(400, 300, 200.0)
     image = np.full((300, 400, 3), 90, np.uint8)
-    # a red thing half a metre right of and a quarter above what is below the camera: 200 px/m at 1 m, 80 at 2.5 m
+    # a red object 0.5 m to the right of and 0.25 m above the image's centre: 200 px/m at 1 m, 80 px/m at 2.5 m
     image[110:150, 220:260] = (0, 0, 255)
     views = [CeilingImage(image, camera, looking_down(2.0, 4.0, 2.5))]
     image = images.draw_floor(grid, views)

@@ -1,4 +1,4 @@
-"""The server over real sockets: who gets in, what is answered, what hostile messages do."""
+"""The server over real sockets: access, answers, hostile messages."""
 
 import asyncio
 import contextlib
@@ -31,7 +31,7 @@ CERTIFICATE = (
 
 
 class FakeBackend:
-    """Notes what is asked of it."""
+    """Records the requests that it gets."""
 
     def __init__(self):
         self.done, self.previews = [], []
@@ -78,7 +78,7 @@ class Running:
             bounds=lambda: BOUNDS,
             on_fault=self.faults.append,
         )
-        # one address asks for all: what limits it is tested on its own
+        # all requests come from one address: limits are tested separately
         self.server.requests = self.server.connections = Limiter(rate=1e9, burst=1e9)
         self.server.start()
         self.host = f"127.0.0.1:{self.server.port}"
@@ -103,11 +103,11 @@ class Running:
         return await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
 
     def socket(self, **how):
-        """A connection of its own, below HTTP."""
+        """Opens a plain TCP connection to the server."""
         return socket.create_connection(("127.0.0.1", self.server.port), **how)
 
     def link(self, work, **headers):
-        """Runs work(socket) over a WebSocket; gives its result."""
+        """Runs work(connection) over a WebSocket; returns its result."""
 
         async def run():
             connection = await self.connect(**headers)
@@ -157,7 +157,7 @@ def test_certificate_makes_the_network_https_only(tmp_path):
         answer = log_in(running, CODES["viewer"], **given)
         assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"]
         assert "Strict-Transport-Security" in answer.headers
-        with pytest.raises(OSError):  # http: no answer at all
+        with pytest.raises(OSError):  # plain http gets no answer
             running.ask("/session")
 
 
@@ -181,7 +181,7 @@ async def answer_to(connection, **request):
 
 
 async def closing_code(connection):
-    """Waits until the server has closed a connection; gives its reason."""
+    """Waits until the server has closed a connection; returns the close code."""
     while await asyncio.wait_for(connection.read_message(), 60.0) is not None:
         pass
     return connection.close_code
@@ -197,7 +197,7 @@ PRIVATE = ["/picture/map/aaaaaaaaaaaaaaaa.png", "/floor.webp", "/camera/red.jpg"
 def test_this_computer_needs_no_code(local):
     assert json.loads(local.ask("/session").body) == {"role": "operator", "login": False}
     assert [local.ask(path).code for path in PRIVATE] == [200, 200, 200]
-    policy = local.ask("/").headers["Content-Security-Policy"]  # nothing comes in from elsewhere
+    policy = local.ask("/").headers["Content-Security-Policy"]  # nothing is loaded from elsewhere
     assert "default-src 'none'" in policy and "frame-ancestors 'none'" in policy and "unsafe" not in policy
 
 
@@ -215,7 +215,7 @@ def test_in_a_network_nothing_is_shown_without_a_code(network):
     assert [network.ask(path).code for path in PRIVATE] == [401, 401, 401]
     with pytest.raises(Exception, match="401"):
         network.link(stop)
-    # the page itself and its words are no secret: the code is asked for there
+    # the page itself and its words are not secret: it asks for the code
     assert network.ask("/").code == 200 and network.ask("/words/de.json").code == 200
 
 
@@ -255,7 +255,7 @@ def test_a_page_from_elsewhere_gets_no_link(local, headers):
     assert local.backend.done == []
 
 
-# ways out of the folder, files of the program, what no camera is called, what nobody has
+# paths out of the folder, files of the program, invalid camera names, missing files
 HIDDEN = ["/../../etc/passwd", "/static/../server.py", "/%2e%2e/server.py", "/server.py", "/picture/map/../../x.png"]
 HIDDEN += ["/camera/rosout.jpg", "/camera/..%2f..%2fx.jpg", "/words/xx.json", "/" + "a" * 60]
 
@@ -318,7 +318,7 @@ def test_stop_does_not_wait_for_what_takes_long(local):
     local.backend.gate.clear()
 
     async def work(connection):
-        for number in range(12):  # more than there are threads, and than one browser may have under way
+        for number in range(12):  # more than there are threads, and more than one browser may have pending
             await send(connection, **PREVIEW, id=f"p{number}")
         answer = await stop(connection, id="stop")
         local.backend.gate.set()
@@ -364,7 +364,7 @@ def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
 
 
 def test_strangers_who_hold_connections_keep_nobody_out(network):
-    """Slow headers, or hanging handshakes: the same place."""
+    """Slow headers occupy the same places as hanging handshakes."""
     with contextlib.ExitStack() as stack:
         held = [stack.enter_context(network.socket(source_address=("127.0.5.5", 0))) for _ in range(150)]
         for connection in held:
@@ -394,7 +394,7 @@ def test_viewers_take_no_operators_place(network):
 
     async def work(operator):
         links = [await network.connect(Cookie=viewer) for _ in range(6)]
-        for link in links[:3]:  # its own older ones give way
+        for link in links[:3]:  # the viewers' older connections give way
             await closing_code(link)
         return await stop(operator)
 
@@ -427,7 +427,7 @@ def test_garbage_on_the_socket_ends_only_itself(local):
         b"POST /session HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nZZZ\r\n",
     ]
     for data in garbage:
-        # the server may have closed before all of it was sent
+        # the server may close before everything is sent
         with local.socket(timeout=60.0) as connection, contextlib.suppress(ConnectionError):
             connection.sendall(data)
             connection.shutdown(socket.SHUT_WR)

@@ -1,4 +1,4 @@
-"""The view's revisions, the history's changes, and the words."""
+"""The view's revisions, borders on the page, and its words."""
 
 import json
 import re
@@ -24,7 +24,7 @@ def test_a_browser_gets_what_is_newer_than_it_knows():
     revision, text = view.since(0)
     assert json.loads(text) == {"view": {"state": {"name": "border"}, "robots": {"": [1, 2, 3]}}}
     assert view.since(revision) == (revision, "")
-    view.put("state", {"name": "border"})  # as it was
+    view.put("state", {"name": "border"})  # unchanged
     view.put("state", {"name": "seed"})
     assert json.loads(view.since(revision)[1]) == {"view": {"state": {"name": "seed"}}}
     assert json.loads(view.since(0)[1])["view"]["robots"] == {"": [1, 2, 3]}
@@ -58,8 +58,8 @@ def test_page_has_exactly_the_words_that_it_uses():
         set(re.findall(r"\bpage_[a-z_]+", "".join(path.read_text(encoding="utf-8") for path in paths)))
         for paths in (STATIC.iterdir(), STATIC.parent.glob("*.py"))
     )
-    words = {word for word in sentences.catalog() if word.startswith("page_")}  # the other languages have the same
-    # what ends in _ has a variable end; page_zone and page_title are words and beginnings of words at once
+    words = {word for word in sentences.catalog() if word.startswith("page_")}  # the same in all languages
+    # a word that ends in _ is completed at run time; page_zone and page_title are both words and beginnings of words
     missing = [one for one in pages - words if not (one.endswith("_") and any(word.startswith(one) for word in words))]
     assert not missing
     used = pages | code

@@ -1,1 +1,1 @@
-"""The lab as a whole: whether it is ready, and a separate folder for it."""
+"""The lab as a whole: a folder with its settings, the checks of its launch, and whether it is ready."""

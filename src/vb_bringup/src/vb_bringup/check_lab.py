@@ -22,7 +22,7 @@ _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "
 
 
 def print_table(lines: List[Notice], language: str, console: Console) -> None:
-    """Prints a table, the faults last, where they are seen."""
+    """Prints the lines as a table, with the faults last, where they are noticed."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("", ""):
         table.add_column(heading, overflow="fold")
@@ -32,7 +32,7 @@ def print_table(lines: List[Notice], language: str, console: Console) -> None:
 
 
 def print_camera(camera: str) -> None:
-    """Prints the report to send if a camera that its detector reads itself does not work; takes some seconds."""
+    """Prints the report to send if a camera read by its detector itself does not work; takes some seconds."""
     from vb_laser_detect.camera.report import describe
     from vb_laser_detect.detector_params import CaptureParams
 
@@ -44,7 +44,7 @@ def print_camera(camera: str) -> None:
 
 
 def to_json(lines: List[Notice], language: str) -> str:
-    """Formats the lines for programs: of each its state, code, camera, robot, values, and the sentence for people."""
+    """Formats the lines for programs: for each, its state, code, camera, robot, values, and the sentence for people."""
     rows = [
         {
             "state": _STATES[line.severity],

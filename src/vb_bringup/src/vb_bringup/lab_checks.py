@@ -1,9 +1,9 @@
-"""Judges whether a lab is ready: what its nodes report, and what no node can know. No ROS.
+"""Judges whether a lab is ready, from what its nodes report and what no node can know. No ROS.
 
-The idea: each fault belongs to one node, which reports it in a notice as long as it lasts: a detector reports that its
-camera is silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders.
-check_lab repeats them. This module checks what shows only from outside: a node that does not run, topics that do not meet,
-a map that was read wrongly.
+Each fault belongs to one node, which reports it in a notice as long as it lasts: a detector reports that its camera is
+silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders. check_lab
+repeats these notices. This module checks what shows only from outside: a node that does not run, topics that do not
+match, a map that was read wrongly.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 
 MIN_DISK_MB = 500  # room for a day of logs and recordings
-MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least what is ahead
+MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead
 _IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
-_HARDLY_ANY = 0.01  # share of unknown cells; shades between may be left where all else was read as free
+_HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
 
 
 def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], rate: float) -> Notice:
-    """Checks how a camera's images reach its detector; the detector itself reports whether they can be used.
+    """Checks how a camera's images reach its detector; the detector itself reports whether they are usable.
 
     Args:
-        parameters: of its detector.
+        parameters: its detector's.
         rate: [1/s] searched images per second.
     """
     source = str(parameters.get("source", ""))
@@ -61,7 +61,7 @@ def check_robot(
 
     Args:
         name: "" for the only robot.
-        keeps_margin: whether it plans on the driver's keep_out, or has no driver.
+        keeps_margin: whether it plans on the driver's keep_out; True also without a driver or borders to plan round.
         scan_deg: [deg] what its scan covers; 0: no scan arrived, None: it has no scanner, or no driver that needs it.
         clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
@@ -123,7 +123,7 @@ def check_nodes(missing: Sequence[str]) -> List[Notice]:
 
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
-    """Checks whether the folder of borders and records has room, and can be written."""
+    """Checks whether the folder of borders and records has room and is writable."""
     code = "lab_disk_ok" if free_mb >= MIN_DISK_MB else "lab_disk_full"
     code = code if writable else "lab_disk_read_only"
     state = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR

@@ -30,11 +30,11 @@ from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBo
 
 # nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors
 _NODES = ("/map_integrator", "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
-_CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within it is a fault to report
+_CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within this is a fault to report
 
 
 def observe_lab(seconds: float) -> List[Notice]:
-    """Listens to the nodes for some seconds, looks at everything else, and judges it."""
+    """Listens to the nodes for some seconds, inspects everything else, and judges the result."""
     graph = read_graph()
     newest, statuses, notices = _listen(seconds)
     running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
@@ -121,7 +121,7 @@ def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
 
 
 def _check_computer(running: Any) -> List[Notice]:
-    """Judges the display, and the folder that borders are stored in."""
+    """Judges the display, and the folder in which borders are stored."""
     lines = []
     display = next((node for node in sorted(running) if node.split("/")[-1] in ("smart_display", "rviz")), "")
     lacking = rospy.get_param(f"{display}/lacking", "") if display else ""

@@ -1,12 +1,12 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-The idea: each argument of the stack's launch files has a kind, and a wrong value is refused in one sentence, before
-several nodes start and die again and again. The launch files begin with `<param command="python3 -m
-vb_bringup.launch_check ...">`; roslaunch runs that command while it still reads the file.
+Each argument of the stack's launch files has a kind, and a wrong value is refused in one sentence, before several nodes
+start and die again and again. The launch files begin with `<param command="python3 -m
+vb_bringup.launch_check ...">`; roslaunch runs that command while it is still reading the file.
 
-    launch_check lab cameras:="north south" robot:=false      what lab.launch and borders_only.launch ask
-    launch_check simulation navigation:=standin               what simulation.launch asks
-    launch_check navigation amcl move_base                    what navigation.launch asks
+    launch_check lab cameras:="north south" robot:=false      as lab.launch and borders_only.launch call it
+    launch_check simulation navigation:=standin               as simulation.launch calls it
+    launch_check navigation amcl move_base                    as navigation.launch calls it
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from vb_core.parameters import NAME
 from vb_core.robot_profile import RobotProfile, find_profile
 
 STARTED, REFUSED = 0, 1
-ANSWER_TIMEOUT = 3.0  # [s] within it a running node answers with its process id
+ANSWER_TIMEOUT = 3.0  # [s] within which a running node answers with its process id
 UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
 _CALLER = "/launch_check"
 
 
 def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
-    """Refuses arguments that the launch files lack: roslaunch would ignore them without a word.
+    """Refuses arguments that the launch files do not declare: roslaunch would ignore them silently.
 
     Raises:
-        CodedError: "launch_mistyped_argument" if one is much like a declared one, else "launch_unknown_argument".
+        CodedError: "launch_mistyped_argument" if one resembles a declared one, else "launch_unknown_argument".
     """
     for name in arguments:
         if name not in declared:
@@ -53,13 +53,13 @@ def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
 
 # ------------------------------------------------------------ kinds of arguments
 def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
-    """Raises CodedError "launch_bad_choice": the launch file would take the value for its default, or a node would not start."""
+    """Raises CodedError "launch_bad_choice" for other values: they would mean the default, or a node would fail."""
     if value not in choices:
         raise CodedError("launch_bad_choice", argument=argument, value=value, choices=", ".join(choices))
 
 
 def check_names(argument: str, value: str) -> None:
-    """Raises CodedError "launch_bad_names" unless it is names separated by spaces; none is fine too."""
+    """Raises CodedError "launch_bad_names" unless the value is empty or names separated by spaces."""
     wrong = [name for name in value.split() if not NAME.fullmatch(name)]
     if wrong:
         raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(wrong))
@@ -79,7 +79,7 @@ def parse_pairs(argument: str, value: str) -> Dict[str, str]:
 
 
 def check_file(argument: str, value: str) -> None:
-    """Raises CodedError "launch_no_file" unless it is empty or names a file that can be read."""
+    """Raises CodedError "launch_no_file" unless the value is empty or names a readable file."""
     try:
         if value:
             Path(value).open("rb").close()
@@ -90,7 +90,7 @@ def check_file(argument: str, value: str) -> None:
 
 
 def check_map(_argument: str, value: str) -> None:
-    """Raises CodedError "bad_map_file" unless it is empty or a map with its image, as map_server reads it."""
+    """Raises CodedError "bad_map_file" unless the value is empty or a map with its image, as map_server reads it."""
     if value:
         from vb_core.map_files import map_path, read_map
 
@@ -117,7 +117,7 @@ def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
 
 
 def check_detector(argument: str, value: str) -> None:
-    """Raises CodedError "bad_parameter", naming file and key, and as `read_parameters`."""
+    """Raises CodedError "bad_parameter", naming file and key, and those of `read_parameters`."""
     from vb_laser_detect.detector_params import SpotDetectorNodeParams
 
     SpotDetectorNodeParams.from_mapping(read_parameters(argument, value), value)
@@ -147,7 +147,7 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 
 
 Kind = Callable[[str, str], Any]
-# what roslaunch itself or one node refuses, such as a condition or a port, has no kind
+# arguments that roslaunch itself or one node checks, such as a condition or a port, have no kind
 KINDS: Dict[str, Kind] = {
     "robot": partial(check_choice, choices=("true", "false", "1", "0")),
     "cameras": check_names,
@@ -163,12 +163,12 @@ KINDS: Dict[str, Kind] = {
     "language": partial(check_choice, choices=sentences.languages()),
     "navigation": partial(check_choice, choices=("none", "move_base")),
 }
-# the simulated lab's, which differ
+# the kinds that differ in the simulated lab
 SIMULATION: Dict[str, Kind] = {"navigation": partial(check_choice, choices=("standin", "move_base", "none"))}
 
 
 def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -> None:
-    """Judges each argument by its kind, then what they ask for together.
+    """Checks each argument by its kind, then whether the arguments fit together.
 
     Raises:
         CodedError: as the kind raises it; "launch_navigation_without_robot"
@@ -196,7 +196,7 @@ def declared_arguments(files: Iterable[Path]) -> List[str]:
 
 
 def check_installed(programs: Iterable[str]) -> None:
-    """Refuses to start programs of ROS's navigation stack that are not there; each is in the package of its name.
+    """Refuses programs of ROS's navigation stack that are not installed; each is in the package of its name.
 
     Raises:
         CodedError: "launch_not_installed"
@@ -274,8 +274,8 @@ def run() -> int:
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         if files:
-            # Our exit status would end it too, but with a page in red behind the sentence that counts: how
-            # it called us. It has started nothing yet that it would have to end.
+            # The exit status would end roslaunch too, but with a page in red below the sentence that counts: how
+            # it called this program. It has started nothing yet that it would have to end.
             os.kill(process, signal.SIGTERM)
         return REFUSED
     print("ok")  # the parameter's value

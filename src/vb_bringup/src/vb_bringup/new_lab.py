@@ -114,13 +114,13 @@ The way to the first border:
 def write_lab(
     folder: Path, cameras: Mapping[str, str], robot: str, map_file: Optional[Path], profiles: Path
 ) -> List[Path]:
-    """Writes the folder; returns the files.
+    """Writes the folder; returns the files written.
 
     Args:
         folder: may exist, but must be empty.
-        cameras: name of each ceiling camera to its source, "" if a driver publishes it; none for a lab with the robot only.
+        cameras: each ceiling camera's source, by name; "" if a driver publishes it; empty for a lab with a robot only.
         robot: a type of which the stack has a profile; "" without a robot.
-        map_file: of map_server's format, is copied; None if /map is published by others.
+        map_file: in map_server's format, to be copied; None if others publish /map.
         profiles: folder of the robot types.
 
     Raises:
@@ -177,7 +177,7 @@ def parse_source(text: str) -> str:
 
 
 def parse_cameras(text: str) -> Dict[str, str]:
-    """Reads NAME or NAME=SOURCE separated by spaces, with a source as `parse_source` takes it.
+    """Reads NAME or NAME=SOURCE separated by spaces, with sources as `parse_source` takes them.
 
     Raises:
         CodedError: "bad_camera_name" if two have the same name.
@@ -190,7 +190,7 @@ def parse_cameras(text: str) -> Dict[str, str]:
 
 
 def _copy_map(map_file: Path, folder: Path) -> List[Path]:
-    """Copies a map that can be read, as map.yaml and its image."""
+    """Copies a readable map as map.yaml, with its image."""
     description = yaml.safe_load(map_file.read_text(encoding="utf-8"))
     image = map_file.parent / description["image"]
     copy = folder / f"map{image.suffix}"

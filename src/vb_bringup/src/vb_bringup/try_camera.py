@@ -1,10 +1,10 @@
-"""The front door: any camera, four corners of something on the floor, and borders in metres. No ROS knowledge needed.
+"""Tries any camera: mark four corners of something on the floor, and draw borders in metres. Needs no knowledge of ROS.
 
     make try CAMERA=0        a webcam; also a device, an address (rtsp://, http://), or a video file
-    make try                 plays a video of ours, by itself
+    make try                 plays the supplied video, unattended
 
-A page shows the camera's picture and asks for the corners. From them follows where the camera is. That is written as the
-folder of a lab like any other, which is then started: the same detector, fusion, integration and page.
+A page shows the camera's picture and asks for the corners, from which the camera's pose is computed. It is written into
+the folder of an ordinary lab, which is then started, with the same detector, fusion, integration and page.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 CAMERA = "camera"
 PORT = 8420
-_CELL, _FAR = 0.025, 10.0  # [m] of the map; floor that is farther from the camera is not drawn on
-_GRID = 0.5  # [m] lines that the page draws
+_CELL, _FAR = 0.025, 10.0  # [m] cell of the map; floor that is farther from the camera is left out
+_GRID = 0.5  # [m] between the lines that the page draws
 # of the video: [s] without a spot between a line and its seed, and until it begins again
 _PAUSE, _BETWEEN = 1.0, 2.9
 _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
@@ -60,7 +60,7 @@ _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
 
 # ------------------------------------------------------------- the floor
 def seen_floor(view: FloorView) -> GridMap:
-    """Returns an empty map of the floor that a camera sees; raises CodedError "bad_rectangle" if all of it is far away."""
+    """Returns an empty map of the floor that a camera sees; raises CodedError "bad_rectangle" if all is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
@@ -133,11 +133,11 @@ class CornerPage:
             ],
             **quiet,
         )
-        # other sites' pages must not look through the camera by a name of theirs
+        # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
         application = tornado.web.Application([(tornado.web.HostMatches(r"(localhost|127\.0\.0\.1)"), local)], **quiet)
         server = application.listen(port, "127.0.0.1")
         await self._done.wait()
-        await asyncio.sleep(0.3)  # the answer is on its way
+        await asyncio.sleep(0.3)  # until the answer has been sent
         server.stop()
         await server.close_all_connections()
         self._source.close()
@@ -149,7 +149,7 @@ class CornerPage:
         return None if shot is None else shot.picture().pixels
 
     def judge(self, request: Dict[str, Any], start: bool) -> Dict[str, Any]:
-        """Returns what four corners mean for the page; raises CodedError "bad_rectangle"."""
+        """Returns the floor's grid and worst error from four corners; raises CodedError "bad_rectangle"."""
         picture = self.picture()
         corners = np.array(request["corners"], float).reshape(4, 2)
         size = float(request["width"]), float(request["depth"])
@@ -202,7 +202,7 @@ class _Floor(_Handler):
 
 # ------------------------------------------------------------- the lab
 class TryLab:
-    """The running lab: keeps the borders' file, and plays our own video's commands."""
+    """The running lab: keeps the borders' file, and gives the commands that belong to the supplied video."""
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / "borders.geojson"
@@ -226,7 +226,7 @@ class TryLab:
         self._spot_at, self._spots = time.monotonic(), self._spots + 1
 
     def play(self) -> None:
-        """Gives the commands to what the video shows: a line, its seed, and its end.
+        """Gives the commands that go with the video: for a line, its seed, and its end.
 
         Raises:
             CodedError: "no_response" if the lab does not take them, or nothing was drawn.
@@ -268,7 +268,7 @@ def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; 0 unless something failed."""
+    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; returns 0 on success."""
     options = _arguments(arguments)
     import rospkg
 
@@ -298,9 +298,9 @@ def run(arguments: Optional[List[str]] = None) -> int:
 
 
 def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
-    """Follows the running lab; if it `plays`, gives the commands that belong to our own video."""
+    """Follows the running lab; if it `plays`, gives the commands that belong to the supplied video."""
     end = time.monotonic() + _START_TIMEOUT
-    with contextlib.suppress(OSError):  # roslaunch brings the master
+    with contextlib.suppress(OSError):  # roslaunch starts the master
         while lab.running and time.monotonic() < end and not rosgraph.is_master_online():
             time.sleep(0.1)
     if not lab.running:

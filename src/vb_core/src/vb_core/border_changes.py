@@ -1,4 +1,4 @@
-"""What happened to borders, found by comparing two lists of them; no ROS."""
+"""Derives what happened to borders by comparing two snapshots of them; no ROS."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ ADDED, REMOVED, RENAMED, ENABLED, DISABLED, CHANGED = "added", "removed", "renam
 
 
 def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[Tuple[str, Any]]:
-    """Compares two lists of borders, vb_msgs/VirtualBorder by id; returns at most one change of each, with the border."""
+    """Compares two sets of borders, vb_msgs/VirtualBorder by id; returns at most one change per border, with it."""
     changes = [(REMOVED, border) for key, border in before.items() if key not in after]
     for key, border in after.items():
         old = before.get(key)
@@ -24,9 +24,9 @@ def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[
 
 
 def _drawn(border: Any) -> Tuple:
-    """Lists what a person can change about a border, apart from its name and its switch.
+    """Returns the properties of a border that a person can change, apart from its name and whether it is enabled.
 
-    Places are rounded to a centimetre: on a map that has grown, a border is placed by its walls again and moves by less.
+    Points are rounded to 1 cm: on a map that has grown, a border is aligned with its walls again, which moves it less.
     """
     places = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
     return places, border.kind, border.zone, border.occupancy, border.max_speed, tuple(border.robots)

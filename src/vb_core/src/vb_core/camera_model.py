@@ -1,7 +1,7 @@
-"""Cameras with lens distortion, fisheyes among them, as sensor_msgs/CameraInfo describes them.
+"""Cameras with lens distortion, including fisheyes, as sensor_msgs/CameraInfo describes them.
 
-A lens bends the image radially, up to the angle where its polynomial turns back: there its description ends. What lies
-beyond has neither a pixel nor a ray, and is NaN both ways; within, each is the other's exact inverse.
+A lens's polynomial is valid up to the angle at which the image radius stops growing. Beyond it, points have no pixel
+and pixels no ray: both are NaN. Within it, `project` and `rays` are exact inverses of each other.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from vb_core.errors import CodedError
 
 _EXACT_PX = 1e-6  # [px] the largest distance between a pixel and the projection of its ray
-_STEPS = 12  # of Newton's method, each of which doubles the correct digits
+_STEPS = 12  # iterations of Newton's method, each of which doubles the number of correct digits
 _ORIGIN = np.zeros(3)
-_FLAT = 1e9  # tangent of 90 degrees
+_FLAT = 1e9  # stands for the tangent of 90 degrees
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class CameraModel:
         matrix: (3, 3) intrinsic matrix K [px].
         distortion: (4,), (5,), (8,), (12,) or (14,) coefficients in OpenCV's order: plumb_bob, rational_polynomial and its
             extensions; (4,) for a fisheye.
-        fisheye: the distortion is OpenCV's fisheye model, which ROS calls equidistant. Rays have z = 1, so nothing is
-            seen at 90 degrees from the axis or more.
+        fisheye: whether the distortion is OpenCV's fisheye model, which ROS calls equidistant. Rays have z = 1, so
+            nothing at 90 degrees or more from the axis is seen.
 
     Raises:
         CodedError: "bad_camera_info" if no camera can have these values.
@@ -66,7 +66,7 @@ class CameraModel:
 
     @staticmethod
     def ideal(width: int, height: int, focal_px: float) -> "CameraModel":
-        """Makes a camera without distortion whose axis meets the middle of the image; focal length in pixels."""
+        """Makes a camera without distortion whose optical axis meets the image centre; focal length in pixels."""
         matrix = np.array([[focal_px, 0, (width - 1) / 2.0], [0, focal_px, (height - 1) / 2.0], [0, 0, 1.0]])
         return CameraModel(width, height, matrix, np.zeros(5))
 
@@ -77,7 +77,7 @@ class CameraModel:
             pixels: (N, 2) columns and rows [px], the centre of the first pixel is (0, 0).
 
         Returns:
-            (N, 3) in the optical frame, z = 1; only these pixels are undistorted. NaN where the lens's model ends.
+            (N, 3) in the optical frame, z = 1; NaN beyond the lens model's limit. Only these pixels are undistorted.
         """
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         result = np.ones((len(pixels), 3))
@@ -87,7 +87,7 @@ class CameraModel:
             return result
         if len(pixels) == 0:
             return result
-        # OpenCV is fast, but right only near the axis: each result is projected again to see whether it is right
+        # OpenCV is fast, but accurate only near the axis: each result is verified by projecting it again
         if self.fisheye:
             plane = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
         else:
@@ -103,7 +103,7 @@ class CameraModel:
     def project(self, points: np.ndarray) -> np.ndarray:
         """Projects points (N, 3) [m] in the optical frame to pixels (N, 2) [px]; inverse of `rays`.
 
-        Points that are not in front of the camera, or at an angle that the lens's model does not reach, give rows of NaN.
+        Points that are not in front of the camera, or beyond the lens model's limit, give rows of NaN.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if len(points) == 0:
@@ -148,16 +148,16 @@ class CameraModel:
         return math.tan(angle) if angle < math.pi / 2 else _FLAT
 
     def _wrong(self, normalized: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """Returns which of normalised coordinates (N, 2) are not those of the pixels (N, 2), (N,) bool."""
+        """Returns, as (N,) bool, which normalised coordinates (N, 2) are not projected to their pixels (N, 2)."""
         points = np.ones((len(normalized), 3))
         points[:, :2] = normalized
         return ~(np.abs(self.project(points) - pixels).max(axis=1) < _EXACT_PX)
 
     def _invert(self, pixels: np.ndarray) -> np.ndarray:
-        """Undoes the distortion by Newton's method, from within the model's limit; returns (N, 2)."""
+        """Undistorts pixels to normalised coordinates (N, 2) by Newton's method, starting within the model's limit."""
         focal, middle = self._pinhole
         target = (pixels - middle) / focal
-        # the start: along the radius, by a table
+        # the start: the undistorted radius, interpolated in a table
         radii = np.tan(np.linspace(0.0, math.atan(self.limit), 2000))
         shown = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
         finite = np.isfinite(shown[:, 0])
@@ -172,13 +172,13 @@ class CameraModel:
             off, area = target - here[:, 0], a * d - b * c
             with np.errstate(all="ignore"):
                 step = np.column_stack([d * off[:, 0] - b * off[:, 1], a * off[:, 1] - c * off[:, 0]]) / area[:, None]
-                # next to the limit a whole step may lead beyond it
+                # close to the limit, a full step may lead beyond it
                 length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*plane.T))))
                 plane = plane + step / length[:, None]
         return plane
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns which of pixels (N, 2) are in the image, (N,) bool."""
+        """Returns, as (N,) bool, which pixels (N, 2) are in the image."""
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         with np.errstate(invalid="ignore"):
             return ((pixels >= -0.5) & (pixels <= (self.width - 0.5, self.height - 0.5))).all(axis=1)
@@ -196,7 +196,7 @@ class CameraModel:
         return CameraModel(width, height, scale @ self.matrix, self.distortion, self.fisheye)
 
 
-# ------------------------------------------------------------------ a camera at a place
+# ------------------------------------------------------------------ a camera with a pose
 def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 0.0) -> np.ndarray:
     """Intersects a camera's viewing rays with the floor.
 
@@ -217,7 +217,7 @@ def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 
 
 
 def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Returns the places (N, 3) [m] on the floor that pixels (N, 2) show, as `intersect_floor`; inverse of `pixels_of`."""
+    """Projects pixels (N, 2) to points (N, 3) [m] on the floor, as `intersect_floor` does; inverse of `pixels_of`."""
     return intersect_floor(T_map_camera, camera.rays(pixels), height)
 
 

@@ -12,8 +12,8 @@ class CodedError(Exception):
 
     Args:
         code: lower-case words joined by underscores, stable across releases.
-        message: one English sentence that says what is wrong and what to do, for a code that has none in
-            vb_core/languages; by default the one there.
+        message: one English sentence that says what is wrong and what to do, for a code without one in
+            vb_core/languages; by default the sentence from there.
         values: the values in the sentence, also for other languages.
     """
 
@@ -27,9 +27,9 @@ class CodedError(Exception):
         return f"{self.message} [{self.code}]"
 
     def without_traceback(self) -> CodedError:
-        """Returns the same error, for a variable that outlives the handler.
+        """Returns a copy without a traceback, for a variable that outlives the handler.
 
-        One that was raised holds all frames of its stack, and one of these holds the variable: that reference cycle, with
+        A raised error references all frames of its stack, one of which holds the variable: that reference cycle, with
         every image in it, stays in memory until the next garbage collection.
         """
         return CodedError(self.code, self.message, **self.values)

@@ -1,4 +1,4 @@
-"""Writes files so that a reader never finds half of one."""
+"""Writes files so that a reader never finds a partly written one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PRIVATE = 0o600  # mode of a file that only its owner may read and write
 
 
 def keep_private(path: Path) -> bool:
-    """Makes a file with secrets, or with what people did, readable by its owner only; returns whether others could read it.
+    """Makes a file with secrets or personal data readable by its owner only; returns whether others could read it.
 
     Raises:
         CodedError: "file_not_private" if that is not possible.
@@ -41,7 +41,7 @@ def write_atomically(path: Path, content: bytes, private: bool = False) -> None:
 
 
 def write_together(contents: Mapping[Path, bytes], private: bool = False) -> None:
-    """Writes files as `write_atomically` does, and none unless there is room for all; only a crash can separate them."""
+    """Writes files as `write_atomically` does, but replaces none until all are on disk; a crash can separate them."""
     temporary: Dict[Path, str] = {}
     path = Path()
     try:
@@ -70,10 +70,10 @@ def write_together(contents: Mapping[Path, bytes], private: bool = False) -> Non
 
 
 def append_line(path: Union[str, Path], line: str, private: bool = False) -> None:
-    """Adds a line to a file in one write, so that two writers never mix theirs; makes its folder.
+    """Appends a line to a file in one write, so that lines of two writers never mix; creates its folder.
 
     Args:
-        private: whether only its owner may read it, if this makes it.
+        private: whether only its owner may read the file, if this call creates it.
 
     Raises:
         OSError: if it cannot be written.

@@ -1,4 +1,4 @@
-"""Rigid transforms, poses of a robot and polygonal chains.
+"""Rigid transforms, robot poses and polygonal chains.
 
 Transforms are 4x4 float64 matrices; `T_a_b` maps coordinates in frame b to frame a.
 Quaternions are in ROS's order (x, y, z, w).
@@ -15,7 +15,7 @@ Pose = Tuple[float, float, float]  # (x, y, yaw) [m, m, rad], map frame
 
 
 def wrap_angle(angle: float) -> float:
-    """Returns the same angle within (-pi, pi] [rad]."""
+    """Returns the equivalent angle within (-pi, pi] [rad]."""
     return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
 
@@ -55,7 +55,7 @@ def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
 
 
 def yaw_from_quaternion(quaternion) -> float:
-    """Returns the heading about z [rad] of a quaternion (x, y, z, w); inverse of `quaternion_from_yaw`."""
+    """Returns the yaw about z [rad] of a quaternion (x, y, z, w); inverse of `quaternion_from_yaw`."""
     x, y, z, w = quaternion
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -123,7 +123,7 @@ def to_map(points: np.ndarray, pose) -> np.ndarray:
 
 
 def pose_distance(a, b) -> float:
-    """Measures the distance [m] between two poses; a turn counts as what a point 0.2 m off the axis moves."""
+    """Returns the distance [m] between two poses; a rotation counts as the motion of a point 0.2 m from its axis."""
     return math.dist(a[:2], b[:2]) + 0.2 * abs(wrap_angle(a[2] - b[2]))
 
 
@@ -138,7 +138,7 @@ def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndar
     The arc begins at the origin along x and bends to the left by `curvature` [1/m].
 
     Returns:
-        How far the points are along the arc, (N,) [m], and how far to its left, (N,) [m].
+        The points' distances along the arc, (N,) [m], and to its left, (N,) [m].
     """
     x, y = points[:, 0], points[:, 1]
     if abs(curvature) < 1e-3:
@@ -164,7 +164,7 @@ def bounding_diagonal(points: np.ndarray) -> float:
 
 
 def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> np.ndarray:
-    """Resamples a chain (N, 2) to points (M, 2) [m] at most `spacing` apart along it; its ends stay.
+    """Resamples a chain (N, 2) to points (M, 2) [m] at most `spacing` apart along it; keeps its ends.
 
     A closed chain's closing segment is sampled too; its first point is not repeated.
     """
@@ -183,11 +183,11 @@ def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> 
 
 
 def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, float, float]:
-    """Finds the point of a path (N, 2) [m] that lies a distance [m] ahead of the point nearest to a place (2,) [m].
+    """Finds the point of a path (N, 2) [m] a distance [m] ahead of the path's point nearest to `place` (2,) [m].
 
     Returns:
-        The point (2,) [m], the path's end if that is nearer; how far [m] the place is from the path; and how long [m] the
-        rest of the path is.
+        The point (2,) [m], or the path's end if that is nearer; the distance [m] of `place` from the path; and the
+        length [m] of the rest of the path.
     """
     distances = np.linalg.norm(path - np.asarray(place), axis=1)
     nearest = int(np.argmin(distances))

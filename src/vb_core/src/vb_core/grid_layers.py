@@ -1,4 +1,4 @@
-"""Layers of a grid map: a window of it, the distance to what is blocked, values at points, the nearest cell of a kind."""
+"""Operations on grid maps and their layers: cropping, clearance, values at points, the nearest cell of a mask."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Window = Tuple[float, float, float, float]
 
 
 def crop(grid: GridMap, window: Window) -> GridMap:
-    """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map; what lies off the map is unknown."""
+    """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map; cells off the map are unknown."""
     corners = np.array([[window[i], window[j]] for i in (0, 2) for j in (1, 3)])
     cells = np.floor(grid.world_to_grid(corners) + 0.5).astype(int)[:, ::-1]
     low, high = cells.min(axis=0), cells.max(axis=0)
@@ -27,16 +27,16 @@ def crop(grid: GridMap, window: Window) -> GridMap:
 
 
 def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
-    """Measures (H, W) float32 [m] how far each cell's centre is from the nearest blocked cell; 0 in blocked cells.
+    """Computes each cell's clearance (H, W) float32 [m] from its centre to the nearest blocked cell; 0 if blocked.
 
-    Half a cell's diagonal is subtracted from the distance between centres, so that it is never larger than the true
-    clearance. The map's edge is not blocked; if no cell is blocked, everything is inf.
+    Half a cell's diagonal is subtracted from the distance between centres, so that the result never exceeds the true
+    clearance. The map's edge is not blocked; if no cell is blocked, every clearance is inf.
     """
     return np.maximum(distance_to(blocked) - np.sqrt(0.5), 0.0) * np.float32(resolution)
 
 
 def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float = 0.0) -> np.ndarray:
-    """Reads (N,) values of a layer (H, W) of a grid at points (N, 2) [m]; `outside` for points off the map."""
+    """Returns the values (N,) of a grid's layer (H, W) at points (N, 2) [m]; `outside` for points off the map."""
     cells = grid.world_to_cell(points)
     inside = grid.contains_cells(cells)
     values = np.full(len(cells), outside, dtype=float)
@@ -45,7 +45,7 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
 
 
 def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
-    """Finds the cell (row, column) of a mask (H, W) nearest to a point (2,) [m] within reach [m], and its centre (2,) [m].
+    """Finds a mask's (H, W) cell (row, column) nearest to a point (2,) [m], up to `reach` [m] away, and its centre.
 
     Returns None and the point itself if there is none.
     """

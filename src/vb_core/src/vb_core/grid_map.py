@@ -1,6 +1,6 @@
 """The 2D occupancy grid map (OGM) as numpy sees it.
 
-Maps, costmaps and coverage have this form in all packages; `vb_core.ros.messages` converts it from and to ROS.
+All packages keep maps, costmaps and coverage in this form; `vb_core.ros.messages` converts it from and to ROS messages.
 
 >>> import numpy as np
 >>> grid = GridMap(np.zeros((40, 60), np.int8), resolution=0.05, origin=(-1.0, 0.0, 0.0))
@@ -22,15 +22,15 @@ from vb_core.errors import CodedError
 FREE = 0
 OCCUPIED = 100
 UNKNOWN = -1
-OCCUPIED_THRESHOLD = 65  # [%] from this occupancy on a cell is an obstacle: map_server's occupied_thresh
+OCCUPIED_THRESHOLD = 65  # [%] cells of this occupancy or more are obstacles: map_server's occupied_thresh
 
 
 def distance_to(cells: np.ndarray) -> np.ndarray:
     """Distance transform: computes the distance (H, W) float32 from each cell's centre to the nearest marked cell's, in cells.
 
-    The same mask yields the same bits every time, up to 1400 cells: OpenCV's exact transform uses vector
-    instructions for square roots or not, depending on where the rows are in memory, which changes the last
-    bit. Squares of distances between cells are whole numbers, which undoes that.
+    The same mask always yields the same bits, for distances up to 1400 cells: depending on where the rows are in
+    memory, OpenCV's exact transform uses vector instructions for square roots or not, which changes the last bit.
+    As squared distances between cells are whole numbers, rounding them undoes that.
 
     Args:
         cells: mask (H, W) bool. If nothing is marked, every distance is inf.
@@ -51,7 +51,7 @@ class GridMap:
 
     Attributes:
         data: (H, W) int8; -1 unknown, 0 free ... 100 occupied. Row 0 holds the map's lowest y.
-        resolution: [m] edge of a cell.
+        resolution: [m] edge length of a cell.
         origin: (x, y, yaw) [m, m, rad] of the outer corner of cell (0, 0) in the map frame.
 
     Raises:
@@ -89,7 +89,7 @@ class GridMap:
 
     @cached_property
     def _turn(self) -> np.ndarray:
-        """Returns the rotation (2, 2) of row vectors from the map frame to columns and rows."""
+        """Returns the matrix (2, 2) that rotates row vectors from the map frame to (column, row) axes."""
         c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
         return np.array([[c, -s], [s, c]])
 
@@ -108,7 +108,7 @@ class GridMap:
         return GridMap(data, self.resolution, self.origin)
 
     def world_to_grid(self, points: np.ndarray) -> np.ndarray:
-        """Converts map coordinates (N, 2) [m] to (column, row) (N, 2), real numbers; inverse of `grid_to_world`.
+        """Converts map coordinates (N, 2) [m] to fractional (column, row) (N, 2); inverse of `grid_to_world`.
 
         Whole numbers are the centres of cells, as in image coordinates.
         """
@@ -121,7 +121,7 @@ class GridMap:
         return (cells + 0.5) * self.resolution @ self._turn.T + self._corner
 
     def world_to_cell(self, points: np.ndarray) -> np.ndarray:
-        """Finds the cells (N, 2), int (row, column), that hold points (N, 2) [m]; they may be outside the map."""
+        """Returns the cells (N, 2), int (row, column), that contain points (N, 2) [m]; they may be outside the map."""
         grid = np.floor(self.world_to_grid(points) + 0.5)
         # numpy's own clip is several times slower for the few points in a usual call
         return np.minimum(np.maximum(grid, -(2.0**31)), 2.0**31).astype(np.int64)[:, ::-1]
@@ -131,7 +131,7 @@ class GridMap:
         return self.grid_to_world(np.asarray(rows_columns).reshape(-1, 2)[:, ::-1])
 
     def contains_cells(self, rows_columns: np.ndarray) -> np.ndarray:
-        """Returns which of cells (N, 2), (row, column), are in the map, (N,) bool."""
+        """Returns, as (N,) bool, which cells (N, 2), (row, column), are in the map."""
         cells = np.asarray(rows_columns).reshape(-1, 2)
         rows, columns = cells[:, 0], cells[:, 1]
         return (rows >= 0) & (columns >= 0) & (rows < self.shape[0]) & (columns < self.shape[1])

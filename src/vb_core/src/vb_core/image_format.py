@@ -1,4 +1,4 @@
-"""The one table of image encodings, as sensor_msgs names them: how bytes become pixels, and pixels a picture."""
+"""The only table of image encodings, by their sensor_msgs names: how bytes become pixels, and pixels a picture."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 from vb_core.errors import CodedError
 
 _BAYER = {f"bayer_{name}": getattr(cv2, f"COLOR_Bayer{name.upper()}2BGR") for name in ("rggb", "bggr", "gbrg", "grbg")}
-# what a picture's 8-bit pixels can be, and OpenCV's way from there to bgr
+# contents of a picture's 8-bit pixels other than bgr, with OpenCV's conversion to bgr
 _TO_BGR = {"mono": cv2.COLOR_GRAY2BGR, "rgb": cv2.COLOR_RGB2BGR, **_BAYER}
 _CHANNELS = {"mono": 1, "bgr": 3, "rgb": 3, "bgra": 4, "rgba": 4, **dict.fromkeys(_BAYER, 1)}
-# brightness apart from colour: becomes bgr as it is read
+# luminance and chrominance are separate: converted to bgr on reading
 _YUV = {
     "uyvy": (2, cv2.COLOR_YUV2BGR_UYVY),
     "yuyv": (2, cv2.COLOR_YUV2BGR_YUYV),
@@ -27,14 +27,14 @@ _KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": 
 
 
 class Encoding(NamedTuple):
-    """How an image is stored: numpy's type, the channels of a pixel, and what they are; "": not a picture."""
+    """How an image is stored: numpy type, channels per pixel, and what these contain; "": not a picture."""
 
     dtype: np.dtype
     channels: int
     content: str
 
     def rows(self, height: int) -> int:
-        """Returns how many rows of bytes an image of a height [px] has: some put colours below the brightness."""
+        """Returns the number of byte rows of an image of a height [px]: some store chrominance below the luminance."""
         return height * 3 // 2 if self.content in ("nv12", "nv21") else height
 
 
@@ -55,7 +55,7 @@ def encoding_of(name: str) -> Encoding:
     """Looks up an encoding.
 
     Raises:
-        CodedError: "bad_image" if nobody can read it.
+        CodedError: "bad_image" if it is unknown.
     """
     encoding = _ENCODINGS.get(name.lower()) or _ENCODINGS.get(name)
     if encoding is not None:
@@ -68,11 +68,11 @@ def encoding_of(name: str) -> Encoding:
 
 
 class Picture(NamedTuple):
-    """An image that a person would recognise.
+    """An 8-bit image of a visible scene, unlike for instance a depth image.
 
     Attributes:
         pixels: (H, W) or (H, W, 3) uint8, contiguous.
-        content: what they are: "mono", "bgr", "rgb", or a Bayer pattern by its first row, "bayer_rggb" ...
+        content: what the pixels are: "mono", "bgr", "rgb", or a Bayer pattern by its first row, "bayer_rggb" ...
     """
 
     pixels: np.ndarray
@@ -86,7 +86,7 @@ class Picture(NamedTuple):
 
     @property
     def searched(self) -> np.ndarray:
-        """Returns the pixels in which spots are looked for."""
+        """Returns the pixels to be searched for spots."""
         return self.pixels
 
     @property
@@ -104,15 +104,15 @@ class Picture(NamedTuple):
 
 
 class HalvedPicture:
-    """A picture in which spots are looked for at half its size, and measured at its own; each is decoded when it is needed.
+    """A picture that is searched for spots at half its size and measured at full size; each is decoded when needed.
 
     Args:
         size: width and height [px], even.
         decode: returns the pixels (H, W, 3) uint8 bgr at the size that it is called with.
 
     Attributes:
-        content, mosaic: as of `Picture`.
-        scale: how many of the picture's pixels are one of those that are searched, in each direction.
+        content, mosaic: as in `Picture`.
+        scale: number of full-size pixels per searched pixel, in each direction.
     """
 
     content, mosaic, scale = "bgr", False, 2
@@ -122,21 +122,21 @@ class HalvedPicture:
 
     @property
     def whole(self) -> bool:
-        """Returns whether the whole pixels are decoded by now."""
+        """Returns whether the full size has been decoded."""
         return "pixels" in vars(self)
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """Returns the whole pixels."""
+        """Returns the pixels at full size."""
         return self._decode(*self.size)
 
     @cached_property
     def searched(self) -> np.ndarray:
-        """Returns the pixels at half the size, which a codec decodes in less time than the whole."""
+        """Returns the pixels at half the size, which a codec decodes faster than the full size."""
         return self._decode(self.size[0] // 2, self.size[1] // 2)
 
     def decode_whole(self) -> None:
-        """Makes the half from the whole: faster than to decode both, and different by at most a grey level."""
+        """Decodes the full size and halves it: faster than decoding both, and different by at most one grey level."""
         half = self.size[0] // 2, self.size[1] // 2
         self.searched = cv2.resize(self.pixels, half, interpolation=cv2.INTER_AREA)
 
@@ -149,19 +149,19 @@ AnyPicture = Union[Picture, HalvedPicture]
 
 
 class PixelReader:
-    """Reads the images of one camera; remembers how many bits it really uses.
+    """Converts the images of one camera to 8-bit pixels; remembers how many bits the camera really uses.
 
-    A camera of 10 or 12 bits sends them in 16: the largest value that it has ever sent shows how many it uses.
+    A camera of 10 or 12 bits sends them in 16: the largest value received so far shows how many it uses.
     """
 
     def __init__(self) -> None:
         self._bits = 8
 
     def read(self, image: np.ndarray, encoding: str) -> Picture:
-        """Converts an image to 8-bit pixels, once.
+        """Converts an image to 8-bit pixels.
 
         Args:
-            image: the message's pixels as they are.
+            image: the message's pixels, unconverted.
             encoding: its name in sensor_msgs/Image.
 
         Raises:

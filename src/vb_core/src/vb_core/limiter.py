@@ -1,4 +1,4 @@
-"""Limits how often somebody may ask."""
+"""Limits the rate of requests."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Tuple
 class Limiter:
     """A token bucket per key: `burst` requests at once, then `rate` a second. Keeps the newest 1000 keys.
 
-    There is no bucket for all keys together: strangers could empty it for everybody.
+    There is no bucket shared by all keys: strangers could empty it for everybody.
     """
 
     def __init__(self, rate: float, burst: float) -> None:
@@ -17,7 +17,7 @@ class Limiter:
         self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
 
     def allows(self, key: str, now: float) -> bool:
-        """Uses up a token at a time [s]; returns False if there is none. A clock that is set back only delays new tokens."""
+        """Takes a token at a time [s]; returns False if there is none. A clock set back only delays new tokens."""
         tokens, then = self._buckets.pop(key, (self._burst, now))
         tokens = min(self._burst, tokens + self._rate * max(0.0, now - then))
         allowed = tokens >= 1.0

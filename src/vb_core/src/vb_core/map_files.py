@@ -1,6 +1,6 @@
 """Map files as map_server reads them: an image with a YAML file beside it.
 
-Trinary files know free, occupied and unknown. Raw ones keep soft values: the pixel is the occupancy, 255 is
+Trinary files distinguish free, occupied and unknown. Raw ones keep soft values: the pixel is the occupancy, 255
 unknown. (A soft value written by map_saver comes back as 100, unknown or 0.)
 """
 
@@ -20,7 +20,7 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import OCCUPIED_THRESHOLD, UNKNOWN, GridMap
 
-# what map_saver writes and map_server reads as thresholds
+# thresholds that map_saver writes and map_server reads
 OCCUPIED_THRESH, FREE_THRESH = OCCUPIED_THRESHOLD / 100.0, 0.196
 FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL = 254, 0, 205
 

@@ -1,6 +1,6 @@
-"""Derives move_base's parameters from a robot's profile, and tells what its costmaps do with soft values.
+"""Derives move_base's parameters from a robot's profile, and checks how costmaps treat soft occupancies.
 
-Its other parameters are in vb_bringup/config/navigation.
+move_base's other parameters are in vb_bringup/config/navigation.
 """
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ from typing import Any, Dict, Mapping
 
 from vb_core.robot_profile import RobotProfile
 
-CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot keeps that distance if it can, and else passes closer
-# [m] beyond the radius that a path keeps from borders and walls. Without it paths lead through gaps in which the
-# controller's footprint touches something as soon as it or the localisation is off by 3 cm; from there DWA no
-# longer finds a path, and no recovery frees it.
+CELLS_BESIDE = 0.17  # [m] of inflation beyond the radius: the robot keeps that distance if it can, else passes closer
+# [m] beyond the radius that a path keeps from borders and walls. Without it, paths lead through gaps in which the
+# footprint touches something as soon as the controller or the localisation is off by 3 cm; DWA then finds no more
+# trajectories, and no recovery behaviour frees the robot.
 PATH_MARGIN = 0.04
-SIM_TIME = 2.0  # [s] DWA looks ahead: with less it turns back and forth where a path bends round a border
+SIM_TIME = 2.0  # [s] that DWA looks ahead: with less, the robot turns back and forth where a path bends round a border
 
 
 def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
     """Derives the nested parameters of move_base from a robot's profile.
 
     Args:
-        prefix: before the names of its frames, for instance "robot1/".
+        prefix: prefix of the robot's frames, for instance "robot1/".
     """
     limits, scanner = profile.limits, profile.scanner
     base, odom = prefix + profile.frames.base, prefix + profile.frames.odom
@@ -60,9 +60,9 @@ def amcl_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
 
 
 def is_trinary(costmap: Any) -> bool:
-    """Returns whether a costmap takes a soft occupancy for free space, by its parameters as from `rosparam get`."""
+    """Returns whether a costmap with parameters as from `rosparam get` treats soft occupancies as free space."""
     if not isinstance(costmap, Mapping):
-        return False  # there is none
+        return False  # there is no such costmap
     named = [
         str(plugin.get("name", "static_layer"))
         for plugin in costmap.get("plugins") or []

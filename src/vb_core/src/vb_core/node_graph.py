@@ -1,4 +1,4 @@
-"""The nodes at one moment: what they publish, subscribe to and serve, and which could command a base. No ROS."""
+"""A snapshot of the ROS graph: what nodes publish, subscribe to and serve, and which could command a base. No ROS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _Entries = Iterable[Tuple[str, Sequence[str]]]
 
 
 class NodeGraph:
-    """The ROS graph, as a master knows it; `vb_core.ros.graph.read_graph` asks for it.
+    """The ROS graph as a master knows it; `vb_core.ros.graph.read_graph` reads it.
 
     Args:
         published, subscribed, services: pairs (name, nodes) of topics or services.
@@ -44,18 +44,18 @@ class NodeGraph:
         return [topic for topic, nodes in self.publishers.items() if node in nodes and self.types.get(topic) in kinds]
 
     def find_other_commanders(self, driver: str, topic: str, output: str) -> Tuple[Set[str], Set[str]]:
-        """Finds the nodes that could command the base past its driver, which must be the only way to its wheels.
+        """Finds the nodes that could command the base past its driver, which should be the only way to its wheels.
 
-        Every registered publisher counts, even a silent one: it may drive at any time, and behind a mux the driver hears
-        no other node at all.
+        Every registered publisher counts, even a silent one: it may drive at any time, and behind a mux the driver
+        cannot hear other nodes at all.
 
         Args:
-            driver: the driver's node.
-            topic: on which the driver publishes its commands.
+            driver: name of the driver's node.
+            topic: the topic on which the driver publishes its commands.
             output: the topic on which a mux commands the base; "": the base listens to `topic` itself.
 
         Returns:
-            The nodes, also those that send velocities to another input of the mux; and the mux.
+            The nodes, including those that publish velocities to another input of a mux; and the muxes.
         """
         commands = {
             name: set(nodes)
@@ -74,5 +74,5 @@ class NodeGraph:
         return (commands.get(topic, set()) | (beside - muxes)) - {driver}, muxes
 
     def is_heard(self, driver: str, topic: str) -> bool:
-        """Returns whether another node than the driver listens to its commands."""
+        """Returns whether any other node subscribes to the driver's commands."""
         return bool(set(self.subscribers.get(topic, ())) - {driver})

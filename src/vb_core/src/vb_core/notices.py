@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
-# for a notice's code, those that make it needless: they say the same of all robots, or give the same camera's reason
+# for a notice's code, the codes that make it redundant: they say the same of all robots, or give the camera's reason
 _SAID_BY = {
     "robot_stopped": {"stopped", "stop_state_lost"},
     "camera_no_pose": {
@@ -34,7 +34,7 @@ class Severity(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """Something about a robot, a border or a camera, with the fields of vb_msgs/Notice."""
+    """A notice, for instance about a robot, a border or a camera; its fields are those of vb_msgs/Notice."""
 
     code: str
     severity: Severity = Severity.INFO
@@ -46,7 +46,7 @@ class Notice:
 
     @classmethod
     def from_error(cls, error: CodedError, severity: Severity, camera: str = "") -> "Notice":
-        """Makes a notice of an error. The camera, also one among the error's values, is in the field and in the values."""
+        """Makes a notice from an error; the camera, given here or by the error, is in both `camera` and `values`."""
         values = {key: str(value) for key, value in error.values.items()}
         if camera:
             values["camera"] = camera
@@ -54,7 +54,7 @@ class Notice:
 
     @classmethod
     def of_robot(cls, robot: str, code: str, severity: Severity, **values: str) -> "Notice":
-        """Makes a notice about a robot of this name, which is the sentence's `who`."""
+        """Makes a notice about a robot, whose name is the sentence's value `who`."""
         return cls(code, severity, robot=robot, values={"who": sentences.robot_value(robot), **values})
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:

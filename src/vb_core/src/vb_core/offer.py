@@ -1,9 +1,9 @@
 """Derives which commands and zones a lab can offer from what is connected to it. No ROS.
 
-The idea: a lab may have cameras or not, and a robot may plan on the map with borders or not, be driven by this stack's
-driver or not, be localised or not. One pure function, `offer`, derives which commands have an effect, which zones a
-robot keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them
-offers a Stop that stops nothing, or calls a zone in force that nobody keeps.
+A lab may or may not have cameras; a robot may or may not plan on the map with borders, be driven by this stack's
+driver, or be localised. One pure function, `offer`, derives which commands have an effect, which zones each robot
+keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a
+Stop that stops nothing, or claims a zone that no robot keeps.
 
 >>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
 >>> offer(Connections((mine,))).commands
@@ -43,12 +43,12 @@ class ConnectedRobot:
 
     @property
     def is_there(self) -> bool:
-        """Whether there is something that could drive it."""
+        """Whether navigation or a driver is connected that could drive it."""
         return self.navigation or self.driver
 
     @property
     def plans(self) -> bool:
-        """Whether its navigation takes goals, and plans them round borders."""
+        """Whether its navigation accepts goals and plans round borders."""
         return self.navigation and self.plans_round_borders and not self.missing_maps
 
     @property
@@ -57,7 +57,7 @@ class ConnectedRobot:
         return self.driver or (self.navigation and self.obeys_stop)
 
     def keeps(self, zone: str) -> bool:
-        """Returns whether it keeps a zone's rule, by the zone's name; one that does not know where it is keeps none."""
+        """Returns whether the robot keeps the rule of a zone, given by name; it keeps none while not localised."""
         return self.localized and ZONES[zone].kept_by(self)
 
 
@@ -75,12 +75,12 @@ class Offer:
     """What is offered, and what holds for each robot.
 
     Attributes:
-        state: READY, NO_ROBOT or UNREADY: a robot that is there drives through borders.
-        commands: those of vb_core.vocabulary that need something and have it; "go" if a robot can be sent to a place.
-        zones: those that at least one robot keeps.
-        ignored_by: names of the robots that are there and do not keep a zone, by the zone's name.
+        state: READY, NO_ROBOT, or UNREADY if a connected robot does not keep out of borders.
+        commands: those of vb_core.vocabulary with needs that are met; "go" if a robot can be sent to a place.
+        zones: the zones that at least one robot keeps.
+        ignored_by: by the name of a zone, the names of the connected robots that do not keep it.
         goes: the names of the robots that can be sent to a place.
-        lines: what holds for each robot as long as the connections do not change.
+        lines: what to tell people about each robot while the connections do not change.
     """
 
     state: str
@@ -91,7 +91,7 @@ class Offer:
     lines: Tuple[Notice, ...]
 
     def notices(self) -> List[Notice]:
-        """Returns what is wrong, as notices."""
+        """Returns the lines that report a problem."""
         return [line for line in self.lines if line.severity >= Severity.WARNING]
 
 
@@ -125,11 +125,11 @@ def effective(offered: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
 
 
 def unkept(offered: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
-    """Returns code and values of the sentence that says who does not keep a border, or None.
+    """Returns code and values of the sentence that says who does not keep a border, or None if all keep it.
 
     Args:
         zone: name of the border's zone.
-        robots: names of the robots that it is for; none: all.
+        robots: names of the robots that the border is for; empty: all.
     """
     ignoring = [name for name in offered.ignored_by[zone] if not robots or name in robots]
     if offered.state == NO_ROBOT:
@@ -160,7 +160,7 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
         lines.append(line(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
     if robot.name and robot.plans and values["map"] not in robot.maps and robot.maps:
         lines.append(line(Severity.INFO, "robot_keeps_all_borders"))
-    # a driver that is to drive reports by itself that it does not know where the robot is
+    # a driver that is asked to drive reports an unknown pose itself
     if not robot.localized:
         lines.append(line(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
     lines.append(line(Severity.INFO, _obedience(robot)))

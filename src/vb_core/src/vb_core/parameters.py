@@ -7,8 +7,8 @@ A parameter class lists its values with `param`, which carries unit and limits:
         speed: float = param(0.2, "m/s", low=0.0, high=1.0)
 
 `DriveParams.from_mapping({"speed": 0.1})` reads values from YAML or the parameter server. An unknown
-key, a wrong type or a value out of range is a `ParameterError` that names the key. A default that is itself `Parameters`
-makes a group: `{"drive": {"speed": 0.1}}`, and its keys are named "drive/speed".
+key, a wrong type or a value out of range raises a `ParameterError` that names the key. A default that is itself
+`Parameters` makes a group: `{"drive": {"speed": 0.1}}`, whose keys are named "drive/speed".
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ def param(
         low, high: the smallest and largest value allowed, both included.
         above: a limit that the value must exceed.
         choices: the only values allowed.
-        of: class of a list's entries, which are read as a group is.
-        doc: the meaning of a parameter that no file in config/ lists. If a file lists it, the comment there is its meaning;
-            `doc` may repeat the beginning for dynamic_reconfigure.
+        of: class of a list's entries, each of which is read like a group.
+        doc: explains a parameter that no file in config/ lists. If a file lists it, the comment there explains it;
+            `doc` may repeat the comment's beginning for dynamic_reconfigure.
     """
     metadata = dict(default=default, unit=unit, low=low, high=high, above=above, choices=choices, of=of, doc=doc)
     if isinstance(default, (list, dict)):
@@ -87,7 +87,7 @@ class Parameters:
             raise ParameterError(f"{prefix}{error.key}", error.message.split(": ", 1)[1]) from None
 
     def replace(self: P, **changes: Any) -> P:
-        """Returns the same parameters with some of them changed, checked again."""
+        """Returns a copy with some values changed, checked again."""
         return dataclasses.replace(self, **changes)
 
     def describe(self) -> str:
@@ -118,7 +118,7 @@ _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "
 
 
 def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
-    """Checks a value against what `param` keeps of it; returns it in the default's type.
+    """Checks a value against the limits from `param`; returns it in the default's type.
 
     Raises:
         ParameterError: names the key and says what was expected.

@@ -1,7 +1,7 @@
 """A robot type, described once: shape, limits, sensors, topics and frames.
 
-The idea: every program that needs to know something about a robot reads the same file (robots/<type>.yaml), and
-derives from it what it can, so that another robot needs only another file.
+Every program that needs to know something about a robot reads the same file (robots/<type>.yaml), and derives from it
+what it can, so that another robot needs only another file.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Limits(Parameters):
 
 @dataclass(frozen=True)
 class Scanner(Parameters):
-    """The laser scanner, or a depth camera used as one. Its coverage is in its messages."""
+    """The laser scanner, or a depth camera used as one. Its messages tell its coverage."""
 
     topic: str = param("scan")
     present: bool = param(True, doc="false: the robot is driven by its map alone, and slowly")
@@ -56,7 +56,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Base(Parameters):
-    """What moves the robot, and the only way to its wheels: the driver proves that nobody else uses it."""
+    """What moves the robot, and the only way to its wheels: the driver checks that no untrusted node can use it too."""
 
     kind: str = param("differential", choices=tuple(KINDS), doc="how it moves; only differential is supported")
     topic: str = param("cmd_vel", doc="of the driver's commands: what the base listens to, or an input of its mux")
@@ -79,7 +79,7 @@ class OnboardCamera(Parameters):
 
 @dataclass(frozen=True)
 class Contact(Parameters):
-    """Bumpers, cliff sensors or wheel drop sensors: a field of a message, and when it means danger."""
+    """Bumpers, cliff sensors or wheel drop sensors: a field of a message, and which values mean danger."""
 
     topic: str = param("")
     type: str = param("", doc="for instance kobuki_msgs/BumperEvent")
@@ -91,7 +91,7 @@ class Contact(Parameters):
 
 @dataclass(frozen=True)
 class Frames(Parameters):
-    """Names without the robot's prefix."""
+    """Names of frames, without the robot's prefix."""
 
     base: str = param("base_link")
     odom: str = param("odom")
@@ -117,7 +117,7 @@ class RobotProfile(Parameters):
 
     @classmethod
     def load(cls, path: Path) -> "RobotProfile":
-        """Reads a profile's file.
+        """Reads a profile from a file.
 
         Raises:
             ParameterError: if it cannot be read, is not YAML, or as `from_mapping`.

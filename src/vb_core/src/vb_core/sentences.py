@@ -6,10 +6,10 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
 A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", border =
-"$border_without_name". It gets the same values as the sentence in which it stands. At the beginning of a sentence it gets
-a capital letter. The values border and borders are names of borders, see `border_name`.
+"$border_without_name". Its words can use the other values of the sentence, and get a capital letter at its beginning.
+The values border and borders are names of borders, see `border_name`.
 
-No program reads a sentence.
+No program parses a sentence.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _UNNAMED = re.compile(r"\b(border|wall) (\d+)\b")  # as the border database stor
 
 
 def languages() -> List[str]:
-    """Lists the available languages, by their two letters."""
+    """Lists the available languages, by their two-letter codes."""
     return sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
 
 
@@ -53,19 +53,19 @@ def spelled_out(name: str) -> str:
 
 
 class _LenientValues(dict):
-    """Shows a missing value by its name: no sentence is lost for lack of one."""
+    """Shows the name of a missing value in its place, so that the sentence is still shown."""
 
     def __missing__(self, key: str) -> str:
         return f"({key})"
 
 
 def robot_value(name: str) -> str:
-    """Returns the value that names a robot in a sentence; an empty name is the only robot's."""
+    """Returns the value that names a robot in a sentence; an empty name means the only robot."""
     return name or "$the_robot"
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
-    """Returns a border's name, or several, as people read it: an unnamed border is numbered in their language."""
+    """Returns one or several borders' names as people read them: an unnamed border is numbered in their language."""
     return _UNNAMED.sub(
         lambda match: translate(f"unnamed_{match.group(1)}", {"number": match.group(2)}, language), name
     )
@@ -76,8 +76,8 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
 
     Args:
         values: the values in the sentence, by their names.
-        default: returned if no language knows the code, for instance a message's own English sentence; if that is
-            empty too, the code's words are returned.
+        default: returned for an unknown code, for instance a message's own English sentence; if that is empty too,
+            the code's words are returned.
     """
     sentence = catalog(language).get(code) or catalog(ENGLISH).get(code)
     if sentence is None:

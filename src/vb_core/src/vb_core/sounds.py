@@ -1,10 +1,10 @@
 """The system's sounds: one table, by the names that vb_msgs/Sound carries.
 
-Going up: the interaction goes on; each active state ends on its own tone, a third or more from the next (the states'
-tones stand in their rows, vb_core.vocabulary). Going down: back to Default. A refusal is low and repeated, a success the
-longest run up: people recognise both without knowing the others. A question is one tone twice; a stop falls from high to low. A
-spoken command that was understood is answered at once, short, before its own tone. A tick is far above all of them and
-soft: it comes often.
+Rising tones: the interaction goes on; each active state ends on its own tone, a third or more from the next (see the
+states' rows in vb_core.vocabulary). Falling tones: back to Default, or paused. A refusal is low and repeated, a
+success the longest rise: people recognise both without knowing the other sounds. A question is one tone twice; a stop
+falls from high to low. A spoken command that was understood is acknowledged at once by a short tone, before its own.
+A tick comes often, so it is soft, and far above all the others.
 
 >>> round(SOUNDS["success"].seconds, 2), SOUNDS["border"].beep
 (0.57, 'BUTTON')
@@ -17,7 +17,7 @@ from typing import Dict, Tuple
 
 from vb_core.vocabulary import DEFAULT, STATES
 
-# [Hz] the notes of four octaves, equally tempered, by their names: A4 is 440 Hz
+# [Hz] the notes of five octaves, equally tempered, by their names: A4 is 440 Hz
 _SEMITONES = {"C": -9, "D": -7, "E": -5, "F": -4, "G": -2, "A": 0, "B": 2}
 PITCHES = {
     f"{name}{octave}": 440.0 * 2.0 ** (octave - 4 + semitone / 12.0)
@@ -32,8 +32,8 @@ class Note:
 
     Attributes:
         pitch: one of PITCHES; "": silence.
-        seconds: [s]
-        loudness: share of the loudest note.
+        seconds: [s] duration.
+        loudness: relative to the loudest note, 0 .. 1.
     """
 
     pitch: str
@@ -43,14 +43,14 @@ class Note:
 
 @dataclass(frozen=True)
 class Tones:
-    """A sound: its notes, and a Kobuki's own sound for it, a constant of kobuki_msgs/Sound; "": it makes none."""
+    """A sound: its notes, and a constant of kobuki_msgs/Sound for what a Kobuki plays instead; "": nothing."""
 
     notes: Tuple[Note, ...]
     beep: str = ""
 
     @property
     def seconds(self) -> float:
-        """[s] how long it lasts."""
+        """Duration [s]."""
         return sum(note.seconds for note in self.notes)
 
 
@@ -66,5 +66,5 @@ SOUNDS: Dict[str, Tones] = {
     STOPPED: Tones((Note("C6", 0.10), Note("A3", 0.40)), "OFF"),
     ERROR: Tones((Note("A3", 0.16), _REST, Note("A3", 0.24)), "ERROR"),
     RECOGNIZED: Tones((Note("G6", 0.08),)),
-    TICK: Tones((Note("C7", 0.02, 0.15),)),  # no beep: a Kobuki's are too loud for what comes so often
+    TICK: Tones((Note("C7", 0.02, 0.15),)),  # no beep: a Kobuki's are too loud for so frequent a sound
 }

@@ -1,10 +1,10 @@
 """The stop of all robots: who holds it, what releases it, and how it outlives crashes and full disks.
 
-The idea: with each stop the latch makes a new number, and only a `resume` that names the newest number releases it: its
-sender has seen that stop. So no command that was given before a stop can undo it, however late it arrives. Two sides
-share this: `StopLatch` answers commands (the interaction manager), `HeldStops` is what one robot obeys (its driver).
+With each stop the latch makes a new number, and only a `resume` that names the newest number releases it: its sender
+has seen that stop. So no command that was given before a stop can undo it, however late it arrives. There are two
+sides: `StopLatch` answers commands (in the interaction manager), `HeldStops` is what one robot obeys (in its driver).
 
-A robot keeps every stop that it has heard of until somebody who knows of all of them says that robots may drive. So a stop
+A robot holds every stop that it has heard of until a latch that knows all of them says that robots may drive. So a stop
 holds even if the latch has never heard of it, or has lost its memory; the robot then reports it.
 
 >>> latch, robot = StopLatch(), HeldStops()
@@ -32,17 +32,17 @@ from typing import Any, List, Optional, Sequence, Tuple
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-KEPT = 32  # stops that the latch remembers: a robot that was away for more stops than that counts as stopped again
-HELD = 4  # stops that a robot holds one by one: eight robots hold no more than the latch remembers
+KEPT = 32  # number of stops that the latch remembers: a robot that missed more of them counts as stopped again
+HELD = 4  # number of stops that a robot holds singly: eight robots hold no more than the latch remembers
 
 
 def new_id() -> str:
-    """Makes the id of a stop, or its number: nobody has had the same before, not even after a loss of memory."""
+    """Makes an id or a number for a stop, different from all earlier ones, even those lost from memory."""
     return uuid.uuid4().hex[:12]
 
 
 class _Stored:
-    """A few values in a file. What cannot be stored or read counts as a stop. Thread safe.
+    """Values kept in a file. If they cannot be read or stored, that counts as a stop. Thread safe.
 
     Args:
         path: the file; None: memory only.
@@ -82,7 +82,7 @@ class _Stored:
     def store(self) -> bool:
         """Brings the file up to date, durably; returns False if that is not possible.
 
-        A full disk takes no new file, but the old one can still be emptied, and an empty one counts as a stop.
+        A full disk has no room for a new file, but the old one can be emptied, and an empty file counts as a stop.
         """
         with self._writing:
             with self._lock:
@@ -98,12 +98,12 @@ class _Stored:
 
 
 class StopLatch(_Stored):
-    """Whether robots are stopped, for all of them.
+    """The stop of all robots.
 
     Attributes:
         number: number of the newest stop; there is one even before the first stop, so that each command can name it.
         stops: ids of the newest stops, made by their senders, the newest last.
-        stopped, by: whether the newest stop holds, and who gave the first of those that hold.
+        stopped, by: whether the newest stop holds, and who gave the first of the stops that hold.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
@@ -112,7 +112,7 @@ class StopLatch(_Stored):
         super().__init__(path)
 
     def stop(self, identity: str, by: str) -> bool:
-        """Stops all robots; returns False, and changes nothing, for a stop that it knows: one press may come twice."""
+        """Stops all robots; returns False, and changes nothing, for a known stop: one press may arrive twice."""
         with self._lock:
             if identity in self.stops:
                 return False
@@ -121,12 +121,12 @@ class StopLatch(_Stored):
             return True
 
     def read(self) -> Tuple[bool, str, str, Tuple[str, ...]]:
-        """Returns whether robots are stopped, by whom, the number and the stops: all of one moment."""
+        """Returns whether robots are stopped, by whom, the number and the stops, all at one moment."""
         with self._lock:
             return self.stopped, self.by, self.number, self.stops
 
     def resume(self, seen: str) -> bool:
-        """Releases the stop with a number, if it is the newest; returns whether robots may drive now."""
+        """Releases the stop if `seen` is the newest number; returns whether robots may drive now."""
         with self._lock:
             if seen == self.number:
                 self.stopped, self.by, self.lost = False, "", False
@@ -147,7 +147,7 @@ class StopLatch(_Stored):
 
 
 class HeldStops(_Stored):
-    """The stops that one robot holds: it has heard of them, and nobody who knows of all of them has released them.
+    """The stops that one robot holds: it has heard of them, and no latch that knows all of them has released them.
 
     Attributes:
         ids: their ids.
@@ -155,12 +155,12 @@ class HeldStops(_Stored):
 
     def __init__(self, path: Optional[Path] = None) -> None:
         self.ids: Tuple[str, ...] = ()
-        self._said_stopped = False  # whether the newest state says stopped
+        self._said_stopped = False  # whether the latch's newest message says stopped
         super().__init__(path)
 
     @property
     def stopped(self) -> bool:
-        """Whether the robot must stand."""
+        """Whether the robot must stand still."""
         return self._said_stopped or bool(self.ids)
 
     def hear(self, identity: str) -> None:
@@ -199,7 +199,7 @@ def _read(path: Path) -> bytes:
 
 
 def _empty(path: Path) -> None:
-    """Empties a file in its place, if it can."""
+    """Empties a file in place, if possible."""
     with contextlib.suppress(OSError), open(str(path), "r+b") as file:
         file.truncate()
         os.fsync(file.fileno())

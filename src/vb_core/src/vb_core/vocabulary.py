@@ -1,9 +1,9 @@
 """The commands and the states of the interaction (paper, Sect. 4.2): one table each.
 
-The idea: what a command or a state means to others stands in its row, and everything reads it there: the interaction, the
-fusion, robots, the display, LED, sounds, voice, buttons, console, and the page, which gets both tables when it connects.
-Messages carry the names (vb_msgs/Command, vb_msgs/InteractionState). The words are
-languages/<language>/interaction.yaml's: command_<name>, state_<name>, page_command_<name>, page_state_<name>.
+The row of a command or a state defines what it means to the interaction, the fusion, robots, the display, LED, sounds,
+voice, buttons, console, and the page, which gets both tables when it connects. Messages carry the names
+(vb_msgs/Command, vb_msgs/InteractionState). The words for people are in languages/<language>/interaction.yaml:
+command_<name>, state_<name>, page_command_<name>, page_state_<name>.
 
 >>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, spelled_out(DEFINE_SEED)
 ('seed', 'seed', 'define seed')
@@ -23,12 +23,12 @@ class State:
 
     Attributes:
         collects: the part of a border that a spot becomes, "border" or "seed"; "": spots are ignored.
-        guides: whether a robot follows the spot, also while ceiling cameras see it.
-        prompt: code of the sentence that says what to do in it; "" in Default.
-        color: on the display, the LED, the page and the console, "#rrggbb"; distinguishable with any colour vision (the
-            set of Okabe and Ito, 2008).
-        led: a Kobuki's, a constant of kobuki_msgs/Led, as near to the colour as it can get; dark where spots are ignored.
-        tone: the two notes that announce it.
+        guides: whether a robot follows the spot, even while ceiling cameras see it.
+        prompt: code of the sentence that says what to do in this state; "" in Default.
+        color: on the display, the LED, the page and the console, "#rrggbb"; distinguishable with any colour vision
+            (orange and sky blue are Okabe and Ito's, 2008).
+        led: a Kobuki's LED, the constant of kobuki_msgs/Led nearest to the colour; dark where spots are ignored.
+        tone: the two notes that announce the state.
     """
 
     name: str
@@ -57,17 +57,17 @@ DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES
 
 
 def state_of(name: str) -> State:
-    """Returns the state with a name; in an unknown state nothing is done."""
+    """Returns the state with a name; for an unknown name, a state in which nothing is done."""
     return STATES.get(name, State(name))
 
 
-# what a command needs to have an effect
+# what must be connected for a command to have an effect
 CAMERA = "camera"  # cameras that report
 DRIVER = "driver"  # cameras, and a robot with this stack's driver
 STOPPABLE = "stoppable"  # a robot that obeys Stop
 
-# when a command would at once move a robot, change the map or lose a drawing: if it may have been misheard, the person is
-# then asked to confirm it
+# when a command would at once move a robot, change the map or lose a drawing: if it may then have been misheard, the
+# person is asked to confirm it
 ALWAYS = "always"
 NEVER = "never"
 WHILE_DRAWN = "while_drawn"  # there is a drawing that can be lost
@@ -83,11 +83,11 @@ class Command:
         key: its key on the wizard's console.
         needs: what must be connected; "": nothing.
         matters: when it has consequences: ALWAYS, NEVER or one of WHILE_...
-        enters: the name of the state that it leads to; "": the same, or one that depends on the interaction.
-        carried_out_elsewhere: whether another node does it; until its answer, other commands are refused as "busy".
-        phrases: what people say besides its name, in English.
-        button_place: its place among the page's buttons for the laser pointer; 0: none. Of two commands that share a place,
-            the available one is shown.
+        enters: name of the state that it leads to; "": the state stays, or depends on the interaction.
+        carried_out_elsewhere: whether another node does it; until it answers, other commands are refused as "busy".
+        phrases: what people may say instead of its name, in English.
+        button_place: its position among the page's buttons for the laser pointer; 0: no button. Of two commands at the
+            same position, the available one is shown.
     """
 
     name: str
@@ -116,7 +116,7 @@ _COMMANDS = (
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
 DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS
 
-# codes of answers that ask whether a command was meant; what answers them, and the command that it confirms
+# codes of answers that ask whether a command was meant; the replies to them, each with the command that it confirms
 QUESTIONS = ("confirm_save", "confirm_command")
 ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.matters != NEVER}
 

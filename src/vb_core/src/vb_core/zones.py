@@ -1,8 +1,8 @@
 """What the area of a border means for robots: one table of zones.
 
-The idea: code that reads, checks, integrates, offers or shows a border asks its zone, and does not know which zones there
-are. vb_msgs/VirtualBorder repeats names and numbers, and a test compares them. The words are
-languages/<language>/zones.yaml's: page_zone_<name>, border_unkept_<name>.
+Code that reads, checks, integrates, offers or shows a border asks its zone, and need not know which zones there are.
+vb_msgs/VirtualBorder repeats names and numbers, which a test compares. The words for people are in
+languages/<language>/zones.yaml: page_zone_<name>, border_unkept_<name>.
 
 >>> AVOID.value(0.75), SLOW.value(1.0), SLOW.limits_speed
 (75, 0, True)
@@ -16,14 +16,14 @@ from typing import Any, Callable, Dict, List
 
 @dataclass(frozen=True)
 class Zone:
-    """A zone.
+    """A kind of zone.
 
     Attributes:
         number: its number in vb_msgs/VirtualBorder.
-        kept_by: whether a robot keeps to it, a vb_core.offer.ConnectedRobot that knows where it is.
-        restricts: whether its area stands in the map with borders.
+        kept_by: returns whether a robot, a localised vb_core.offer.ConnectedRobot, keeps its rule.
+        restricts: whether its area is marked in the map with borders.
         soft: whether robots may go there if the detour is long: delta is below 1.
-        limits_speed: whether it has a highest speed.
+        limits_speed: whether it has a speed limit.
         occupancy: delta of its borders, unless a border sets another one.
     """
 

@@ -2,9 +2,9 @@
 
     demo --scenario carpet --method nrs
 
-The one idea: the live system runs as it is, under another ROS master, and the demonstration only watches and asks. It
-starts `simulation.launch` and a simulated participant, tells what happens, and proves the border: move_base's path
-before and after, and a drive. Results are in out/demo.
+The live system runs unchanged under a ROS master of its own; the demonstration only observes it and makes requests. It
+starts `simulation.launch` and a simulated participant, reports what happens, and verifies the border by move_base's
+plans before and after it, and by a drive. Results are in out/demo.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
 NAVIGATIONS = ("standin", "move_base")
-DRIVE_TIMEOUT = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
+DRIVE_TIMEOUT = 120.0  # [s] for one goal; move_base gives up on an unreachable one after 40 s
 READY_TIMEOUT = 90.0  # [s]
 INTERACTION_TIMEOUT = 900.0  # [s]
-PAGE_PORT = 8420  # of the page, if it is free
-# what is said of a result, by its code; the first two are those of a border that is respected
+PAGE_PORT = 8420  # the page's, if it is free
+# a sentence for each verdict; with the first two, the border is respected
 VERDICTS = {
     "went_round": "the robot went round the border",
     "out_of_reach": "no way crosses the border: the goal is out of reach now",
@@ -61,7 +61,7 @@ _LAUNCH = repository_top() / "launch"
 
 
 def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
-    """Reads the command line: its options, with world and scenario read.
+    """Parses the command line into options, with world and scenario loaded.
 
     Raises:
         CodedError: one line that names the argument or the key of the world file.
@@ -94,7 +94,7 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs the demonstration; 0 if a border was saved and the robot respects it, 1 if not, 2 for a mistake."""
+    """Runs the demonstration; returns 0 if a saved border is respected, 1 if not, 2 for an error, 130 on Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True)
     try:
         options = parse(arguments)
@@ -109,7 +109,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 
 class Demo:
-    """One run, from starting the nodes to writing the summary; `stack` ends what it starts."""
+    """One run, from starting the nodes to writing the summary; `stack` ends the processes that it starts."""
 
     def __init__(self, options: argparse.Namespace, console: Console, stack: contextlib.ExitStack) -> None:
         self.options, self.console, self._stack = options, console, stack
@@ -118,7 +118,7 @@ class Demo:
         self._told: Dict[str, str] = {}
 
     def run(self) -> int:
-        """Shows the story from beginning to end; returns what `main` does."""
+        """Runs the demonstration from beginning to end; returns the exit code."""
         options, proof = self.options, self.options.scenario.proof
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method].lower()}")
         self._launch()
@@ -131,8 +131,8 @@ class Demo:
         saved = observer.state is not None and observer.state.last_outcome == "saved"
         after, drives = np.zeros((0, 2)), []
         if saved:
-            # the map with the border was published before the state said "saved"; move_base's
-            # costmap takes it a little later
+            # the map with the border was published before the state became "saved"; move_base's
+            # costmap picks it up a little later
             region = metrics.restricted_cells(observer.prior, observer.posterior)
             plans = [after]
             wait_until(
@@ -150,7 +150,7 @@ class Demo:
     def _launch(self) -> None:
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
-        # borders and logs of an earlier run would be taken up again
+        # borders and logs of an earlier run would be picked up again
         state = options.out / "state"
         shutil.rmtree(str(state), ignore_errors=True)
         for old in options.out.glob("summary.json"):
@@ -177,7 +177,7 @@ class Demo:
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
     def _register(self) -> None:
-        """Makes this process a node. rospy would try for ever if roslaunch, and the master with it, ended meanwhile."""
+        """Makes this process a node; rospy would retry for ever if roslaunch, and so the master, ended meanwhile."""
         node = {"anonymous": True, "disable_signals": True, "log_level": rospy.ERROR}
         attempt = threading.Thread(target=rospy.init_node, args=("demo_observer",), kwargs=node, daemon=True)
         attempt.start()
@@ -257,7 +257,7 @@ class Demo:
                     self._print(words)
 
     def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> List[GoalOutcome]:
-        """Sends the robot to where the proof begins, and from there to its goal; returns both drives."""
+        """Sends the robot to the start of the proof, and from there to its goal; returns both outcomes."""
         runner = GoalRunner()
         first = runner.drive(start, DRIVE_TIMEOUT)
         if first.outcome != "reached":
@@ -283,11 +283,11 @@ class Demo:
 
     # ------------------------------------------------------------- the end
     def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
-        """Writes summary and picture, and says whether the border is respected; returns what `main` does.
+        """Writes the summary, and says whether the border is respected; returns the exit code.
 
         Args:
-            plans: (N, 2) [m] the ways "before" and "after" the border.
-            drives: to where the proof begins, and to its goal; none if no border was saved.
+            plans: (N, 2) [m] the paths planned "before" and "after" the border was drawn.
+            drives: to the start of the proof, and to its goal; empty if no border was saved.
         """
         options, state, prior = self.options, observer.state, observer.prior
         region = metrics.restricted_cells(prior, observer.posterior)
@@ -310,7 +310,7 @@ class Demo:
             "drive_outcome": driven.outcome,
             "drive_s": round(driven.seconds, 1),
         }
-        # from where it was when the border was saved: by that a robot that drove in differs from one that stood there
+        # from the robot's position when the border was saved: tells a robot that drove in from one that stood there
         place = [(pose.x, pose.y) for pose in observer.lab_at_save.robot_poses[:1]] if observer.lab_at_save else []
         way = np.vstack([np.reshape(place, (-1, 2)), *(drive.path for drive in drives)])
         stays = metrics.crosses(way[-1:], prior, region)
@@ -327,10 +327,10 @@ class Demo:
 
 
 def _verdict(summary: Dict[str, Any], entered: bool, stays: bool) -> str:
-    """Says what a result proves, one of VERDICTS.
+    """Returns the verdict on a result, one of VERDICTS.
 
     Args:
-        entered: the robot came into the border from outside after it was saved; stays: it ended within.
+        entered: the robot drove into the border after it was saved; stays: it ended inside.
     """
     if not summary["completed"]:
         return "no_border"

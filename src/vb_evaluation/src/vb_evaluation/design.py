@@ -1,4 +1,4 @@
-"""Plans who does what in which order; the simulated study and the one with people use the same plan."""
+"""Plans the order of each participant's runs, for the simulated study and the one with people alike."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def order_runs(number: int, scenarios: Sequence[str], methods: Sequence[str], se
     counterbalanced by `counterbalance`.
 
     Args:
-        number: of the participant, from 1; others change nothing.
+        number: the participant's, from 1; the order does not depend on other participants.
     """
     return [
         (scenario, method)
@@ -25,9 +25,9 @@ def order_runs(number: int, scenarios: Sequence[str], methods: Sequence[str], se
 
 
 def counterbalance(number: int, things: Sequence[str], seed: int, label: str) -> List[str]:
-    """Orders things for one participant: a Latin square at random for each block of as many participants as things.
+    """Orders things for one participant: each block of as many participants as things gets a random Latin square.
 
-    In every block each thing comes once at each place, so that places are balanced however many take part.
+    In every block each thing comes once at each position, so that positions are balanced however many take part.
     """
     block, row = divmod(number - 1, len(things))
     random = np.random.default_rng([seed, block, zlib.crc32(label.encode())])

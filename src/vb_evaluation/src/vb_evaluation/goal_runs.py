@@ -17,7 +17,7 @@ from vb_core.ros.messages import message_from_pose2d
 from vb_evaluation.observer import wait_until
 from vb_msgs.msg import LabState
 
-AT_GOAL = 0.5  # [m] navigation's tolerance, localisation and a false report are far apart: 0.1, 0.1 and some metres
+AT_GOAL = 0.5  # [m] above navigation's tolerance and the localisation error (0.1 each), below a false report's (metres)
 FALSE_REPORTS = 2  # a goal is sent again until navigation has reported falsely this often
 OUTCOMES = {
     GoalStatus.SUCCEEDED: "reached",
@@ -33,12 +33,12 @@ class GoalOutcome:
     """The outcome of a goal.
 
     Attributes:
-        outcome: "reached", "refused", "cancelled", "time_is_up", "no_navigation", or "not_there" if navigation said that
-            the goal is reached, and went on saying so.
+        outcome: "reached", "refused", "cancelled", "time_is_up", "no_navigation", or "not_there" if navigation kept
+            reporting that the goal is reached when it was not.
         text: navigation's own words.
-        path: (N, 2) [m] where the robot's centre truly was, map frame.
+        path: (N, 2) [m] true path of the robot's centre, map frame.
         seconds: of simulated time.
-        false_reports: how often navigation said that the goal is reached when it was not, and got it again: move_base may
+        false_reports: how often navigation falsely reported the goal as reached, and was sent it again: move_base may
             still hold a plan to its last goal (ros-planning/navigation, issue 949).
     """
 
@@ -66,7 +66,7 @@ class GoalRunner:
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
 
         Args:
-            timeout: [s] of simulated time, then the goal is cancelled; wall_timeout: the same of wall time.
+            timeout: [s] of simulated time after which the goal is cancelled; wall_timeout: the same in wall time.
         """
         if not wait_until(lambda: self._client.wait_for_server(rospy.Duration(0.2)), 30.0):
             return GoalOutcome("no_navigation")

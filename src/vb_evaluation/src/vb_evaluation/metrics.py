@@ -1,6 +1,6 @@
 """Computes the paper's measures (Sect. 5.5) and proves that a border is in force.
 
-Use it to compare a border in a map with the one that was meant, whatever drew it.
+Use it to compare a border in a map with the intended one, whatever drew it.
 
 >>> import numpy as np
 >>> wanted, drawn = np.zeros((10, 10), bool), np.zeros((10, 10), bool)
@@ -73,10 +73,10 @@ class BoundaryError(NamedTuple):
 def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Optional[BoundaryError]:
     """Measures how far the restricted area's boundary is from the requested one.
 
-    A boundary consists of the edges between a cell inside and one outside, both of them free floor: where the area
-    ends at a wall nothing was drawn. From each edge's middle the distance to the nearest edge of the other
-    boundary is taken, in both directions, so that a part that is missing counts like one that is superfluous. The
-    grid rounds each distance to about half a cell.
+    A boundary consists of the edges between a cell inside and one outside, both of them free floor: nothing was
+    drawn where the area ends at a wall. From each edge's middle the distance to the nearest edge of the other
+    boundary is taken, in both directions, so that a missing part counts like a superfluous one. The grid rounds
+    each distance to about half a cell.
 
     Args:
         prior: the physical map.
@@ -94,10 +94,9 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
 
 
 def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[str, object]:
-    """Computes a run's accuracy columns: Jaccard index and boundary error [cm]; the latter empty where there is
-    no boundary.
+    """Computes a run's accuracy columns: Jaccard index, and boundary error [cm], empty where there is none.
 
-    Rounded, for the last bits differ between processors and libraries, and mean nothing.
+    Values are rounded: their last bits differ between processors and libraries, and mean nothing.
     """
     error = boundary_error(prior, truth, restricted)
     found = ("", "", "") if error is None else (round(100.0 * value, 2) for value in error)
@@ -123,11 +122,11 @@ def enters(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
 
 
 def _is_within(path: np.ndarray, grid: GridMap, region: np.ndarray) -> np.ndarray:
-    """Returns (M,) bool: which places along a path are in a region; off the map none is."""
+    """Returns (M,) bool: which points sampled along a path are in a region; none off the map is."""
     path = np.asarray(path, dtype=float).reshape(-1, 2)
     if len(path) == 0:
         return np.zeros(0, dtype=bool)
-    # half a cell: no cell wider than a sliver at its corner is stepped over
+    # half a cell: nothing but a sliver at a cell's corner is stepped over
     places = resample_chain(path, grid.resolution / 2.0)
     return sample(grid, np.asarray(region, bool), places, outside=0.0) > 0
 
@@ -136,6 +135,6 @@ def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np
     """Returns the cells inside a border: the restricted ones or, if most floor is to be restricted, the free ones.
 
     Args:
-        floor, restricted, truth: (H, W) bool; floor without borders, what is restricted of it, what should be.
+        floor, restricted, truth: (H, W) bool; the floor without borders, its restricted cells, those to restrict.
     """
     return restricted if 2 * truth.sum() <= floor.sum() else floor & ~restricted

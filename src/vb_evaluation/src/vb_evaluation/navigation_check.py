@@ -28,7 +28,7 @@ from vb_evaluation.observer import Observer, wait_until
 from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
-WATCHED = 2.0  # [s] for which plans are asked for after the costmaps were cleared
+WATCHED = 2.0  # [s] for which plans are requested after the costmaps were cleared
 STILL = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
 SOFT = 0.75  # delta of the soft border
 _SIGNS = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}
@@ -67,11 +67,11 @@ class NavigationCheck:
         self._at_once, self._timeout, self._base_frame = at_once, timeout, base_frame
 
     def run(self) -> List[Check]:
-        """Makes all checks, in order.
+        """Runs all checks, in order.
 
         Raises:
-            CodedError: "no_map", "no_transform", "no_planner", "no_path" or "path_too_short" if there is nothing to
-                check with; "refused" if the map integrator rejects the border.
+            CodedError: "no_map_with_borders", "no_transform", "no_planner", "no_path" or "path_too_short" if the checks
+                cannot be made; "refused" if the map integrator refuses the border.
         """
         service = f"{self._move_base}/make_plan"
         try:
@@ -116,7 +116,7 @@ class NavigationCheck:
 
     @contextlib.contextmanager
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
-        """Adds a square border about a place, for a while."""
+        """Adds a square border round a point (2,) [m], and removes it at the end."""
         border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
         border.points = messages.points_from_array(
             middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -131,7 +131,7 @@ class NavigationCheck:
             call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), "the map integrator")
 
     def _soft(self, plan_avoids_border: Callable[[], bool]) -> Check:
-        """Checks a soft border, if move_base is set to see one."""
+        """Checks a soft border, if move_base is configured to see one."""
         what = "a soft border is gone round where that is possible"
         costmaps = [f"{self._move_base}/{name}" for name in ("global_costmap", "local_costmap")]
         blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
@@ -168,7 +168,7 @@ class NavigationCheck:
 
 
 def find_robot(name: str) -> RobotStatus:
-    """Returns the robot of that name, or the only one, as robot_monitor knows it; without a monitor the usual names.
+    """Returns the robot of that name, or the only one, as robot_monitor knows it; without a monitor, default names.
 
     Raises:
         CodedError: "which_robot" if there is none of that name, or several.

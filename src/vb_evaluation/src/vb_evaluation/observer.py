@@ -20,10 +20,9 @@ from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabSta
 
 
 class Observer:
-    """Subscribes to what the stack publishes about itself; every attribute is the newest value or None.
+    """Subscribes to the topics on which the stack reports its state; every attribute is the newest value or None.
 
-    Must be made after `rospy.init_node`. Nothing here commands the system but `plan`, which asks
-    move_base for a plan.
+    Must be created after `rospy.init_node`. It sends the system nothing but `plan`'s requests to move_base.
     """
 
     def __init__(self) -> None:
@@ -33,7 +32,7 @@ class Observer:
         self.prior: Optional[GridMap] = None
         self.posterior: Optional[GridMap] = None
         self.lab: Optional[LabState] = None
-        self.lab_at_save: Optional[LabState] = None  # of the first border that was saved
+        self.lab_at_save: Optional[LabState] = None  # when the first border was saved
         self.detectors: Dict[str, DetectorStatus] = {}
         self.outcome: Optional[dict] = None
         self._subscribers = [
@@ -61,7 +60,7 @@ class Observer:
             rospy.logwarn("%s: %s", which, error)
 
     def plan(self, start: Tuple[float, float, float], goal: Tuple[float, float, float], service: str) -> np.ndarray:
-        """Asks move_base for a plan between two poses [m, m, rad]: (N, 2) [m], empty if there is none.
+        """Asks move_base for a plan between two poses [m, m, rad]; returns (N, 2) [m], empty if there is none.
 
         Raises:
             CodedError: "no_planner" if the service does not answer.

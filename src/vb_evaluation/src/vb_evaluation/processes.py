@@ -1,6 +1,6 @@
 """Child processes of a script: a roslaunch with its own master.
 
-The idea: the kernel ends a child when its parent ends, however that ends. No handler has to run, so that neither
+The kernel ends a child when its parent ends, in whatever way that happens. No handler has to run, so that neither
 SIGTERM nor SIGKILL leaves a roslaunch behind; roslaunch then ends its nodes.
 """
 
@@ -15,19 +15,18 @@ import subprocess
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
-_PORTS = range(20000, 32768)  # Linux hands out those above
+_PORTS = range(20000, 32768)  # below Linux's ephemeral ports
 
 
 def free_port(wanted: int = 0) -> int:
     """Finds an unused TCP port on loopback: the wanted one if it is free.
 
-    It is none of those that the system hands out by itself: anybody's connection could take one of those before the
-    server that it is meant for listens.
+    Any other port lies outside the ephemeral range, so that no connection takes it before its server listens.
     """
     while True:
         port = wanted or secrets.choice(_PORTS)
         with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the leftovers of a closed server do not count
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections in TIME_WAIT do not count
             with contextlib.suppress(OSError):
                 probe.bind(("127.0.0.1", port))
                 return port
@@ -35,7 +34,7 @@ def free_port(wanted: int = 0) -> int:
 
 
 def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
-    """Starts a command that gets SIGTERM once the thread that called this has ended; `options` as of Popen.
+    """Starts a command that gets SIGTERM when the calling thread ends; `options` are Popen's.
 
     Its own children get no signal: it has to end them itself, as roslaunch does.
     """
@@ -43,7 +42,7 @@ def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
 
 
 class Child:
-    """A child process in its own group, so that all it started ends with it; see `spawn`."""
+    """A child process in its own group, so that everything it started ends with it; see `spawn`."""
 
     def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
         self.log = log
@@ -60,7 +59,7 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Returns whether it has not ended yet."""
+        """Returns whether the process has not ended yet."""
         return self._process.poll() is None
 
     def tail(self, lines: int = 8) -> str:
@@ -68,12 +67,12 @@ class Child:
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
     def stop(self, timeout: float = 12.0) -> None:
-        """Asks it to end, then insists."""
+        """Interrupts the process; if it does not end in time, terminates and then kills its group."""
         for sign, seconds in ((signal.SIGINT, timeout), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
             if not self.running:
                 return
             try:
-                # roslaunch ends its nodes itself when it is interrupted; only then the whole group is meant
+                # roslaunch ends its nodes itself when interrupted; only later signals go to the whole group
                 target = os.kill if sign == signal.SIGINT else os.killpg
                 target(self._process.pid, sign)
             except ProcessLookupError:

@@ -1,4 +1,4 @@
-"""Finds the repository, and which version of the program made something."""
+"""Finds the repository and its revision, with which results are labelled."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ def repository_top() -> Path:
 
 
 def revision() -> str:
-    """Returns the repository's revision, with "-dirty" where files differ from it outside of docs; "unknown" outside of one.
+    """Returns the repository's revision, with "-dirty" if files outside docs differ; "unknown" if there is none.
 
-    A bench that runs for hours adds to its table in docs meanwhile, which changes nothing of what it measures.
+    A bench that runs for hours appends to its table in docs meanwhile, which does not affect what it measures.
     """
     git = ["git", "-C", str(repository_top())]
     try:

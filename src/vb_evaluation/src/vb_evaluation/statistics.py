@@ -39,7 +39,7 @@ class SignedRank:
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its confidence interval; `confidence` is what was reached, 0 .. 1."""
+    """An estimate with its confidence interval; `confidence` is the level reached, 0 .. 1."""
 
     estimate: float
     low: float = math.nan
@@ -47,7 +47,7 @@ class Interval:
     confidence: float = math.nan
 
     def scaled(self, factor: float) -> "Interval":
-        """Returns the same in another unit, or turned round."""
+        """Returns the interval times a factor: in another unit, or with the opposite sign."""
         low, high = sorted((self.low * factor, self.high * factor))
         return Interval(self.estimate * factor, low, high, self.confidence)
 
@@ -82,7 +82,7 @@ class PairedComparison:
 
 
 def compare_paired(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> PairedComparison:
-    """Compares two paired samples (N,) as the paper does, and more.
+    """Compares two paired samples (N,) by the paper's statistics and further ones.
 
     Raises:
         CodedError: "bad_sample" if they are not pairs of finite numbers.
@@ -112,7 +112,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
     ranks = stats.rankdata(np.abs(ranked))
     w_plus, w_minus = float(ranks[ranked > 0].sum()), float(ranks[ranked < 0].sum())
     with warnings.catch_warnings():
-        # SciPy says that the normal approximation is poor for n < 10; the exact p is reported beside it
+        # SciPy warns that the normal approximation is poor for n < 10; the exact p is reported beside it
         warnings.simplefilter("ignore", UserWarning)
         found = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
     tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
@@ -133,7 +133,7 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
     rows, columns = np.triu_indices(n)
     walsh = np.sort((differences[rows] + differences[columns]) / 2.0)
     cumulative = np.cumsum(_distribution(np.arange(1.0, n + 1)))[::2]
-    # as many of the smallest means are cut off as keep the confidence
+    # cuts off as many of the smallest means as the confidence allows
     cut = max(int(np.searchsorted(cumulative, (1.0 - confidence) / 2.0, side="right")) - 1, 0)
     reached = 1.0 - 2.0 * float(cumulative[cut])
     return Interval(float(np.median(walsh)), float(walsh[cut]), float(walsh[-1 - cut]), reached)
@@ -155,11 +155,11 @@ def mean(values: np.ndarray) -> Interval:
 
 
 def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa") -> Interval:
-    """Computes a statistic of one sample, or of paired ones, with a bootstrap interval that is the same every time.
+    """Computes a statistic of one sample, or of paired ones, with a reproducible bootstrap interval.
 
     Args:
         statistic: takes the samples and `axis`.
-        method: "BCa" or "percentile", the one that BCa falls back on where all resamples agree.
+        method: "BCa", or "percentile", which BCa falls back on where all resamples agree.
     """
     values = [_sample(sample) for sample in samples]
     if len({len(sample) for sample in values}) != 1:
@@ -193,7 +193,7 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
 def not_worse_p(gains: np.ndarray, margin: float) -> float:
     """Computes the one-sided exact Wilcoxon p of "the first method is worse by the margin or more".
 
-    The two one-sided tests of an equivalence (Schuirmann 1987) are this one of the gains and of their negatives.
+    The two one-sided tests for equivalence (Schuirmann 1987) are this test of the gains and of their negatives.
 
     Args:
         gains: (N,) paired differences, larger is better.
@@ -209,7 +209,7 @@ def not_worse_p(gains: np.ndarray, margin: float) -> float:
 
 def holm(ps: Sequence[float]) -> np.ndarray:
     """Corrects the p of one family of tests by Holm's method, (N,); unknown ones stay unknown and do not count."""
-    # imported here and below: what only simulates needs no statsmodels, which takes a second
+    # imported here and below: statsmodels takes a second to import, and a simulation does not need it
     from statsmodels.stats.multitest import multipletests
 
     corrected = np.array(ps, dtype=float)
@@ -220,7 +220,7 @@ def holm(ps: Sequence[float]) -> np.ndarray:
 
 
 def compare_completed(first: np.ndarray, second: np.ndarray) -> Dict[str, float]:
-    """Counts pairs (N,) of 0 and 1 by who completed what; `p` is McNemar's, exact."""
+    """Counts pairs (N,) of 0 and 1 by which of the two were completed; `p` is McNemar's, exact."""
     from statsmodels.stats.contingency_tables import mcnemar
 
     first, second = _sample(first).astype(bool), _sample(second).astype(bool)
@@ -237,7 +237,7 @@ def compare_completed(first: np.ndarray, second: np.ndarray) -> Dict[str, float]
 def people_needed(effect: float, tests: int = 1) -> int:
     """Computes how many pairs a two-sided Wilcoxon test needs for a power of 80 %.
 
-    The t test's number over 3 / pi, the signed-rank test's efficiency for normal differences.
+    It is the t test's number divided by 3 / pi, the signed-rank test's efficiency for normal differences.
 
     Args:
         effect: mean difference over the differences' standard deviation (Cohen's d_z), > 0.
@@ -250,10 +250,10 @@ def people_needed(effect: float, tests: int = 1) -> int:
 
 
 def difference_of_shares(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Computes how much larger the first sample's share of 1 is, (N,) and (M,) of 0 and 1, with Newcombe's interval.
+    """Computes the first sample's share of ones minus the second's, (N,) and (M,) of 0 and 1, with Newcombe's interval.
 
     All values count as independent: the interval is too wide for pairs, and too narrow for several runs of a person who
-    fails more than once. Unlike a bootstrap it knows that what nobody of a few people had may still happen.
+    fails more than once. Unlike a bootstrap, it allows for events that none of a few people had.
     """
     from statsmodels.stats.proportion import confint_proportions_2indep
 
@@ -288,7 +288,7 @@ def format_p(p: float) -> str:
 
 
 def _distribution(ranks: np.ndarray) -> np.ndarray:
-    """Computes the probability of each value 0, 1/2, 1, ... of the sum of the ranks (N,) that are plus by chance."""
+    """Computes the probability of each sum 0, 1/2, 1, ... of those ranks (N,) whose random sign is plus."""
     pmf = np.ones(1)
     for doubled in np.round(2.0 * np.asarray(ranks)).astype(int):
         grown = np.zeros(len(pmf) + doubled)

@@ -1,1 +1,1 @@
-"""What the person sees and hears: RViz markers, LED, sound."""
+"""What people see and hear: RViz markers, LED, sound, a projector's image on the floor."""

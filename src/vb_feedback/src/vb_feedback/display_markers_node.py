@@ -27,7 +27,7 @@ from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import words
 
 _REFRESH_PERIOD = 2.0  # [s]
-_PERIOD = 0.04  # [s] between two drawings: no spot waits longer than one frame of a camera
+_PERIOD = 0.04  # [s] between redraws: no spot waits longer than one camera frame
 _STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, finer than a doorway
 
 RESTRICTED = "/virtual_borders/display/restricted"
@@ -35,7 +35,7 @@ RESTRICTED = "/virtual_borders/display/restricted"
 
 @dataclass(frozen=True)
 class DisplayParams(Parameters):
-    """Parameters of display_markers; config/display_markers.yaml says why."""
+    """Parameters of display_markers; config/display_markers.yaml explains them."""
 
     screen_aspect: float = param(16.0 / 9.0, "", low=0.5, high=5.0)
     robots: list = param(["base_link"])
@@ -47,7 +47,7 @@ class DisplayMarkersNode:
     """Draws state, text, borders, the drawing and spots as markers, and restricted areas as a grid.
 
     Subscribed topics:
-        /map, /virtual_borders/map (nav_msgs/OccupancyGrid): the layout, and where borders restrict.
+        /map, /virtual_borders/map (nav_msgs/OccupancyGrid): for the layout, and where borders restrict the map.
         /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/preview (vb_msgs/BorderPreview): what saving now would do.
@@ -60,7 +60,7 @@ class DisplayMarkersNode:
         /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed, at most 25 times a second;
             everything to a new subscriber.
         /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
-            restrict the map and where saving now would, for RViz's colour scheme "costmap".
+            restrict the map and where saving now would, in RViz's colour scheme "costmap".
 
     Args:
         params: see config/display_markers.yaml.
@@ -76,7 +76,7 @@ class DisplayMarkersNode:
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
         self._newcomers: List[Any] = []
         self._grids: Dict[str, GridMap] = {}  # by topic
-        # of the worker alone
+        # used by the worker only
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
         self._overlaid: Tuple[Any, ...] = (None, None, None)
@@ -116,10 +116,10 @@ class DisplayMarkersNode:
 
     # ------------------------------------------------------------------ work
     def _work(self) -> None:
-        """Draws on change. Pauses are wall time: what a screen can show does not depend on simulated time."""
+        """Redraws on change. Pauses are in wall time: what a screen can show does not depend on simulated time."""
         started = time.monotonic()
         if started - self._refreshed >= _REFRESH_PERIOD:
-            # RViz drops markers in a frame that tf does not know yet: robots are sent again and again
+            # RViz drops markers in a frame that tf does not know yet, so robots are sent again and again
             self._refreshed = started
             self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
         fades = self._draw()
@@ -132,7 +132,7 @@ class DisplayMarkersNode:
         self._wake.close()
 
     def _draw(self) -> bool:
-        """Sends what changed; returns whether something goes on changing by itself."""
+        """Sends the changed shapes; returns whether any keeps changing by itself."""
         with self._lock:
             newcomers, self._newcomers = self._newcomers, []
         known = self._inputs.current()
@@ -203,7 +203,7 @@ class DisplayMarkersNode:
         return shapes
 
     def _part(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:
-        """Shapes of one part, made again only if what they depend on has changed."""
+        """Returns the shapes of one part, made again only if their inputs have changed."""
         before = self._made.get(name)
         if before is None or before[0] != inputs:
             before = self._made[name] = (inputs, make())

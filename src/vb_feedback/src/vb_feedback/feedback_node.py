@@ -23,7 +23,7 @@ class FeedbackNode:
 
     Published topics:
         /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state, red while robots are stopped.
-        /virtual_borders/sound (vb_msgs/Sound): a tone's name per change of state, "success", "error",
+        /virtual_borders/sound (vb_msgs/Sound): the state's name at each change of state, "success", "error",
             "question", "stopped", and "tick" per accepted spot, at most one every half second.
     """
 

@@ -26,15 +26,15 @@ from vb_feedback.projector.projector_window import ProjectorWindow
 from vb_feedback.display.scene import Drawing, TrailPoint
 
 FRAME = "projector"
-# [s] a spot that no camera has seen for this long is gone
+# [s] a spot that no camera has seen for this long counts as gone
 _SPOT_LIFETIME = 0.5
-# [m] how far the spot must move for the image to be drawn again; less than what stays dark around it
+# [m] how far the spot must move for the image to be drawn again; less than the radius that stays dark around it
 _SPOT_STEP = 0.1
 
 
 @dataclass(frozen=True)
 class ProjectorParams(Parameters):
-    """Parameters of floor_projector; config/floor_projector.yaml says why."""
+    """Parameters of floor_projector; config/floor_projector.yaml explains them."""
 
     calibration: str = param("")
     width: int = param(1280, "px", low=16, high=16384)
@@ -47,21 +47,21 @@ class ProjectorParams(Parameters):
 
     @property
     def path(self) -> Path:
-        """The calibration's file."""
+        """The calibration file."""
         return Path(self.calibration).expanduser()
 
 
 class FloorProjectorNode:
-    """Shows borders, the drawing, the floor that save would restrict, and the state on the floor, where people look.
+    """Projects borders, drawing, the area that saving would restrict, and the state onto the floor, where people look.
 
-    Without a calibration it shows four markers in turn and takes a click on each; from then on it projects.
+    Without a calibration it first lights four markers in turn, and expects a click on each.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
-        /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, on the map where the
-            bright marker is seen on the floor; while there is no calibration.
+        /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, clicked where the
+            bright marker is on the floor; only while there is no calibration.
 
     Published topics:
         /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's image, only when it changes,
@@ -69,8 +69,8 @@ class FloorProjectorNode:
 
     Args:
         params: see config/floor_projector.yaml.
-        calibration: None: it is made of four clicks.
-        window: shows; None: only the topic.
+        calibration: None: it is computed from four clicks.
+        window: shows the image too; None: the image is only published.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class FloorProjectorNode:
         self._clicked: List[Tuple[float, float]] = []
         self._window = window
         self._period = 1.0 / params.max_rate
-        # no message reports the spot's end: check now and then during an interaction
+        # no message reports that the spot is gone: check now and then during an interaction
         self._wake = node.WakeTimer(1.0)
         self._inputs = InputListener(self._wake.set)
         self._spot_shown: Optional[Tuple[float, float]] = None
@@ -97,7 +97,7 @@ class FloorProjectorNode:
         self._wake.set()
 
     def close(self) -> None:
-        """Closes the window."""
+        """Ends the worker, and closes the window."""
         self._wake.close()
         if self._window is not None:
             self._window.close()
@@ -113,7 +113,7 @@ class FloorProjectorNode:
         )
 
     def _on_click(self, message: PointStamped) -> None:
-        """Takes a click, from rospy's one thread of this topic."""
+        """Takes a click; called only in rospy's one thread of this topic."""
         if self._floor_image is not None:
             return
         point = (message.point.x, message.point.y)
@@ -160,7 +160,7 @@ class FloorProjectorNode:
         return FloorContent(known.state.name, borders, drawing, self._steady_spot(known.spots, now), region)
 
     def _steady_spot(self, spots: Tuple[TrailPoint, ...], now: float) -> Optional[Tuple[float, float]]:
-        """Returns the newest spot's position in steps, so that not every small move makes a new image."""
+        """Returns the newest spot's position in steps, so that not every small movement needs a new image."""
         if not spots or not abs(now - spots[-1].stamp) <= _SPOT_LIFETIME:
             self._spot_shown = None
         else:

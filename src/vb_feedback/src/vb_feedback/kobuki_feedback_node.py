@@ -14,7 +14,7 @@ from vb_msgs.msg import InteractionState, Sound
 
 
 class KobukiFeedbackNode:
-    """Shows the state, and whether robots are stopped, with the LEDs of a Kobuki base, and plays sounds on its beeper.
+    """Shows the state, and whether robots are stopped, on a Kobuki base's LEDs, and plays sounds on its beeper.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/sound (vb_msgs/Sound)
@@ -53,9 +53,9 @@ class KobukiFeedbackNode:
 
 
 def build() -> KobukiFeedbackNode:
-    """Reads the parameters and makes the node."""
+    """Makes the node; raises CodedError "no_kobuki" if kobuki_msgs is not installed."""
     try:
-        # by name: the package is not a dependency, only robots with this base have it
+        # imported by name: the package is no dependency, as only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")
     except ImportError:
         raise CodedError(

@@ -1,7 +1,7 @@
 """Fits RViz to the map and the screen, then replaces itself with RViz.
 
 Subscribed topics:
-    /map (nav_msgs/OccupancyGrid): one, for its extent
+    /map (nav_msgs/OccupancyGrid): one message, for the map's extent
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from vb_feedback.display.rviz_config import overlay_fonts, screen_size, write_fi
 
 _ASPECT = "/display_markers/screen_aspect"
 _USUAL = (1920, 1080)
-_LOOK_FOR_SCREEN = 2.0  # [s] between two looks whether a screen has been switched on
+_LOOK_FOR_SCREEN = 2.0  # [s] between two checks whether a screen has been switched on
 
 
 @dataclass(frozen=True)
 class SmartDisplayParams(Parameters):
-    """Parameters of smart_display; config/smart_display.yaml says why."""
+    """Parameters of smart_display; config/smart_display.yaml explains them."""
 
     config: str = param("")
     screen: str = param("auto")
     full_screen: bool = param(True)
 
     def size(self) -> Tuple[int, int]:
-        """Returns (width, height) [px]: what the parameter says, or else the screen's size.
+        """Returns (width, height) [px]: the parameter's, or with "auto" the screen's.
 
         Raises:
-            ParameterError: if the parameter says neither.
+            ParameterError: if the parameter is neither a size nor "auto".
         """
         if self.screen != "auto":
             sides = self.screen.lower().split("x")
@@ -53,7 +53,7 @@ class SmartDisplayParams(Parameters):
 
 
 def _query_screen() -> Optional[str]:
-    """Asks the X server for the screen; "" if it cannot be asked, None if there is no screen."""
+    """Returns xdpyinfo's output about the screen; "" if xdpyinfo cannot be run, None if there is no screen."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return None
     try:
@@ -64,15 +64,15 @@ def _query_screen() -> Optional[str]:
 
 
 def _lack(code: str) -> None:
-    """Logs once what RViz lacks, and keeps its code for check_lab; an empty one: nothing."""
+    """Logs what RViz lacks, and keeps its code in a parameter for check_lab; "" if it lacks nothing."""
     if code:
-        # before the parameter: its reader may end this node, and rospy can hang if a signal interrupts its logging
+        # before the parameter is set: its reader may end this node, and rospy can hang if interrupted while logging
         rospy.logwarn("smart_display: %s", sentences.translate(code))
     rospy.set_param("~lacking", code)
 
 
 def _wait_for_screen() -> None:
-    """Waits for a screen: without one RViz would exit at once, again and again."""
+    """Waits for a screen: without one, RViz would exit at once, again and again."""
     _lack("no_screen" if _query_screen() is None else "")
     while _query_screen() is None and not rospy.is_shutdown():
         rospy.rostime.wallsleep(_LOOK_FOR_SCREEN)
@@ -80,17 +80,17 @@ def _wait_for_screen() -> None:
 
 
 def _fitted(params: SmartDisplayParams) -> str:
-    """Waits for the map and writes the configuration; returns its path."""
+    """Waits for the map, and writes the fitted RViz configuration; returns its path."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, OccupancyGridArray)).corners())
-    # one per node, written again at each start: RViz reads it when this process has ended
+    # one file per node, rewritten at each start: RViz reads it once it has replaced this process
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
     write_fitted(params.config, Path(path), extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
     return path
 
 
 def _install_fonts(name: str) -> None:
-    """Makes RViz draw more letters than its package asks for; if that fails, RViz starts with fewer."""
+    """Makes RViz draw more characters than its package requests; if that fails, RViz starts with fewer."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
         folder = overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")

@@ -19,12 +19,12 @@ from vb_feedback.sound.tone_synthesis import synthesize
 
 
 _RETRY_DELAY = 5.0  # [s] after a failure: a device may be plugged in later
-_MAX_WAITING = 16  # sounds that may wait; long before that they are too old
+_MAX_WAITING = 16  # sounds that may wait; they are too old long before that
 
 
 @dataclass(frozen=True)
 class SoundParams(Parameters):
-    """Parameters of sound_player; config/sound_player.yaml says why."""
+    """Parameters of sound_player; config/sound_player.yaml explains them."""
 
     device: str = param("default")
     program: str = param("aplay")
@@ -33,13 +33,13 @@ class SoundParams(Parameters):
 
 
 class SoundPlayerNode:
-    """Plays sounds on this computer. Without a sound device it says so once and stays quiet.
+    """Plays sounds on this computer. Without a sound device it logs one warning and stays silent.
 
-    Sounds arrive faster than they can be played: a tick is played only if nothing else is playing or waiting, and a
+    Sounds may arrive faster than they can be played: a tick is played only if nothing else is playing or waiting, and a
     sound that has waited longer than ~max_age is dropped, because what it reports is over.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): names of vb_core.sounds, which says what they sound like.
+        /virtual_borders/sound (vb_msgs/Sound): names from vb_core.sounds, which defines the sounds.
 
     Args:
         params: see config/sound_player.yaml.
@@ -72,7 +72,7 @@ class SoundPlayerNode:
         try:
             play(synthesize(name, self._params.volume), self._params.device, self._params.program)
         except CodedError as error:
-            # a device may be plugged in later: tried again now and then, without a second word
+            # a device may be plugged in later, so it is tried again now and then, without a second warning
             self._silent_until = time.monotonic() + _RETRY_DELAY
             if not self._said:
                 self._said = True

@@ -1,4 +1,4 @@
-"""The node border_fusion: spots of all cameras in, the drawn border out."""
+"""Node: fuses the spots of all cameras into the drawn border."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from vb_fusion.collector import Collector, FloorSpot
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
-RATE = 8.0  # [1/s] of progress messages while spots come; the display needs 5, a busy machine slows it
-SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots come
+RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
+SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots arrive
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class BorderFusionNode:
         /virtual_borders/spots (vb_msgs/LaserSpot): of every camera.
         /virtual_borders/state (vb_msgs/InteractionState, latched): spots are collected in Border and Seed only.
     Published topics:
-        /virtual_borders/progress (vb_msgs/BorderProgress, latched): 8 times a second while spots come in Border and Seed, at
-            1 Hz while none come, and on each change of state. After the interaction the last one stays.
-        /virtual_borders/notices (vb_msgs/NoticeArray, latched): any failure; the node continues after all of them. Doubts
-            about the drawing are published when a stroke has ended, until the interaction ends.
+        /virtual_borders/progress (vb_msgs/BorderProgress, latched): at 8 Hz while spots arrive in Border and Seed, at
+            1 Hz while none do, and on each change of state. The last one remains after the interaction.
+        /virtual_borders/notices (vb_msgs/NoticeArray, latched): failures, none of which ends the node. Doubts about the
+            drawing are published from the end of a stroke until the interaction ends.
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the current one. The last interaction is available until the next begins.
@@ -63,7 +63,7 @@ class BorderFusionNode:
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
-        self._new_spots = False  # since the last progress
+        self._new_spots = False  # since the last progress message
         self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
         self._doubts: List[Notice] = []  # about the drawing, as last published
         self._published = -np.inf
@@ -113,16 +113,16 @@ class BorderFusionNode:
 
     # ------------------------------------------------------------ output
     def _work(self) -> None:
-        """Publishes while there is news.
+        """Publishes progress and notices until the node ends.
 
-        The pace is in wall time: it limits the load on people and processors, and simulated time that pauses or
-        jumps must not stop it.
+        The pace is in wall time, as it limits the load on people and processors and must survive pauses and jumps of
+        simulated time.
         """
         while not rospy.is_shutdown():
             state_changed = self._changed.wait(1.0 / RATE)
             if self._closing:
                 return
-            if state_changed:  # else one that comes just now would be lost
+            if state_changed:  # otherwise a change that arrives just now would be lost
                 self._changed.clear()
             try:
                 if self._tick(state_changed):
@@ -140,7 +140,7 @@ class BorderFusionNode:
                     raise
 
     def _publish_notices(self) -> None:
-        """Publishes notices of what is still wrong."""
+        """Publishes the problems that persist, and the doubts about the drawing."""
         with self._lock:
             problems = [self._failure] if self._failure is not None else []
             if self._collector.lost:
@@ -149,7 +149,7 @@ class BorderFusionNode:
             state = self._collector.state
             if state == DEFAULT:
                 self._doubts = []
-            # what a stroke leaves out or open is known when it has ended; until then the last doubts stay readable
+            # what a stroke leaves out or open is known once it has ended; until then the last doubts stay published
             elif state != BORDER or not self._cameras_seeing():
                 self._doubts = self._find_doubts(self._live.drawn)
             doubts = self._doubts
@@ -160,11 +160,11 @@ class BorderFusionNode:
         return self._collector.cameras_seeing(rospy.get_time(), self._params.seen_timeout)
 
     def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:
-        """Returns what makes a drawing doubtful."""
+        """Returns the doubts about a drawing."""
         doubts = {}
         if drawn.chain is not None and drawn.chain.left_out_spots:
             doubts["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
-        # a right corner behind an unseen piece lies at most half as far from it
+        # a right-angled corner that an unseen piece hides is off that piece by at most half its length
         if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._params.extraction.eps:
             doubts["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
         if drawn.other_dwell is not None:
@@ -172,7 +172,7 @@ class BorderFusionNode:
         return [Notice(code, Severity.WARNING, values=values) for code, values in doubts.items()]
 
     def _tick(self, state_changed: bool) -> bool:
-        """Extracts and publishes what was drawn so far; returns whether there was a reason to."""
+        """Extracts and publishes the border so far if there is a reason to; returns whether there was."""
         with self._lock:
             collecting = bool(self._collector.state.collects)
             new_spots, self._new_spots = self._new_spots, False
@@ -182,13 +182,13 @@ class BorderFusionNode:
                 return False
             collection = self._collector.collection()
         self._published = now
-        # a change of state is shown with the chain as it is then
+        # after a change of state the published chain must be current
         drawn = self._live.update(collection, time.monotonic, force=state_changed)
         with self._lock:
             if collection.interaction_id != self._collector.interaction_id:
-                return True  # another one began meanwhile
+                return True  # another interaction began meanwhile
             self._progress.publish(self._progress_message(collection, drawn))
-            if self._collector.to_forget:  # now that they were shown
+            if self._collector.to_forget:  # now that the spots were shown
                 self._collector.forget()
         return True
 
@@ -259,7 +259,7 @@ class BorderFusionNode:
         """Ends the worker."""
         self._closing = True
         self._changed.set()
-        self._worker.join(1.0)  # it would publish notices again
+        self._worker.join(1.0)  # otherwise it would publish notices again
         self._notices.close()
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
-MAX_SPOTS = 60_000  # kept of one state: ten minutes of four cameras at 25 Hz
+MAX_SPOTS = 60_000  # kept per state: ten minutes of four cameras at 25 Hz
 STAMP_TOLERANCE = 0.05  # [s] how much older than the state a spot may be and still count: one frame of a camera
-CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more say that its clock was set back
-MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is named; camera_poses reports smaller errors
+CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more mean its clock was set back
+MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is reported here, smaller errors by camera_poses
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ class SpotStore:
 
     @property
     def rows(self) -> np.ndarray:
-        """(K, 6): stamp, x, y, confidence, camera, mobile; later spots do not change it."""
+        """(K, 6): stamp, x, y, confidence, camera, mobile; a copy, which later spots do not change."""
         return np.array(self._data).reshape(-1, COLUMNS)
 
 
 @dataclass(frozen=True)
 class Collection:
-    """The spots so far; nothing that comes later changes the arrays."""
+    """The spots so far; later spots do not change the arrays."""
 
     interaction_id: str
     border: np.ndarray  # (K, 6): stamp [s], x [m], y [m], confidence, index of the camera, 1 if it is a mobile one
@@ -74,22 +74,22 @@ class Collection:
 class Collector:
     """Collects spots in the states Border and Seed of one interaction.
 
-    A change of state arrives late, and so do spots: what counts is the spot's own stamp against the stamps at
-    which states were entered. If a clock is set back while somebody draws, the later stamps are corrected; a camera whose
-    clock is off is left out and named.
+    Changes of state arrive late, and so do spots; therefore each spot's own stamp is compared with the time at which
+    the state was entered. If a clock is set back while somebody draws, the later stamps are corrected; a camera whose
+    clock is off is ignored and reported.
     """
 
     def __init__(self) -> None:
         self.interaction_id = ""
         self.state = DEFAULT
-        self.lost = False  # a part of the drawing is missing: its border would be another one than was drawn
+        self.lost = False  # a part of the drawing is missing, so that its border would differ from what was drawn
         self.ignored: Counter = Counter()
         self._heard_state = False
         self._entered = -math.inf
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
-        self.faults: Set[Tuple[str, str]] = set()  # the code of a fault, and the camera that has it
-        # of each camera in this state [s]: by how much its clock was set back, its last stamp, and its last stamp corrected
+        self.faults: Set[Tuple[str, str]] = set()  # (code of the fault, camera)
+        # per camera in this state [s]: by how much its clock was set back, its last stamp, and its last corrected stamp
         self._set_back: Dict[str, float] = {}
         self._previous: Dict[str, float] = {}
         self._newest: Dict[str, float] = {}
@@ -99,14 +99,14 @@ class Collector:
         """Adopts a new state; returns whether a new interaction began.
 
         Args:
-            interaction_id: empty in Default. What was collected is kept until another id comes.
+            interaction_id: empty in Default. What was collected is kept until another id arrives.
             entered: [s] when the state was entered.
             outcome: of the last interaction that ended.
         """
         fresh = bool(interaction_id) and interaction_id != self.interaction_id
         if fresh:
             self.interaction_id = interaction_id
-            self.lost = not self._heard_state  # it began before this collector was there
+            self.lost = not self._heard_state  # the interaction began before this collector existed
             self.ignored = Counter()
             self._cameras = []
             self.faults = set()
@@ -122,20 +122,20 @@ class Collector:
         return fresh
 
     def ignore_frame(self, camera: str) -> None:
-        """Counts a spot of a camera that is not in the map frame."""
+        """Counts a camera's spot that is not in the map frame."""
         self.ignored["frame"] += 1
         self.faults.add(("spots_wrong_frame", camera))
 
     def add(self, spot: FloorSpot, now: float = math.nan) -> str:
-        """Adds a spot that arrives at a time [s].
+        """Adds a spot that arrives at the time `now` [s].
 
         Returns:
-            "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted), "clock" (it
-            was seen after it arrived, or long before the camera's last one) or "before_state" (it was seen before the
-            state was entered).
+            "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted), "clock" (its
+            stamp is far later than its arrival, or well before the camera's previous stamp) or "before_state" (it was
+            seen before the state was entered).
         """
         reason = self._rejection_reason(spot, now)
-        # a jump back of the clock must not leave a camera seeing for ever
+        # updated in any case: after a jump back of the clock a camera must not count as seeing for ever
         self._last_seen[spot.camera] = spot.stamp
         if reason:
             self.ignored[reason] += 1
@@ -148,15 +148,15 @@ class Collector:
         return ""
 
     def _find_set_back(self, spot: FloorSpot) -> float:
-        """Finds, and keeps, by how much [s] the clock of a spot's camera has been set back since the state was entered."""
+        """Finds and stores by how much [s] the clock of a spot's camera was set back since the state was entered."""
         set_back, known = self._set_back.get(spot.camera, 0.0), self._set_back.values()
         if spot.camera in self._newest:
             back = self._newest[spot.camera] - spot.stamp
             if back - set_back > CLOCK_STEP:
-                # clocks of one computer are set back together: the camera that saw the spot last knows by how much
+                # cameras on one computer share its clock: the one that saw the spot last shows best by how much
                 set_back = max([back, *(other for other in known if abs(other - back) < CLOCK_STEP)])
         else:
-            # it sees the spot for the first time: if others have seen it at later times, its clock was set back too
+            # the camera's first spot: if other cameras have later stamps, its clock was set back too
             back = max(self._newest.values(), default=-math.inf) - spot.stamp
             if back - set_back > CLOCK_STEP:
                 set_back = min((other for other in known if other > back - CLOCK_STEP), default=set_back)
@@ -165,7 +165,7 @@ class Collector:
         return set_back
 
     def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
-        """Returns why a spot is ignored, or ""; keeps its stamp for the next one, and notes a clock that is off."""
+        """Returns why a spot is ignored, or ""; stores its stamp for the next one, and records a clock that is off."""
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return "not_finite"
         if not self.state.collects:
@@ -176,7 +176,7 @@ class Collector:
         previous = self._previous.get(spot.camera, -math.inf)
         self._previous[spot.camera] = spot.stamp
         if spot.stamp < previous - CLOCK_STEP:
-            return "clock"  # an old message, or the first one since the clock was set back
+            return "clock"  # an old message, or the first since the clock was set back
         if spot.stamp + self._find_set_back(spot) < self._entered - STAMP_TOLERANCE:
             if now - spot.stamp > MAX_CLOCK_ERROR:
                 self.faults.add(("camera_clock_off", spot.camera))
@@ -189,7 +189,7 @@ class Collector:
         self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
     def cameras_seeing(self, now: float, timeout: float) -> List[str]:
-        """Returns the names of the cameras that have seen the spot within a timeout [s] of a time [s]."""
+        """Returns the names of the cameras that saw the spot within `timeout` [s] of the time `now` [s]."""
         return sorted(camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= timeout)
 
     @property
@@ -198,6 +198,6 @@ class Collector:
         return self._stores[BORDER.collects].total, self._stores[SEED.collects].total, sum(self.ignored.values())
 
     def collection(self) -> Collection:
-        """Returns what was collected so far."""
+        """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
         return Collection(self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total)

@@ -1,7 +1,7 @@
-"""From the spots of all cameras to one border. The idea: one stroke is one track through time.
+"""Extracts one border from the spots of all cameras, treating each stroke as one track through time.
 
 The stages are modules, in the order of the data: stroke/observations, stroke/track, stroke/camera_offsets,
-line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says what each does.
+line/resampling, line/closure, line/fitting; docs/explanation/extraction.md describes each.
 `ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps.
 
 >>> import numpy as np
@@ -44,14 +44,14 @@ from vb_fusion.stroke.track import find_clusters, find_strokes
 
 __all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 
-MIN_DETAIL = 0.005  # [m] vertices that change the chain less are left out: a map's cell is ten times as large
-MIN_FIGURE_SIZE = 8.0  # tremors across: a smaller line that curls could be open or closed
-MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
+MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped; a map cell is ten times as large
+MIN_FIGURE_SIZE = 8.0  # tremors across; a smaller line that curls could be open or closed
+MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
 
 
 @dataclass(frozen=True)
 class ExtractionParams(Parameters):
-    """Parameters of the extraction; names and values of the paper's Table 1 where it has them."""
+    """Parameters of the extraction, with the names and values of the paper's Table 1 where it lists them."""
 
     mode: str = param("robust", choices=("robust", "paper"))
     eps: float = param(0.5, "m", above=0.0, high=5.0)
@@ -72,9 +72,9 @@ class BorderChain:
         code, values: of the sentence that says why it is closed or open.
         length: [m] of the chain, with its closing segment if it is closed.
         gap: [m] between the ends where the drawing left them.
-        left_out: (L, 2) [m] drawn spots that belong to no part of the chain.
-        left_out_spots: how many spots that is.
-        unseen: [m] the longest piece of the chain between two spots that nobody saw.
+        left_out: (L, 2) [m] positions of drawn spots that belong to no part of the chain.
+        left_out_spots: number of spots at these positions.
+        unseen: [m] length of the longest piece of the chain that no camera saw.
     """
 
     points: np.ndarray
@@ -89,7 +89,7 @@ class BorderChain:
 
     @property
     def reason(self) -> str:
-        """English sentence that says why it is closed or open."""
+        """The English sentence that says why the chain is closed or open."""
         return sentences.translate(self.code, self.values) if self.code else ""
 
 
@@ -105,10 +105,10 @@ def extract_border(
     """Extracts the drawn polygonal chain.
 
     Args:
-        points: (N, 2) float [m], map frame, any order. Non-finite ones are left out.
+        points: (N, 2) float [m], map frame, any order. Non-finite points are left out.
         params: `ExtractionParams()` if None.
         stamps: (N,) [s] when each spot was seen; the paper's mode does not use them.
-        cameras: (N,) which camera saw it: names or numbers.
+        cameras: (N,) the camera that saw each spot: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
@@ -146,8 +146,8 @@ def extract_border(
 def _longest_unseen_gap(stroke: Observations, chain: BorderChain, joined: bool, dropout: float) -> float:
     """Returns the longest stretch [m] of the chain that no camera saw.
 
-    The opening between start and end counts only if the chain is closed from several strokes, or if the pointer was lifted
-    from one end to the other.
+    The opening between start and end counts only if several strokes were joined and either the chain is closed or
+    nothing was seen between the times of its two ends.
     """
     began, ended = sorted(stroke.stamps[[0, -1]])
     lifted = not ((began < stroke.stamps) & (stroke.stamps < ended)).any()
@@ -162,10 +162,10 @@ def _join_strokes(
     """Joins strokes, each given as the indices of its observations, into one line.
 
     Returns:
-        The indices of the line's observations, in the order in which it runs; those of what is left out; whether the line
-        was joined from several strokes.
+        The indices of the line's observations, in the order in which it runs; those of the strokes left out; whether
+        several strokes were joined.
     """
-    # what could be a line itself, the widest first: moving back and forth explains much floor, but is not a border
+    # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
     wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
     wide = [(size, stroke) for size, stroke in wide if size > params.min_exp - 2.0 * TREMOR]
     wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= params.min_size]
@@ -174,19 +174,19 @@ def _join_strokes(
         raise CodedError("no_line", spots=int(seen.spots.sum()), shortest=f"{params.min_exp:g}")
     line, joined = others.pop(0), False
     while others:
-        # which end of another stroke is nearest to which end of the line
+        # the nearest pair of an end of the line and an end of another stroke
         near = np.array([cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others])
         which, at, end = np.unravel_index(int(np.argmin(near)), near.shape)
         if near[which, at, end] > params.eps + TREMOR:
             break
-        # it runs away from the line's end, or up to its beginning
+        # the stroke must run away from the line's end, or up to its start
         other, joined = others.pop(which)[:: -1 if at == end else 1], True
         line = np.concatenate([line, other] if at else [other, line])
     return line, np.concatenate([np.zeros(0, dtype=int), *others]), joined
 
 
 def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> BorderChain:
-    """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
+    """Runs stages 3 to 6: makes the chain from observations whose camera offsets were removed."""
     tremor, size = estimate_tremor(placed), geometry.bounding_diagonal(placed.points)
     stroke = resample_stroke(placed.points, placed.weights, tremor)
     closure = classify_closure(stroke.points, tremor)
@@ -194,7 +194,7 @@ def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> 
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
-    # a gap that was crossed unseen may hide a corner; across a wider one that the hand left the line is straight
+    # a gap that was crossed unseen may hide a corner; a wider one, left by the hand, is closed by a straight side
     line = fit_line(trimmed, closure.closed and (joined or closure.gap <= params.eps))
     if len(line) < 3:
         closure = classify_closure(line)
@@ -207,16 +207,16 @@ def _make_chain(chain: np.ndarray, closure: Closure) -> BorderChain:
 
 
 def _simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
-    """Runs stage 6: leaves vertices out, and makes a polygon that does not cross itself.
+    """Runs stage 6: drops vertices, and makes a closed chain a polygon that does not cross itself.
 
     Raises:
-        CodedError: "line_self_intersects" if what it encloses is not connected.
+        CodedError: "line_self_intersects" if the enclosed area is not connected.
     """
     if not closed or len(chain) < 3:
         return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords) if len(chain) > 2 else chain
     polygon = Polygon(chain)
     if not polygon.is_valid:
-        # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point, so a neck joins them
+        # the whole enclosed area without slips of the hand; the lobes of an 8 meet in a point, so a neck joins them
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)

@@ -1,6 +1,6 @@
-"""The border so far, kept up to date while a person draws, within a share of one core.
+"""Keeps the border up to date while a person draws, using at most a share of one core.
 
-It is the same extraction as at the end, on all spots so far: five minutes of drawing take a tenth of a second.
+Each update runs the final extraction on all spots so far, which takes 0.1 s for five minutes of drawing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to disp
 
 @dataclass(frozen=True)
 class DrawnBorder:
-    """Chain and seed of one interaction as far as there are any, else the errors that say why not."""
+    """The chain and the seed of one interaction, or for each the error that says why it is missing."""
 
     chain: Optional[BorderChain] = None
     dwells: Sequence[Dwell] = ()
@@ -30,7 +30,7 @@ class DrawnBorder:
 
     @property
     def seed(self) -> Optional[np.ndarray]:
-        """(2,) [m] where the pointer dwelt last."""
+        """(2,) [m] the dwell that `choose_seed` takes for the seed point."""
         return choose_seed(self.dwells).point if self.dwells else None
 
     @property
@@ -48,7 +48,7 @@ class DrawnBorder:
 
 
 def extract_chain(collection: Collection, params: ExtractionParams) -> BorderChain:
-    """Extracts the chain from all that is known of the border spots.
+    """Extracts the chain from the border spots and all their attributes.
 
     Raises:
         CodedError
@@ -62,12 +62,12 @@ def _get_attributes(rows: np.ndarray) -> dict:
 
 
 def subsample_evenly(rows: np.ndarray, limit: int = MAX_SHOWN) -> np.ndarray:
-    """Returns at most `limit` of the rows, evenly chosen, the first and the last among them."""
+    """Returns at most `limit` of the rows, evenly spaced, including the first and the last."""
     return rows if len(rows) <= limit else rows[np.linspace(0, len(rows) - 1, limit).astype(int)]
 
 
 class LiveExtractor:
-    """Extracts again when there are new spots, but within a share of one core.
+    """Repeats the extraction when there are new spots, using at most a share of one core.
 
     Args:
         params: of the extraction.
@@ -81,18 +81,18 @@ class LiveExtractor:
         self.reset()
 
     def reset(self) -> None:
-        """Starts again, for a new interaction."""
+        """Forgets everything, for a new interaction."""
         with self._lock:
             self._not_before = 0.0
             self._border_total = self._seed_total = -1
             self.drawn = DrawnBorder()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
-        """Returns the border so far; extracts it again if there are new spots and it is time. From any thread.
+        """Returns the border so far, extracted again if there are new spots and it is due. Thread safe.
 
         Args:
             clock: reads a monotonic clock [s].
-            force: whether it is time, whatever the last extraction cost.
+            force: whether it is due regardless of what the last extraction cost.
         """
         with self._lock:
             border_new = collection.border_total != self._border_total
@@ -101,7 +101,7 @@ class LiveExtractor:
                 started = clock()
                 try:
                     self._extract(collection, border_new, seed_new)
-                finally:  # an attempt that fails costs as much
+                finally:  # a failed attempt costs as much
                     finished = clock()
                     self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
             return self.drawn

@@ -1,7 +1,7 @@
 """Algorithms 1 to 3 of the paper as written (Sect. 4.3.2), on bare points.
 
-Where the paper leaves a choice open, the first point is taken. All pairs of neighbours are held in memory, as usual
-implementations of DBSCAN do; too many points for that are refused. The default mode has no such limit.
+Where the paper leaves a choice open, the first point is taken. All pairs of neighbours are held in memory, as common
+implementations of DBSCAN do; if there are too many, the points are refused. The default mode has no such limit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vb_core.errors import CodedError
 if TYPE_CHECKING:
     from vb_fusion.extraction import ExtractionParams
 
-MAX_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points held at one place, or 50,000 along a line
+MAX_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points at one position, or 50,000 along a line
 
 
 def run_algorithms(points: np.ndarray, params: "ExtractionParams") -> np.ndarray:
@@ -43,7 +43,7 @@ def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: flo
         pointset_in: (N, 2) float64 [m], finite.
         eps: [m] distance of neighbours.
         min_pts: neighbours, itself included, that make a core point.
-        min_exp: [m] a cluster's expansion is greater; Table 1's max_exp is infinite.
+        min_exp: [m] a cluster's expansion must exceed it; Table 1's max_exp is infinite.
         min_size: the fewest points of a cluster.
 
     Returns:
@@ -73,10 +73,10 @@ def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
 
 
 def _tree(points: np.ndarray, radius: float) -> cKDTree:
-    """Builds a tree of the points.
+    """Builds a k-d tree of the points.
 
     Raises:
-        CodedError: "too_many_spots" if too many of them are neighbours.
+        CodedError: "too_many_spots" if too many pairs of them are neighbours.
     """
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
@@ -119,7 +119,7 @@ def thin_points(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray
 
 
 def generate_polygon(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
-    """Orders points by walking to nearest neighbours, forward and backward: Algorithm 3, `generatePoly(in, out, params)`.
+    """Orders points by walking to nearest neighbours, forward and back: Algorithm 3, `generatePoly(in, out, params)`.
 
     Args:
         pointset_in: (N, 2) float64 [m], at least one, finite.

@@ -47,7 +47,7 @@ Four places are needed, six to eight are good: near the corners of what the came
 
 
 def detector_params_of(camera: str) -> DetectorParams:
-    """Returns the parameters of a camera's running detector, else those of any stationary camera."""
+    """Returns the parameters of a camera's running detector, else the defaults for a stationary camera."""
     return DetectorParams.from_mapping(rospy.get_param(f"/spot_detector_{camera}/detector", {}), "detector")
 
 
@@ -88,7 +88,7 @@ class SpotCalibration:
         camera, self._arguments = arguments.camera, arguments
         self._inputs = Inputs()
         self._held, self._lock = HeldSpot(), threading.Lock()
-        # a held spot must not become background while the person finds the place in RViz
+        # a held spot must not be taken for a lamp while the person finds the place in RViz
         self._detector = SpotDetector(detector_params_of(camera).replace(max_dwell_time=3600.0))
         self._images = CameraImages(camera, own_source=False)
         self.camera = self._images.model()
@@ -140,7 +140,7 @@ class SpotCalibration:
         print_line(f"  ({point[0]:.3f}, {point[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
 
     def _rest(self) -> Tuple[float, float]:
-        """Waits until the spot has been still for long enough; returns its place (u, v) [px]."""
+        """Waits until the spot has been still for long enough; returns its position (u, v) [px]."""
         end = time.monotonic() + _SPOT_TIMEOUT
         while True:
             try:
@@ -212,8 +212,8 @@ def main() -> int:
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:
-        if arguments.run is not _print_board:  # it needs no master
-            # Ctrl-C ends what is done here and not the node, which sets the camera back first
+        if arguments.run is not _print_board:  # it needs no ROS master
+            # Ctrl-C interrupts the command, not the node, so that the camera's settings are restored first
             rospy.init_node("calibrate_camera", anonymous=True, disable_signals=True)
         return arguments.run(arguments)
     except CodedError as error:

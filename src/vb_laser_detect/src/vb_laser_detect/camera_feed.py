@@ -1,4 +1,4 @@
-"""The images of one camera, wherever they come from: a driver's topics, or the camera itself."""
+"""The images of one camera, from a driver's topics or from the camera itself."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ FOLDER = "~/.ros/virtual_borders"
 
 
 class ReceivedImage(NamedTuple):
-    """One image, not decoded yet: one that comes too late is dropped without being decoded.
+    """One image, not decoded yet: if it arrives too late, it is dropped without being decoded.
 
     Attributes:
         stamp: when it was taken.
-        read: returns the picture. CodedError "bad_image", "unknown_encoding".
-        shot: as the camera sent it, if no driver did.
+        read: decodes and returns the picture; raises CodedError "bad_image", "unknown_encoding".
+        shot: the image as the camera sent it; None if a driver published it.
     """
 
     stamp: rospy.Time
@@ -43,13 +43,13 @@ class ReceivedImage(NamedTuple):
 
 
 def lens_path(settings: str, camera: str) -> Path:
-    """Returns where a camera's lens file is: in the folder of the lab whose `settings` file, detectors/NAME.yaml, is known."""
+    """Returns a camera's lens file: in the lab that has this `settings` file, detectors/NAME.yaml, else in FOLDER."""
     lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(FOLDER).expanduser()
     return lab / "lenses" / f"{camera}.yaml"
 
 
 class LensFile:
-    """A camera's lens, from its file, which may come late, and change."""
+    """A camera's lens, read from its file, which may appear late, and change."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._changed = path, -1
@@ -60,7 +60,7 @@ class LensFile:
         """Returns the model for images of this width and height [px].
 
         Raises:
-            CodedError: "no_camera_info" if there is no file, or one of another image size; "bad_lens_file".
+            CodedError: "no_camera_info" if there is no file, or one for another image size; "bad_lens_file".
         """
         changed = self._path.stat().st_mtime_ns if self._path.is_file() else 0
         if changed != self._changed:
@@ -75,17 +75,17 @@ class LensFile:
 
 
 class CameraFeed:
-    """Reads a camera, and shows its images to others while they look.
+    """Reads a camera, and publishes its images while there are subscribers.
 
     Published topics:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), camera_info
-            (sensor_msgs/CameraInfo): only if listened to
+            (sensor_msgs/CameraInfo): only while there are subscribers
 
     Args:
-        params: of its detector.
-        image: topic.
-        mailbox: takes each image.
-        report: of faults, and why there are no images.
+        params: its detector's.
+        image: its topic.
+        mailbox: receives each image.
+        report: receives faults, and why there are no images.
     """
 
     def __init__(
@@ -99,17 +99,17 @@ class CameraFeed:
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         self._setting = threading.Lock()
         self._source = CameraSource(params.source, params.capture, self._take, self._on_source_state)
-        self._source.start()  # its thread may call at once
+        self._source.start()  # its thread may call back at once
 
     def close(self) -> None:
-        """Sets the camera free."""
+        """Releases the camera."""
         self._source.close()
 
     def set_params(self, params: CaptureParams) -> None:
-        """Changes delay, exposure and white balance while images come.
+        """Changes delay, exposure and white balance of the running camera.
 
         Raises:
-            CodedError: what `controls.apply` raises: then only what the camera has accepted is changed.
+            CodedError: as `controls.apply`; only what the camera has accepted is then changed.
         """
         with self._setting:
             if is_device(self._source.address):
@@ -120,7 +120,7 @@ class CameraFeed:
         self._report.clear_refused_setting()
 
     def publish(self, image: ReceivedImage, picture: AnyPicture) -> None:
-        """Publishes an image on those topics that somebody listens to."""
+        """Publishes an image on those topics that have subscribers."""
         if self._raw.get_num_connections():
             self._raw.publish(message_from_image(picture.pixels, "bgr8", image.stamp, image.frame_id))
         if self._compressed.get_num_connections():
@@ -132,13 +132,13 @@ class CameraFeed:
             try:
                 model = self.lens.model_for(picture.size)
             except CodedError:
-                return  # the search tells why
+                return  # the search reports why
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
 
     def _take(self, shot: Shot) -> None:
         for code in shot.left_out:
             self._report.count_dropped(code)
-        # simulated time has another clock than the camera
+        # the camera's clock does not follow simulated time
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
         self._mailbox.put(ReceivedImage(stamp, self._frame, shot.picture, shot))
         if is_file(self._source.address):
@@ -150,7 +150,7 @@ class CameraFeed:
         self._report.set_source_fault(error or self._apply(), is_silent=error is not None)
 
     def _apply(self) -> Optional[CodedError]:
-        """Sets exposure and white balance of a camera that was opened; returns why it failed, or None."""
+        """Sets exposure and white balance of a camera just opened; returns why that failed, or None."""
         try:
             self.set_params(self._source.params)
         except CodedError as error:
@@ -159,11 +159,11 @@ class CameraFeed:
 
 
 def subscribe_images(image: str, transport: str, frame: str, put: Callable[[ReceivedImage], Any]) -> str:
-    """Takes images from a driver's topic: <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage).
+    """Subscribes to a driver's images: <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage).
 
     Args:
         transport: "compressed" or "raw".
-        frame: instead of the one that the images name, unless it is empty.
+        frame: replaces the images' own frame_id, unless it is empty.
 
     Returns:
         The topic.
@@ -175,6 +175,6 @@ def subscribe_images(image: str, transport: str, frame: str, put: Callable[[Rece
         put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: reader.read(*decode(message))))
 
     kind, topic = (CompressedImage, f"{image}/compressed") if transport == "compressed" else (Image, image)
-    # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
+    # the buffer must hold a whole image, else rospy delivers images older than the newest one
     rospy.Subscriber(topic, kind, take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
     return topic

@@ -22,22 +22,22 @@ from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 
-# [s] between lookups of a camera's lens and pose: a recalibrated camera is soon known, and no image waits for it
+# [s] between lookups of a camera's lens and pose: a recalibration is soon noticed, and no image waits for it
 _LOOKUP_PERIOD = 0.5
-_TF_TIMEOUT = 0.15  # [s] odometry comes in after the image
-_TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
-_MAX_DEPTH_AGE = 0.08  # [s] largest time between image and depth image
+_TF_TIMEOUT = 0.15  # [s] odometry arrives after the image
+_TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any will
+_MAX_DEPTH_AGE = 0.08  # [s] largest time difference between colour and depth image
 _POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver assumes where nothing else is known
-_MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older may be somewhere else by now, or switched off
+_MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older may be elsewhere by now, or switched off
 
 
 def sibling_topic(topic: str, name: str) -> str:
-    """Returns the topic of another name in the same namespace, as image_transport pairs image and camera_info."""
+    """Returns the topic `name` in the namespace of `topic`, as image_transport pairs image and camera_info."""
     return topic.rsplit("/", 1)[0] + "/" + name
 
 
 def is_rectified(topic: str) -> bool:
-    """Returns whether a topic's images have no distortion any more, by the names that image_proc gives."""
+    """Returns whether a topic's images are already undistorted, judging by image_proc's topic names."""
     return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
@@ -50,20 +50,20 @@ def require_size(camera: CameraModel, size: Tuple[int, int]) -> CameraModel:
 
 
 class InfoTopic:
-    """The newest camera_info; it may come late, and change.
+    """The newest camera_info; it may arrive late, and change.
 
     Subscribed topics:
         <topic> (sensor_msgs/CameraInfo)
 
     Args:
         topic: its name.
-        report: of faults, such as one that describes no camera.
+        report: receives faults, such as a camera_info that describes no camera.
         rectified: the images are already undistorted.
     """
 
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
-        self._known: Optional[list] = None  # what the last one said
+        self._known: Optional[list] = None  # the last message without its header
         # the model, or why there is none
         self._latest: Tuple[Optional[CameraModel], str] = (None, f"no camera_info on {topic}")
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
@@ -72,7 +72,7 @@ class InfoTopic:
         """Returns the model for images of this width and height [px].
 
         Raises:
-            CodedError: "no_camera_info" if none came yet, if it describes no camera, or one of another image size.
+            CodedError: "no_camera_info" if none has arrived yet, or it describes no camera or another image size.
         """
         camera, reason = self._latest
         if camera is None:
@@ -80,7 +80,7 @@ class InfoTopic:
         return require_size(camera, size)
 
     def _on_info(self, message: CameraInfo) -> None:
-        # the time is another one each time; other listeners of this process get the same message, header and all
+        # its stamp always differs, and must stay: this process's other subscribers get the same message
         known = [getattr(message, name) for name in message.__slots__ if name != "header"]
         if known == self._known:
             return
@@ -93,7 +93,7 @@ class InfoTopic:
 
 
 class DepthTopic:
-    """The last depth images, registered to the colour image.
+    """The newest depth images, registered to the colour image.
 
     Subscribed topics:
         <topic> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), camera_info next to it (sensor_msgs/CameraInfo)
@@ -109,9 +109,9 @@ class DepthTopic:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
-            color_frame: of the colour image; depth of another frame is not registered to it.
+            color_frame: the colour image's; a depth image with another frame is not registered to it.
         """
-        # copied at once: images come in meanwhile
+        # copied first: images arrive meanwhile
         best = min(list(self._images), key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
         if best is None or abs((best.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
             return None, None
@@ -124,7 +124,7 @@ class DepthTopic:
             return None, None
         try:
             return depth, self._info.model_for(depth.shape[::-1])
-        except CodedError:  # registered depth images are seen by the colour camera, scaled to their size
+        except CodedError:  # registered depth has the colour camera's model, scaled to its size
             return depth, None
 
 
@@ -154,10 +154,10 @@ class CameraGeometry:
 
     Args:
         mobile: whether the camera moves.
-        info, depth: topics; depth None: the floor is a plane.
+        info, depth: sources of the lens and of depth images; depth None: the floor is taken as a plane.
         floor_projection: the camera's.
-        robots: namespaces of those that the camera sees; "/": the one without.
-        report: of faults.
+        robots: namespaces of the robots that the camera sees; "/" for a robot without one.
+        report: receives faults.
     """
 
     def __init__(
@@ -174,10 +174,10 @@ class CameraGeometry:
         self._transforms = TransformLookup()
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
         self._pose: Optional[np.ndarray] = None
-        self._of, self._looked_up = ("", (0, 0)), -math.inf  # frame and size of the images, and when [s]
+        self._of, self._looked_up = ("", (0, 0)), -math.inf  # frame and size at the last lookup, and its time [s]
 
     def geometry_of(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
-        """Returns an image's geometry. A moving camera's pose at its time is looked up only when it is asked for.
+        """Returns an image's geometry. A moving camera's pose at the image's time is looked up only if needed.
 
         Args:
             size: of the image, width and height [px].
@@ -207,15 +207,15 @@ class CameraGeometry:
         except CodedError:
             if self._mobile:  # just started, or gone
                 return lookup(stamp, _TF_TIMEOUT)
-            # a camera that does not move stays where it was last seen, whatever became of its publisher
+            # a stationary camera is still at its last known pose, even if that is no longer published
             if self._pose is None or frame_id != self._of[0]:
                 raise
             return self._pose
 
     def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
-        """Returns where the robots were at a time, as cylinders that hide the floor; one without a pose hides nothing.
+        """Returns the robots at a time as cylinders that hide the floor; a robot without a pose hides nothing.
 
-        One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
+        While a robot's pose has not arrived, its radius grows by how far it may have driven since its last one.
         """
         found = []
         for prefix, profile in self._profiles:

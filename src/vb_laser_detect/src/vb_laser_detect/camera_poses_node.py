@@ -1,4 +1,4 @@
-"""Publishes the poses of calibrated ceiling cameras as static transforms, and tells which cameras cannot be relied on."""
+"""Publishes the poses of calibrated ceiling cameras as static transforms, and reports unreliable cameras."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ class CameraPosesParams(Parameters):
 
 
 class CameraPosesNode:
-    """Publishes the camera poses in calibrate_camera's files, and again whenever these change; watches the cameras.
+    """Publishes the camera poses from calibrate_camera's files, again whenever these change; monitors the cameras.
 
     If a file can no longer be used, its last good pose stays.
 
     Subscribed topics:
-        /virtual_borders/detectors (vb_msgs/DetectorStatus): whether each detector runs, and fits its calibration
+        /virtual_borders/detectors (vb_msgs/DetectorStatus): whether each detector runs, and fits the calibration
         /virtual_borders/spots (vb_msgs/LaserSpot): to compare the positions at which overlapping cameras see the laser
     Published topics:
         /tf_static (tf2_msgs/TFMessage): the frames that the files name, usually map -> <camera>_optical_frame
-        /virtual_borders/notices (vb_msgs/NoticeArray): detectors that are gone, files that cannot be used or do not
-            fit, computers whose clocks differ, cameras that disagree
+        /virtual_borders/notices (vb_msgs/NoticeArray): missing detectors, files that cannot be used or do not fit the
+            images, computers whose clocks differ, cameras that disagree
     Parameters:
         ~* CameraPosesParams
     """
@@ -51,7 +51,7 @@ class CameraPosesNode:
         self._folder = params.calibration_dir
         self._contents: Dict[str, bytes] = {}
         self._files: Dict[str, Union[CameraPose, CodedError]] = {}
-        # as they are published, and from which contents of the files
+        # the published poses, and the contents of the files that they were read from
         self._poses: Dict[str, CameraPose] = {}
         self._adopted: Dict[str, bytes] = {}
         self._lock = threading.Lock()
@@ -93,7 +93,7 @@ class CameraPosesNode:
         self._notices.set(wrong)
 
     def _read(self) -> None:
-        """Reads the files if one changed, all of them together, so that their order does not matter."""
+        """Reads all files together if any of them changed, so that their order does not matter."""
         contents = {camera: _content(calibration_path(self._folder, camera)) for camera in self._cameras}
         if contents == self._contents:
             return
@@ -106,7 +106,7 @@ class CameraPosesNode:
                     self._watch.forget_spots(camera, rospy.get_time())
                 place = " ".join(f"{value:.3f}" for value in file.T[:3, 3])
                 rospy.loginfo("%s: %s is at %s in %s", rospy.get_name(), file.frame, place, file.parent)
-        # all of them: a latched topic keeps its last message only
+        # all poses in one message: a latched topic keeps only its last one
         now = rospy.Time.now()
         if self._poses:
             self._broadcaster.sendTransform(
@@ -117,7 +117,7 @@ class CameraPosesNode:
 def _content(path: Path) -> bytes:
     try:
         return path.read_bytes()
-    except OSError:  # reading it as a calibration says why
+    except OSError:  # `read_files` reports why
         return b""
 
 

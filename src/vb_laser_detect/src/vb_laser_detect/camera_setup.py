@@ -1,4 +1,4 @@
-"""Sets up a camera that its detector reads itself: lens, delay, exposure."""
+"""Sets up a camera that its detector reads directly: lens, delay, exposure."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from vb_laser_detect.camera.source import printable
 from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
 
-_TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] for the next image, and between two looks
+_TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] to wait for the next image, and between two polls
 _SETTLED = 0.5  # [s] until a new exposure time shows in the images
-_BLINKS, _MIN_BLINK, _MAX_BLINK = 40, 0.25, 0.65  # switches of the light, and [s] between two of them
+_BLINKS, _MIN_BLINK, _MAX_BLINK = 40, 0.25, 0.65  # number of switches; shortest and longest time [s] between two
 _SPOT_TIMEOUT = 30.0  # [s]
-_USUAL_WHITE = 4600  # [K] between lamps and daylight: what counts is that it stays
+_USUAL_WHITE = 4600  # [K] between lamps and daylight: that it is constant matters, not its value
 _WIDTH = 960  # [px] of the live picture
 
 
 class CameraImages:
-    """The images of a camera whose detector runs, and its settings.
+    """The images and settings of a camera whose detector is running.
 
     Args:
-        own_source: whether its detector must read it itself; else a CodedError "no_source" says that it does not.
+        own_source: whether to raise CodedError "no_source" unless its detector reads the camera directly.
 
     Subscribed topics:
         <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage); camera_info beside it
 
     Attributes:
-        params: of its detector.
-        frame: its optical frame; images name it unless the detector's parameters do.
+        params: its detector's parameters.
+        frame: its optical frame, from the detector's parameters, else from the images ("" before the first).
     """
 
     def __init__(self, camera: str, own_source: bool = True) -> None:
@@ -68,7 +68,7 @@ class CameraImages:
         self._topic = subscribe_images(self._image, transport, self.frame, self._newest.append)
 
     def next(self, after: float = 0.0) -> Tuple[float, AnyPicture]:
-        """Waits for an image that was taken after a time; returns its stamp [s] and itself.
+        """Waits for an image taken no earlier than a time [s]; returns its stamp [s] and the image.
 
         Raises:
             CodedError: "no_images", "bad_image", "unknown_encoding"
@@ -88,8 +88,8 @@ class CameraImages:
         """Waits for camera_info and an image; returns the camera's model.
 
         Raises:
-            CodedError: "no_images" if they do not come; "bad_camera_info", "no_camera_info" if the lens is not calibrated, or
-                for images of another size.
+            CodedError: "no_images" if either does not arrive; "bad_camera_info" if the lens is not calibrated;
+                "unsupported_camera"; "no_camera_info" if camera_info is for images of another size.
         """
         info = sibling_topic(self._image, "camera_info")
         try:
@@ -115,7 +115,7 @@ class CameraImages:
             raise CodedError("control_refused", source=printable(self.params["source"]), why=", ".join(refused))
 
     def keep(self, **values: Any) -> None:
-        """Writes settings into the camera's file, or says what to write if the lab has none."""
+        """Writes settings into the camera's settings file, or prints them if there is none."""
         if not self.settings:
             print("put this into the camera's settings:  capture: " + str(values).replace("'", ""))
             return
@@ -124,7 +124,7 @@ class CameraImages:
 
 
 class LivePicture:
-    """Shows a picture that changes, to browsers of this computer."""
+    """Serves a changing picture to browsers on this computer."""
 
     def __init__(self) -> None:
         self._jpeg = b""
@@ -158,7 +158,7 @@ _PAGE = b"""<!doctype html><title>Lens</title><body style="margin:0;background:#
 
 
 def calibrate_lens(arguments: argparse.Namespace) -> int:
-    """Collects views of the board until they are enough, and writes the lens file."""
+    """Collects views of the board until they suffice, then writes the lens file."""
     images = CameraImages(arguments.camera)
     board = BoardParams.for_paper(arguments.paper)
     board = board if arguments.square is None else board.replace(square=arguments.square)
@@ -183,7 +183,7 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
 
 
 def _look_for_board(lens: LensCalibration, board: BoardParams, image: np.ndarray, picture: LivePicture) -> None:
-    """Adds the board if it shows something new; draws its corners, and what is not covered yet."""
+    """Adds the board's view if it is new; draws the board's corners, and the cells that are not covered yet."""
     text = "no board"
     try:
         view = find_board(board, image)
@@ -206,7 +206,7 @@ def _look_for_board(lens: LensCalibration, board: BoardParams, image: np.ndarray
 
 
 def measure_camera_delay(arguments: argparse.Namespace) -> int:
-    """Blinks with this terminal's window, and measures how late the camera's images show it."""
+    """Makes this terminal's window blink, and measures how late the camera's images show that."""
     images = CameraImages(arguments.camera)
     print(
         "Let the camera see this window, as large as it can be and in a dim room. It blinks for 20 s; do not move anything."
@@ -241,16 +241,16 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
 
 
 def _blink() -> List[float]:
-    """Makes the terminal's window light and dark at uneven times; returns them [s]."""
+    """Turns the terminal's window white and black at irregular times; returns these times [s]."""
     switched = []
     try:
         for number in range(_BLINKS):
-            # white or black, whatever the terminal's own colours are, and nothing written
+            # white or black, whatever the terminal's own colours are, and without text
             sys.stdout.write("\x1b[40m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
             sys.stdout.flush()
             switched.append(rospy.Time.now().to_sec())
             time.sleep(random.uniform(_MIN_BLINK, _MAX_BLINK))
-        time.sleep(3.0)  # images that are late
+        time.sleep(3.0)  # for images that arrive late
     finally:
         sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
         sys.stdout.flush()
@@ -258,7 +258,7 @@ def _blink() -> List[float]:
 
 
 def set_exposure(arguments: argparse.Namespace) -> int:
-    """Finds an exposure time at which the floor is grey, and checks whether the laser is white then."""
+    """Finds an exposure time at which the floor is grey, and checks that the laser spot is then white."""
     images = CameraImages(arguments.camera)
 
     def try_exposure(exposure: int) -> Look:
@@ -275,7 +275,7 @@ def set_exposure(arguments: argparse.Namespace) -> int:
         except CodedError as error:
             print(f"! the white balance stays automatic: {error.message}")
         images.keep(**values)
-    except BaseException:  # also Ctrl-C: a lab goes on with these images
+    except BaseException:  # also Ctrl-C: the running lab keeps the settings it had
         images.set(**given)
         raise
     print(f"Point the laser at the floor ({_SPOT_TIMEOUT:.0f} s) ...", flush=True)

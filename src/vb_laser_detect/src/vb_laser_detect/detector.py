@@ -1,11 +1,11 @@
 """Finds laser spots in a camera's images, one call per frame.
 
 Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
-frame, also those without a spot, which show it what the floor looks like.
+frame, including those without a spot, which show it what the floor looks like.
 
-Four stages, one after the other: `vb_core.image_format` says what the numbers mean, `proposals` what is worth a closer
-look, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it counts.
-`projection` tells them where that is on the floor.
+There are four stages: `vb_core.image_format` interprets the pixel values, `proposals` finds regions worth measuring,
+`features` measures them and decides whether each shows a spot, and `tracking` decides which spot it is and whether it
+counts. `projection` gives positions on the floor.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams())
@@ -43,11 +43,11 @@ from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
-_MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, except 3 of 464 in clips darkened artificially
+_MIN_LEVEL = 0.86  # of what is bright in the room; no known spot is darker, but 3 of 464 in artificially darkened clips
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
-_MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
-_MAX_LATENESS = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
-# probability from which a spot that stays is kept out of the background; with less, it may be a ghost
+_MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal: a spot's largest diameter where no pose is known
+_MAX_LATENESS = 1.0  # [s] an image older than the last one by more is not late: the clock was set
+# from this probability on, a resting spot is kept out of the background; below it, it may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
 
 
@@ -55,8 +55,8 @@ class SpotDetector:
     """Finds the spots of one camera; keeps its knowledge of the scene between frames.
 
     Attributes:
-        candidates: the last frame's spots, and its regions that were rejected, for debug images.
-        late: how many images came after a later one, and were left out.
+        candidates: the last frame's spots and rejected regions, for debug images.
+        late: number of images left out because they arrived after a later one.
     """
 
     def __init__(self, params: Optional[DetectorParams] = None, classifier: Optional[SpotClassifier] = None) -> None:
@@ -69,7 +69,7 @@ class SpotDetector:
         """Changes the parameters; the background stays.
 
         Raises:
-            ParameterError: for another `moving_camera`, which needs another detector.
+            ParameterError: if `moving_camera` would change, which needs another detector.
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
@@ -86,7 +86,7 @@ class SpotDetector:
 
     @property
     def lamps(self) -> int:
-        """How many lights were published as the spot until they had rested for too long."""
+        """Number of lights that were published as the spot before they had rested for too long."""
         return self._tracker.lamps
 
     def detect(
@@ -95,15 +95,15 @@ class SpotDetector:
         """Searches one image.
 
         Args:
-            image: as `PixelReader` made it, a `HalvedPicture`; or (H, W, 3) bgr (or rgb: colours are only compared with each other) or
-                (H, W) grey, uint8.
-            stamp: [s] when it was taken. An image that comes late is left out and counted in `late`; a stamp more than
-                a second before the last one's means that the clock was set, and the detector starts again.
+            image: a `Picture`, as from `PixelReader`, or a `HalvedPicture`; or uint8, (H, W, 3) bgr (or rgb: colours
+                are only compared with each other) or (H, W) grey.
+            stamp: [s] when it was taken. A late image is left out and counted in `late`; a stamp more than a second
+                before the last one means that the clock was set, and the detector starts again.
             geometry: where its pixels are on the floor. None: sizes and speeds are judged in pixels.
 
         Returns:
-            The spots that this image confirmed, the oldest first: one of the image itself at most, and when a stroke
-            begins those of earlier images, with their own stamps and places.
+            The spots that this image confirmed, oldest first: at most one of the image itself and, when a stroke
+            begins, those of earlier images, with their own stamps and positions.
 
         Raises:
             CodedError: "bad_image" for any other image.
@@ -115,7 +115,7 @@ class SpotDetector:
             self.candidates = []
             return []
         if self.params.moving_camera and (picture.mosaic or picture.scale > 1):
-            # a mosaic cannot be moved by parts of a pixel, and two sizes would be moved in twice the time
+            # a mosaic cannot be warped by fractions of a pixel, and warping two sizes would take twice the time
             picture = Picture(picture.bgr(), "bgr")
         if picture.scale > 1 and self._measured:
             picture.decode_whole()  # what was measured in the last image is likely to be there still
@@ -136,7 +136,7 @@ class SpotDetector:
         return confirmed
 
     def _examine_all(self, searched: SearchedImage, traits: ImageTraits, expected: List[Expected]) -> List[Spot]:
-        """Measures and classifies what is in an image's regions."""
+        """Measures and classifies an image's regions."""
         seen: List[Spot] = []
         self._measured, least = False, _MIN_LEVEL * traits.bright
         bright = [region for region in searched.regions if searched.brightest(region) >= least]
@@ -148,7 +148,7 @@ class SpotDetector:
             else:
                 spot = _rejected(region, "too_dark")
             if here is not None and spot.rejection == "too_large":
-                # by now, other light falls on the place where it is expected
+                # by now, other light falls where the spot is expected
                 part = here.clip(region)
                 spot = self._examine(
                     part, self._max_diameters([part], traits)[0], searched, traits, here, here.max_width
@@ -190,9 +190,9 @@ class SpotDetector:
         return replace(spot, stamp=self._stamp, floor_point=floor_point)
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
-        """Follows the spots; returns those to publish (at most one), and those to keep out of the background.
+        """Tracks spots; returns those to publish (at most one of this image), and those to keep out of the background.
 
-        Notes the others, and why they are not published, in `candidates`.
+        Adds all spots to `candidates`, with the reason if they are not published.
         """
         found = sorted((spot for spot in seen if not spot.rejection), key=lambda spot: -spot.confidence)
         self.candidates = [spot for spot in seen if spot.rejection]
@@ -216,7 +216,7 @@ class SpotDetector:
         return confirmed, kept
 
     def _max_diameters(self, regions: Sequence[Region], traits: ImageTraits) -> List[float]:
-        """Returns a spot's largest diameter [px] in the middle of each region; NaN where the floor is not seen."""
+        """Returns a spot's largest allowed diameter [px] in the middle of each region; NaN where no floor is seen."""
         if self._geometry is None or not regions:
             return [_MAX_DIAGONAL_SHARE * traits.diagonal] * len(regions)
         middles = np.array(regions).reshape(-1, 2, 2).mean(axis=1)

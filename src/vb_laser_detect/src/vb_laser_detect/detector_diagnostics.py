@@ -1,4 +1,4 @@
-"""A spot detector as seen from outside: its status, and notices of what is wrong with its input."""
+"""Publishes a spot detector's status, and notices of faults in its input."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
 
 
 class DetectorDiagnostics:
-    """Counts what a detector does, and tells people what is wrong with its camera: nothing else watches it.
+    """Counts what a detector does, and tells people about its camera's faults, which nothing else watches for.
 
     Published topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
-        /virtual_borders/notices (vb_msgs/NoticeArray): what keeps spots from being found or placed
+        /virtual_borders/notices (vb_msgs/NoticeArray): what keeps spots from being found or located
 
     Args:
-        camera: its name.
-        mailbox: of its images.
-        mobile: whether it is on a robot.
-        own_source: whether it reads the camera itself, so that images have this computer's time.
+        camera: the camera's name.
+        mailbox: of the detector's images.
+        mobile: whether the camera is on a robot.
+        own_source: whether the detector reads the camera directly, so that stamps are of this computer's clock.
 
     Attributes:
-        focal: [px] of the lens with which spots are placed; 0 while it is not known.
+        focal: [px] focal length of the lens with which spots are located; 0 while it is not known.
     """
 
     def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False) -> None:
@@ -45,12 +45,12 @@ class DetectorDiagnostics:
         self._frame_id, self.focal, self._mailbox = "", 0.0, mailbox
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self._color = True  # whether the images show colours
-        self._bright, self._measured = 0.0, float("-inf")  # share of an image that is saturated, and when that was seen
+        self._bright, self._measured = 0.0, float("-inf")  # saturated share of an image, and when it was measured
         self._lock = threading.Lock()
         self._counts, self._watch = DetectorCounts(), InputWatch(rospy.get_time())
         # by code: its notice, when it last occurred, and whether it is about image quality
         self._faults: Dict[str, Tuple[Notice, rospy.Time, bool]] = {}
-        self._source_fault: Optional[Notice] = None  # an error: no images come because of it
+        self._source_fault: Optional[Notice] = None  # an ERROR if it keeps images from coming
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._notices = NoticePublisher()
         self._timer = WakeTimer(1.0)
@@ -61,9 +61,9 @@ class DetectorDiagnostics:
         self._timer.close()
         self._notices.close()
 
-    # ------------------------------------------------------------- what the node tells
+    # ------------------------------------------------------------- what the node reports
     def count_dropped(self, code: str) -> None:
-        """Counts something that was left out, by the code of its reason; nothing is told."""
+        """Counts something that was left out, by its reason's code, without a notice."""
         with self._lock:
             self._counts.count_rejections(code)
 
@@ -74,10 +74,10 @@ class DetectorDiagnostics:
             self._faults[error.code] = self._notice(error, severe), rospy.Time.now(), False
 
     def set_source_fault(self, error: Optional[CodedError], is_silent: bool) -> None:
-        """Tells what is wrong with a camera that the detector reads itself, until it is called again.
+        """Reports what is wrong with a camera that the detector reads directly, until it is called again.
 
         Args:
-            is_silent: it sends no images because of that.
+            is_silent: whether the camera sends no images because of that.
         """
         with self._lock:
             self._counts.count_rejections(*([] if error is None else [error.code]))
@@ -85,7 +85,7 @@ class DetectorDiagnostics:
         self._tell()
 
     def clear_refused_setting(self) -> None:
-        """Withdraws the notice that the camera refused its settings; it sends images."""
+        """Withdraws the notice that the camera refused its settings; one that it sends no images stays."""
         with self._lock:
             self._source_fault = self._source_fault if self._is_silent else None
         self._tell()
@@ -100,14 +100,14 @@ class DetectorDiagnostics:
         spots: int = 0,
         rejected: Sequence[str] = (),
     ) -> None:
-        """Notes an image that was searched.
+        """Records an image that was searched.
 
         Args:
-            stamp, frame_id, picture: of it.
+            stamp, frame_id, picture: the image's.
             missing: why no spot of it can be published; None: all inputs are available.
             search_s: [s] that the search itself took.
-            spots: how many were published after it, also those of earlier images.
-            rejected: codes of what was not.
+            spots: how many were published after it, including those of earlier images.
+            rejected: codes that say why candidates, or the image, were rejected.
         """
         now = rospy.get_time()
         self._frame_id, self._color = frame_id, picture.content != "mono"
@@ -119,7 +119,7 @@ class DetectorDiagnostics:
             self._counts.count_image(now, stamp.to_sec(), search_s, spots)
 
     def record_detector(self, message: DetectorStatus) -> None:
-        """Records the frame of another stationary camera, or that another node has this camera's name."""
+        """Records another stationary camera's frame; reports another node that uses this camera's name."""
         if message.camera == self._camera:
             self._check_sender((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
         elif not message.mobile and message.frame_id:
@@ -147,13 +147,13 @@ class DetectorDiagnostics:
         if not self._mobile:
             require_own_frame(self._camera, frame_id, frames)
 
-    # ------------------------------------------------------------- what goes out
+    # ------------------------------------------------------------- what is published
     def _notice(self, error: CodedError, severe: bool) -> Notice:
         return Notice.from_error(error, Severity.ERROR if severe else Severity.WARNING, self._camera)
 
     @property
     def _is_silent(self) -> bool:
-        """Whether no images come from a camera that the detector reads itself, and people are told why."""
+        """Whether a camera that the detector reads directly sends no images; the notice says why."""
         return self._source_fault is not None and self._source_fault.severity is Severity.ERROR
 
     def _tell(self) -> None:
@@ -174,7 +174,7 @@ class DetectorDiagnostics:
         self._notices.set(told)
 
     def _quality(self) -> List[CodedError]:
-        """Returns what is wrong with images that come and can be placed; a value that hovers around its limit is reported continuously."""
+        """Returns what is wrong with usable images; a value that hovers around its limit is reported continuously."""
         found = self._counts.quality(not self._own_source)
         if self._bright > TOO_BRIGHT:
             found.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))

@@ -46,7 +46,7 @@ class CaptureParams(Parameters):
 
 @dataclass(frozen=True)
 class SpotDetectorNodeParams(Parameters):
-    """All parameters of a node; see config/*.yaml."""
+    """All parameters of the node; see config/*.yaml."""
 
     camera: str = param("")
     source: str = param("")

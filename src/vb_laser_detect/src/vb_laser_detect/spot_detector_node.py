@@ -1,4 +1,4 @@
-"""Finds laser spots in one camera's images and publishes them on the floor of the map (paper, Sect. 4.3)."""
+"""Finds laser spots in one camera's images and publishes their floor positions in the map (paper, Sect. 4.3)."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopi
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
-_CONFIRMED = 256  # images within which a spot is confirmed: then those of all of them are published at once
-_DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing them takes longer than the search
+_CONFIRMED = 256  # images kept until a spot is confirmed: then the spots of all of them are published at once
+_DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing one takes longer than the search
 
 
 class SpotDetectorNode:
@@ -38,32 +38,32 @@ class SpotDetectorNode:
 
     Subscribed topics:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two, unless ~source is
-            set: then it reads the camera itself
-        <camera>/camera_info (sensor_msgs/CameraInfo): next to the image; may come late and change
+            set: then the node reads the camera directly
+        <camera>/camera_info (sensor_msgs/CameraInfo): next to the image; may arrive late, and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth>/camera_info (sensor_msgs/CameraInfo): only if a
             depth topic is set; camera_info is next to the depth image
         /virtual_borders/detectors (vb_msgs/DetectorStatus): to find another camera with the same frame
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are rejected
-        /tf, /tf_static (tf2_msgs/TFMessage): <robot>/base_link to map, and <optical frame> to map for a moving camera, at the image's time
+        /tf, /tf_static (tf2_msgs/TFMessage): <robot>/base_link and a moving camera's frame to map at the image's time;
+            a stationary camera's frame to map
     Published topics:
-        /virtual_borders/spots (vb_msgs/LaserSpot): stamped with the image's time. The spots that a stroke began with
-            follow when it is confirmed, in their order and with their own times
+        /virtual_borders/spots (vb_msgs/LaserSpot): stamped with the image's time. A stroke's first spots are
+            published when it is confirmed, in order and with their own times
         /virtual_borders/detectors (vb_msgs/DetectorStatus): once a second
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), <camera>/camera_info
-            (sensor_msgs/CameraInfo): with ~source, while somebody listens
-        /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with the camera: no images and why, no lens, no
-            pose, another one's frame, too bright, too slow, clocks that differ
-        ~debug_image (sensor_msgs/Image): spots, and candidates with the reason for rejection; only if listened to
+            (sensor_msgs/CameraInfo): only with ~source, and while there are subscribers
+        /virtual_borders/notices (vb_msgs/NoticeArray): the camera's faults: no images and why, no lens, no pose,
+            another camera's frame, too bright, too slow, clocks that differ
+        ~debug_image (sensor_msgs/Image): spots, and rejected candidates with the reason; only if there are subscribers
     Parameters:
-        config/stationary.yaml: for a ceiling camera. All parameters below ~detector, ~projection and ~capture except
-            moving_camera, width, height, rate and pixel_format can be changed while the node runs (dynamic_reconfigure,
-            in the same namespaces)
+        config/stationary.yaml: for a ceiling camera. dynamic_reconfigure can change the parameters in ~detector,
+            ~projection and ~capture while the node runs, except moving_camera, width, height, rate and pixel_format
         config/mobile.yaml: for a camera on a robot
-        <robot>/robot_profile: how large a robot is
+        <robot>/robot_profile: a robot's size
     """
 
     def __init__(self, params: SpotDetectorNodeParams) -> None:
-        # one process per camera: threads within each would only fight for the cores
+        # one process per camera: threads within each would only compete for the cores
         cv2.setNumThreads(1)
         node.disable_heap_trimming()
         if not params.camera:
@@ -73,7 +73,7 @@ class SpotDetectorNode:
         self._floor_projection = FloorProjection(params.projection)
         self._detector = SpotDetector(params.detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
-        # seconds as a float lose an image's nanoseconds
+        # a float of seconds would lose a stamp's nanoseconds
         self._stamps: Deque[rospy.Time] = deque(maxlen=_CONFIRMED)
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
@@ -99,7 +99,7 @@ class SpotDetectorNode:
             )
 
     def _connect(self) -> Union[InfoTopic, LensFile]:
-        """Begins to take images; returns where their lens comes from."""
+        """Starts receiving images; returns the source of their lens model."""
         params, report = self._params, self._report
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
         if params.source:
@@ -111,7 +111,7 @@ class SpotDetectorNode:
         return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image))
 
     def close(self) -> None:
-        """Stops the worker, sets the camera free, and withdraws the notices."""
+        """Stops the worker, releases the camera, and withdraws the notices."""
         self._mailbox.close()
         if self._feed is not None:
             self._feed.close()
@@ -162,8 +162,8 @@ class SpotDetectorNode:
         if detector.lamps > lamps:
             self._report.report_fault(CodedError("lamp"))
         if geometry is not None:
-            pose_error = geometry.pose_error  # the pose was asked for and is missing
-        # what is rejected is an everyday event: counted, but not worth a warning
+            pose_error = geometry.pose_error  # set if the pose was needed and is unknown
+        # rejections are normal: they are counted, without a warning
         rejected = [one.rejection for one in detector.candidates if one.rejection]
         rejected += ["late_image"] * (detector.late - late)
         self._report.see_image(stamp, received.frame_id, picture, pose_error, took, len(located), rejected)
@@ -175,7 +175,7 @@ class SpotDetectorNode:
     def _place(
         self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
-        """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
+        """Returns the image's geometry, or why there is none: its spots are then found, but not published."""
         try:
             self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, size), None

@@ -1,6 +1,6 @@
 """The virtual border V = (P, s, delta) of the paper, Sect. 3.
 
-Everything that draws, stores, checks or shows a border passes it on in this form.
+All code that draws, stores, checks or shows borders passes them on in this form.
 
 >>> border = VirtualBorder(points=[(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)
 >>> border.zone.name, border.enabled, border.points.shape
@@ -21,15 +21,15 @@ from vb_core.zones import KEEP_OUT, ZONES, Zone
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.places.registration import Transform
 
-# more than a person can draw: at 25 spots a second this is over three minutes without a pause
+# more than a person draws: over three minutes without a pause, at 25 spots a second
 MAX_POINTS = 5000
-# a chain whose ends are nearer to each other than this share of its length is meant to be closed
+# a chain counts as closed if the gap between its ends is at most this share of its length
 CLOSING_SHARE = 0.15
-# [m] no floor is farther from the origin: such numbers come from a fault
+# [m] no floor is farther from the origin: larger values come from a fault
 MAX_COORDINATE = 1e6
 
 MAX_NAME = 200  # characters
-# [m/s] the highest limit that a cell of the map of limits can hold, in whole cm/s
+# [m/s] the highest value that a cell of the speed limit map can hold: 127 cm/s
 MAX_SPEED = 1.27
 
 
@@ -38,18 +38,18 @@ class VirtualBorder:
     """A virtual border.
 
     Attributes:
-        points: (N, 2) float64 [m], map frame; P, the polygonal chain; a closed one does not repeat its first point.
+        points: (N, 2) float64 [m], map frame; P, the polygonal chain; if closed, the first point is not repeated.
         seed: (2,) float64 [m], map frame; s, a point on the side to be restricted.
-        occupancy: delta, 0 .. 1; at least .01 in a zone that stands in the map.
+        occupancy: delta, 0 .. 1; above .005 in a zone that is marked in the map, below 1 in a soft zone.
         closed: polygon (True) or separating curve (False); None decides by the gap between the chain's ends.
         id, name: for the store and for people.
-        enabled: whether it is on.
+        enabled: the user's switch.
         created, modified: [s] ROS time.
-        robots: names of the robots that it is for; empty: all.
+        robots: names of the robots that it applies to; empty: all.
         wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
-        zone: what the area means for robots (vb_core.zones); its name will do.
+        zone: what the area means for robots (vb_core.zones); may be given by its name.
         max_speed: [m/s] in a zone that limits it; 0 elsewhere.
-        map_id: fingerprint of the map on which a person accepted it; "" before that.
+        map_id: fingerprint of the map on which a person accepted it; "" until then.
 
     Raises:
         IntegrationError: "bad_points", "too_few_points", "too_many_points", "bad_seed", "bad_occupancy",
@@ -124,7 +124,7 @@ class VirtualBorder:
 
     @property
     def value(self) -> int:
-        """delta as an occupancy value, 0 .. 100, as it stands in the map."""
+        """delta as an occupancy value of the map, 0 .. 100."""
         return self.zone.value(self.occupancy)
 
     def moved(self, transform: Transform) -> "VirtualBorder":
@@ -134,7 +134,7 @@ class VirtualBorder:
         return self.replace(points=transform.apply(self.points), seed=transform.apply(self.seed)[0])
 
     def same_area(self, other: "VirtualBorder") -> bool:
-        """Returns whether both restrict the same cells of any map, whatever their occupancy."""
+        """Returns whether both borders restrict the same cells on any map, whatever their occupancy."""
         return (
             self.closed == other.closed
             and self.wall == other.wall
@@ -152,7 +152,7 @@ class VirtualBorder:
 
 
 def _coordinates(values: object, code: str) -> np.ndarray:
-    """Copies coordinates to (N, 2) float64, all finite; raises IntegrationError with a code if that cannot be."""
+    """Copies coordinates to (N, 2) float64, all finite; raises IntegrationError with a code if it cannot."""
     try:
         points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):

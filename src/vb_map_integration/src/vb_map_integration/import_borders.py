@@ -21,9 +21,9 @@ _TIMEOUT = 20.0
 
 
 def import_borders() -> int:
-    """Adds each border of a file, and prints what was said of it.
+    """Adds each border of a file, and prints the answer to each.
 
-    Status 0: all were added, 1: not all, 2: bad file.
+    Exit status 0: all were added, 1: not all, 2: bad file.
     """
     parser = argparse.ArgumentParser(prog="import_borders", description=import_borders.__doc__)
     parser.add_argument("file", type=Path, help="GeoJSON in metres, as save_map writes it")

@@ -1,9 +1,9 @@
-"""What is in force on a map: the map with borders, a verdict for each border, and what people should know of them.
+"""What is in force on a map: the map with borders, a verdict for each border, and notices about them.
 
-The idea: a border is what it closed off, not only where it was drawn. On the map on which a person accepted it, it is what
-was drawn. On any other map it is the same if the walls round it are where they should be and it closes off the same floor;
-else it waits for a person. Meanwhile it errs on the safe side, and is in force on what it closed off, on what the line
-closes off now unless that is much more, and at its second possible place. If nothing of that is on the map, it does not fit.
+A border is what it closed off, not only where it was drawn. On the map on which a person accepted it, it is in force as
+drawn. On any other map it counts as the same if the walls round it are where they should be and it closes off the same
+floor; else it waits for a person. Meanwhile, to be safe, it restricts what it closed off before, what it closes off now
+unless that is much more, and its second possible position. If none of these is on the map, it does not fit.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from vb_map_integration.grid.region import Region, join_regions, put_on_map
 from vb_map_integration.integration import integrate
 from vb_map_integration.places.recognition import BorderPlace
 
-# why a border waits for a person, or is not in force
+# verdict codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
-# reasons why it waits, besides the codes of `IntegrationError`
+# reasons for waiting, besides the codes of `IntegrationError`
 PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
-# a border closes off the same if this share of all that it closes off, before or now, is in both
+# a border closes off the same floor if the IoU of what it closed off and closes off now is at least this
 _SAME_EFFECT = 0.5
-# while it waits, it is in force on what it closes off now only up to this many times what it was accepted for
+# while it waits, what it closes off now is in force only up to this many times the area that was accepted
 _WITHIN_REASON = 2.0
-_NAMED = 3  # borders by which a place is described
+_NAMED = 3  # how many borders are named to describe a place
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one border is on the current map.
+    """The status of one border on the current map.
 
     Attributes:
         stored: the border in its place's frame.
         border: in the map's frame.
-        code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is the same.
-        why: PLACE, EFFECT, or the code of the error; "" if it is the same.
-        region: what is in force; None if nothing is.
-        before: what it restricted when it was accepted, at its place on this map; None if it is not needed.
-        after: what it will restrict once confirmed; None if nothing.
+        code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is in force unchanged, or disabled.
+        why: PLACE, EFFECT, or the code of the error; "" if none applies.
+        region: the region in force; None if there is none.
+        before: the region that it restricted when it was accepted, on this map; None if not needed or off the map.
+        after: the region that it will restrict once confirmed; None if there is none.
     """
 
     stored: VirtualBorder
@@ -58,12 +58,12 @@ class Verdict:
 
     @property
     def can_be_confirmed(self) -> bool:
-        """Returns whether a person can accept it as it is now."""
+        """Returns whether a person can accept the border as it is now."""
         return self.code == TO_BE_CONFIRMED and self.why in (PLACE, EFFECT)
 
     @property
     def values(self) -> Dict[str, str]:
-        """The values for the sentence of its code."""
+        """The values for the sentence that belongs to its code."""
         before, after = (region.area_m2 if region else 0.0 for region in (self.before, self.after))
         areas = {"before": f"{before:.1f}", "now": f"{after:.1f}"} if self.before else {}
         return {"border": self.border.name, "why": self.why, **areas}
@@ -75,7 +75,7 @@ class InForce:
 
     Attributes:
         physical: the map without borders.
-        verdicts: by border, the oldest first.
+        verdicts: by border id, the oldest first.
     """
 
     physical: GridMap
@@ -87,7 +87,7 @@ class InForce:
         return put_on_map(self.physical, self.regions())
 
     def regions(self, without: Iterable[str] = ()) -> List[Region]:
-        """Returns the regions of the borders in force, without some; those of slow zones have the value 0."""
+        """Returns the regions of the borders in force, except `without`; those of slow zones have the value 0."""
         return [one.region for key, one in self.verdicts.items() if one.region is not None and key not in without]
 
     @property
@@ -101,7 +101,7 @@ class InForce:
         return region.area_m2 if region else 0.0
 
     def status(self, border: VirtualBorder) -> Tuple[bool, str]:
-        """Returns whether a border is in force now, and what is to be said of it.
+        """Returns whether a border is in force now, and its status code.
 
         Returns:
             (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled" or "inactive_on_this_map".
@@ -112,7 +112,7 @@ class InForce:
         return verdict.code != DOES_NOT_FIT, verdict.code
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
-        """Returns the outlines (N, 2) [m] of what a border closed off before, and after confirmation; empty if it is sure."""
+        """Returns the outlines (N, 2) [m] before and after confirmation; empty unless the border waits for it."""
         verdict = self.verdicts[border_id]
         regions = (verdict.before, verdict.after) if verdict.code == TO_BE_CONFIRMED else (None, None)
         return tuple(  # type: ignore[return-value]
@@ -121,7 +121,7 @@ class InForce:
 
     @property
     def speed_limits(self) -> GridMap:
-        """The highest speed in each cell [cm/s], 0: no limit; the geometry of the map."""
+        """The speed limit of each cell [cm/s], 0: none; in the map's geometry."""
         cells = np.zeros(self.physical.shape, np.int8)
         for verdict in self.slow_zones:
             part, inside = cells[verdict.region.window], verdict.region.mask != 0  # type: ignore[union-attr]
@@ -140,10 +140,10 @@ def compute_in_force(
 
     Args:
         grid: the physical map.
-        borders: stored ones, in the frame of their place.
+        borders: the stored borders, in the frame of their place.
         locate: finds where a border is on the map.
-        before: what was in force on the same map, with the same `locate`: verdicts of borders that are still the same
-            are taken from it.
+        before: the previous result for the same map and the same `locate`: the verdicts of unchanged borders are taken
+            from it.
     """
     earlier = before.verdicts if before else {}
     verdicts: Dict[str, Verdict] = {}
@@ -155,19 +155,19 @@ def compute_in_force(
 
 
 def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
-    """Decides what of a border is in force, and whether a person has to be asked; in doubt, more of it is in force."""
+    """Decides which region of a border is in force, and whether to ask a person; if in doubt, more is in force."""
     border = place.border
     if not border.enabled:
         return Verdict(stored, border)
     now, error = _region(grid, border)
     if place.accepted is None:
         return Verdict(stored, border, "" if now else DOES_NOT_FIT, error, now, after=now)
-    # the line alone decides what a closed line or a wall closes off, wherever it is: the same as before
+    # a closed line or a wall closes off the same wherever it is, as the line alone decides
     before = now if border.closed or border.wall else place.region_before(grid)
     why = error
     if not why and place.floor_is_known and not place.walls_agree:
         why = PLACE
-    # they are one object if the line alone decides: then there is nothing to compare
+    # they are the same object if the line alone decides: then there is nothing to compare
     if not why and before is not now and (before is None or before.iou(now) < _SAME_EFFECT):
         why = EFFECT
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
@@ -178,7 +178,7 @@ def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
 
 
 def _region_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
-    """Returns what is in force until a person answers: as before, and what is possible now unless that is much more."""
+    """Joins what is in force until a person answers: `before`, and each possible region that is not much larger."""
     if before is None:
         return join_regions(possible)
     most = _WITHIN_REASON * before.area_m2
@@ -186,7 +186,7 @@ def _region_while_waiting(before: Optional[Region], possible: List[Optional[Regi
 
 
 def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
-    """Returns what a border restricts, or None and why it restricts nothing."""
+    """Returns the region that a border restricts, or None and the code that says why there is none."""
     try:
         return integrate(grid, border), ""
     except IntegrationError as error:
@@ -194,10 +194,10 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
 
 
 def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place: str) -> List[Notice]:
-    """Finds what people should know about a map, and about borders that are no longer what they were.
+    """Returns the notices about a map's place, and about borders that have changed on this map.
 
     Args:
-        is_certain: whether it is known which place the map shows.
+        is_certain: whether it is known for certain which place the map shows.
         place: its name; "" if it has none.
     """
     notices = []
@@ -225,5 +225,5 @@ def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, st
 
 
 def _names(borders: Sequence[VirtualBorder]) -> str:
-    """Names the first of some borders."""
+    """Lists the names of the first few borders."""
     return ", ".join(border.name for border in borders[:_NAMED]) + (", ..." if len(borders) > _NAMED else "")

@@ -3,7 +3,7 @@
 M_posterior is M_prior with the area on the seed's side of the border raised to delta. Physical obstacles keep
 their value; the prior itself is never changed.
 
-Several borders, undo, and maps that change are `integrator.MapIntegrator`.
+`integrator.MapIntegrator` handles several borders, undo, and maps that change.
 
 >>> import numpy as np
 >>> room = GridMap(np.zeros((60, 60), np.int8), resolution=0.05)      # 3 m x 3 m of free floor
@@ -30,19 +30,19 @@ from vb_map_integration.grid.region import Region, put_on_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError, warning
 
-# [m] length of a curve's end that gives the direction of its extension: longer than a hand's tremor, shorter than a doorway
+# [m] length of a curve's end that gives its extension's direction: longer than hand tremor, shorter than a doorway
 EXTENSION_FIT_LENGTH = 0.3
-# [m] how far a drawn end may be from the wall that it belongs to: less than any robot's width
+# [m] a drawn end this near a wall is joined to it: less than any robot's width
 WALL_SNAP_DISTANCE = 0.2
 # [m] how far a seed on an obstacle or on the line is moved to free floor
 MAX_SEED_SHIFT = 0.2
-# of the free space; a border that leaves only a corner for spot cleaning restricts over 0.9 of a room
+# share of the free space; a border that leaves only a corner for spot cleaning restricts over 0.9 of a room
 MAX_AREA_SHARE = 0.98
-# [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
+# [m] width of a virtual wall's band; on coarse maps the band is just the cells that the chain runs through
 WALL_WIDTH = 0.1
-# [m] farther than a person who draws from wall to wall stops before one: an extension worth a warning
+# [m] a longer extension causes a warning: people who draw from wall to wall stop nearer to the walls
 FAR = 1.0
-# marks what a fill reached, in a mask of blocked cells
+# marks the cells that a fill has reached, in a mask of blocked cells
 _FILLED = 128
 
 
@@ -51,8 +51,8 @@ class Integration(Region):
     """A border integrated into a map.
 
     Attributes:
-        prior: the map, which stays as it is.
-        line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
+        prior: the map without the border; it is not changed.
+        line: (M, 2) [m] map frame, the line in effect: for a curve, with its extensions.
         issues: warnings.
     """
 
@@ -67,7 +67,7 @@ class Integration(Region):
 
     @property
     def region(self) -> np.ndarray:
-        """(H, W) bool, the cells that the border restricts; obstacles are not among them."""
+        """(H, W) bool, the cells that the border restricts, without obstacles."""
         region = raster.filled(self.prior.shape, 0).view(bool)
         region[self.window] = self.mask != 0
         return region
@@ -76,14 +76,14 @@ class Integration(Region):
 def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Integration:
     """Integrates a border into a map.
 
-    A polygon restricts its inside, unknown cells included, or all the free space outside that is connected
-    with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
-    the seed without crossing it. A virtual wall restricts a thin band along its chain. Unknown cells are raised only
-    by a value that counts as an obstacle: a soft one would make them look freer than they were.
+    A polygon restricts its inside, unknown cells included, or, with the seed outside, all free space outside that is
+    connected to the seed. A separating curve is extended to the physical borders and restricts the free space that is
+    reachable from the seed without crossing it. A virtual wall restricts a thin band along its chain. Unknown cells
+    are raised only if the value counts as an obstacle: a soft value would make them look known and passable.
 
     Args:
-        prior, border: the map, and what to put on it.
-        robots: (N, 2) [m] where robots are, to warn when one is inside.
+        prior, border: the map, and the border to integrate.
+        robots: (N, 2) [m] positions of robots, to warn if one is in the restricted area.
 
     Raises:
         IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
@@ -98,11 +98,11 @@ def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[f
 
 
 class _BorderOnGrid:
-    """A border in the cells of a map, and the warnings found so far.
+    """A border on the cells of a map, and the warnings found so far.
 
     Attributes:
-        points, seed: (N, 2), (2,) [cells] of the border, column first.
-        cells: (H, W) uint8 of the map: as bytes unknown is 255, and one comparison finds obstacles and unknown.
+        points, seed: (N, 2), (2,) [cells] the border's, column first.
+        cells: (H, W) uint8, the map's: unknown is 255 as uint8, so one comparison finds obstacles and unknown cells.
     """
 
     def __init__(self, prior: GridMap, border: VirtualBorder) -> None:
@@ -160,7 +160,7 @@ class _BorderOnGrid:
             self.warn("border_self_intersects")
 
     def polygon(self) -> Tuple[raster.CellWindow, np.ndarray]:
-        """Returns the area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
+        """Returns the area on the seed's side of a polygon: a window, and its (h, w) uint8 mask."""
         cells, threshold = self.cells, OCCUPIED_THRESHOLD
         window, inner = raster.polygon_mask(self.points, cells.shape)
         if not inner.any():
@@ -174,13 +174,13 @@ class _BorderOnGrid:
         )
         if is_inner:
             mask, part = inner, cells[window]
-            cv2.subtract(mask, cv2.inRange(part, threshold, 127), dst=mask)  # unknown, 255, stays
+            cv2.subtract(mask, cv2.inRange(part, threshold, 127), dst=mask)  # unknown cells, 255, stay
             if threshold <= cells[row, column] <= 127:
                 barred = raster.filled(cells.shape, 255)
                 np.invert(mask, out=barred[window])
                 self.free_cell(barred)
             return window, mask
-        # the outer area is all that is connected with the seed, also behind the polygon
+        # the outer area is everything connected to the seed, also behind the polygon
         self.warn("restricts_outside")
         start = row, column
         blocked = cv2.inRange(cells, threshold, 255)
@@ -194,7 +194,7 @@ class _BorderOnGrid:
         return outer, cv2.inRange(blocked[outer], _FILLED, _FILLED)
 
     def wall(self) -> Tuple[raster.CellWindow, np.ndarray]:
-        """Returns the free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
+        """Returns the free cells of a band along a chain: a window, and its (h, w) uint8 mask."""
         cells = self.cells
         trace = raster.trace_chain(self.points, cells.shape)
         inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < cells.shape[0])
@@ -216,7 +216,7 @@ class _BorderOnGrid:
         """Returns the area on the seed's side of a separating curve: a window, its (h, w) uint8 mask, and the line [m]."""
         prior = self.prior
         fit, tolerance = EXTENSION_FIT_LENGTH / prior.resolution, WALL_SNAP_DISTANCE / prior.resolution
-        # no fill may enter obstacles, unknown, and a frame round the map
+        # no fill may enter obstacles, unknown cells, or the frame round the map
         framed = raster.filled((prior.shape[0] + 2, prior.shape[1] + 2), 255)
         cv2.inRange(self.cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
         cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.free_cell)
@@ -231,10 +231,10 @@ class _BorderOnGrid:
         return cut.window, cut.region, line
 
     def free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
-        """Returns the seed's cell (row, column), or the nearest one that is not barred, in a direction if one is given.
+        """Returns the seed's cell (row, column), or the nearest one not barred, on the side `away` points to if given.
 
         Raises:
-            IntegrationError: "seed_on_obstacle" if there is none within the radius.
+            IntegrationError: "seed_on_obstacle" if there is none within MAX_SEED_SHIFT.
         """
         column, row = (int(value) for value in np.floor(self.seed + 0.5))
         if not barred[row, column]:

@@ -1,7 +1,7 @@
-"""Physical map, borders, their database and the map with borders, kept together.
+"""Keeps physical map, borders, their database and the map with borders consistent.
 
-Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds where they
-are on the current map, and `compute_in_force` computes what of them is in force there, as one value, `InForce`.
+Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds where
+they are on the current map, and `compute_in_force` computes what is in force there, as one value, `InForce`.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from vb_map_integration.storage.database import BorderChange, Change, Database, 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """Effect that adding or changing a border would have.
+    """Effect of adding or changing a border.
 
     Attributes:
-        integration: what it would restrict.
+        integration: the border integrated into the physical map.
         issues: warnings, the integration's first.
-        free_parts: number of parts of the free space, see `count_free_parts`.
+        free_parts: number of parts of the free space with the border, see `count_free_parts`.
     """
 
     integration: Integration
@@ -57,13 +57,13 @@ class ChangeResult:
 class MapIntegrator:
     """Physical map plus borders. Every change is checked, written to disk and only then made.
 
-    Regions are always computed on the physical map, so what a border restricts does not depend on others.
+    Regions are always computed on the physical map, so what a border restricts does not depend on other borders.
 
     Args:
         root: folder of the database; None keeps borders in memory only.
-        map_name: of the place that the map shows; empty: the map alone tells which place that is.
-        robots: names that borders may name; empty: any.
-        robot_radius: [m] for what a robot can reach.
+        map_name: name of the place that the map shows; empty: the place is recognised by the map alone.
+        robots: names of the robots that borders may name; empty: any.
+        robot_radius: [m] to compute what a robot can reach.
 
     Attributes:
         map_id: the current map's fingerprint.
@@ -81,7 +81,7 @@ class MapIntegrator:
         self._recognition = PlaceRecognition()
         self._in_force: Optional[InForce] = None
         self.map_id = ""
-        self._free_parts: Optional[int] = None  # of the map with borders, once they were counted
+        self._free_parts: Optional[int] = None  # of the map with borders; None until they are counted
         self._place_notices: List[Notice] = []  # why the map's place could not be recorded
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class MapIntegrator:
     # ------------------------------------------------------------- state
     @property
     def in_force(self) -> InForce:
-        """What is in force; CodedError "no_map" before there is a map."""
+        """What is in force; raises CodedError "no_map" until the first map arrives."""
         if self._in_force is None:
             raise CodedError("no_map")
         return self._in_force
@@ -103,16 +103,16 @@ class MapIntegrator:
 
     @property
     def physical(self) -> GridMap:
-        """The physical map; CodedError "no_map" before there is one."""
+        """The physical map; raises CodedError "no_map" until the first one arrives."""
         return self.in_force.physical
 
     @property
     def map_with_borders(self) -> GridMap:
-        """The physical map with all borders in force; CodedError "no_map" before there is a map."""
+        """The physical map with all borders in force; raises CodedError "no_map" until the first map arrives."""
         return self.in_force.map_with_borders
 
     def map_with_borders_for(self, robot: str) -> GridMap:
-        """Returns the map for one robot: with the borders that list it and those that list no robot."""
+        """Returns the map for one robot: with the borders that name it and those that name no robot."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
         return put_on_map(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
 
@@ -123,7 +123,7 @@ class MapIntegrator:
 
     @property
     def revision(self) -> int:
-        """Grows with every change."""
+        """The revision; it grows with every change."""
         return self._database.revision
 
     @property
@@ -133,17 +133,17 @@ class MapIntegrator:
 
     @property
     def needs_confirmation(self) -> bool:
-        """Returns whether somebody has to say which place the map shows, or whether borders are right on it."""
+        """Returns whether a person has to confirm which place the map shows, or that borders are right on it."""
         return not self._recognition.certain or bool(self._waiting())
 
     def _waiting(self) -> List[Verdict]:
-        """The borders that a person can accept as they are now."""
+        """Returns the verdicts of the borders that a person can accept as they are now."""
         verdicts = self._in_force.verdicts.values() if self._in_force else ()
         return [verdict for verdict in verdicts if verdict.can_be_confirmed]
 
     @property
     def notices(self) -> List[Notice]:
-        """What people should know: about the files, the map, and borders that are no longer what they were."""
+        """Notices about the database, the map's place, and borders that have changed on this map."""
         verdicts = list(self._in_force.verdicts.values()) if self._in_force else []
         return [
             *self._database.notices,
@@ -153,7 +153,7 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap) -> bool:
-        """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed."""
+        """Adopts a physical map: the first, another, or one that has grown; returns whether anything changed."""
         map_id = fingerprint(grid)
         if map_id == self.map_id:
             return False
@@ -173,13 +173,13 @@ class MapIntegrator:
         return True
 
     def _use(self, grid: GridMap, recognition: PlaceRecognition) -> None:
-        """Puts the borders of a place in force on a map, or on the same one if there is a new answer about it."""
+        """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._recognizer.start_map(grid, self.map_id, recognition)
         self._recognition, self._in_force = recognition, None
         self._refresh(grid)
 
     def _refresh(self, grid: GridMap) -> None:
-        """Puts in force what the database has now."""
+        """Puts in force the borders that the database has now."""
         borders = self._database.borders(self._recognition.place)
         self._in_force = compute_in_force(grid, borders, self._recognizer.locate, self._in_force)
         self._free_parts = None
@@ -189,8 +189,8 @@ class MapIntegrator:
         """Adopts a person's answer about what the current map shows.
 
         Args:
-            same: it is the place whose borders are in force, and they are right as shown; else a new place, without borders.
-            name: for the place; empty: the name stays as it is.
+            same: it is the place whose borders are in force, and they are right as shown; else a new place without any.
+            name: the place's new name; empty: unchanged.
             map_id: of the map that the answer is about; empty: whichever is current.
 
         Raises:
@@ -214,17 +214,17 @@ class MapIntegrator:
             place = self._database.add_map(grid, self.map_id, place, transform, name)
         waiting = self._waiting() if same else []
         self._use(grid, PlaceRecognition(place, transform))
-        if waiting:  # from now on these borders mean what they close off here
+        if waiting:  # from now on, what these borders close off here counts as accepted
             accepted = [self._to_place_frame(one.border.replace(map_id=self.map_id)) for one in waiting]
             self._make_change(
                 tuple(BorderChange(one.stored.id, one.stored, new) for one, new in zip(waiting, accepted))
             )
 
     def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> CheckResult:
-        """Checks what adding a border, or replacing the one of the same id, would do; changes nothing.
+        """Checks what adding a border, or replacing the one with the same id, would do; changes nothing.
 
         Args:
-            robot_positions: (N, 2) [m] of the robots that it is for.
+            robot_positions: (N, 2) [m] of the robots that the border applies to.
 
         Raises:
             CodedError: "no_map", "unknown_robot", or as `integrate`.
@@ -243,13 +243,13 @@ class MapIntegrator:
         return CheckResult(integration, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
-        """Refuses a border for unknown robots, if the known ones are configured."""
+        """Refuses a border that names unknown robots, if names are configured."""
         unknown = [robot for robot in border.robots if self._robots and robot not in self._robots]
         if unknown:
             raise IntegrationError("unknown_robot", robot=", ".join(unknown), known=", ".join(self._robots))
 
     # ------------------------------------------------------------- changes
-    # `expected` is the revision that the caller has seen; 0: any
+    # `expected` is the revision that the caller last saw; 0: any
     def add(
         self,
         border: VirtualBorder,
@@ -258,10 +258,10 @@ class MapIntegrator:
         expected: int = 0,
         request_id: str = "",
     ) -> ChangeResult:
-        """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing changed.
+        """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing has changed.
 
         Args:
-            request_id: a repetition of the same request adds nothing and returns the first one's id.
+            request_id: a repeated request with the same id adds nothing, and returns the first one's border id.
         """
         earlier = self._database.find_border_of_request(request_id)
         if earlier:
@@ -277,10 +277,10 @@ class MapIntegrator:
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Sequence[Sequence[float]] = (), expected: int = 0
     ) -> ChangeResult:
-        """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed.
+        """Replaces the border with the same id; raises CodedError if it is refused; then nothing has changed.
 
-        If points and seed are unchanged, the border is not checked against the map again, so an old misfit cannot block
-        a rename.
+        If points and seed are unchanged, the border is not checked against the map again: even one that does not fit
+        the map can be renamed.
         """
         in_force = self.in_force
         self._check_revision(expected)
@@ -322,11 +322,11 @@ class MapIntegrator:
         return self._make_change((BorderChange(border_id, before, None),), place=place)
 
     def undo(self, request_id: str = "") -> ChangeResult:
-        """Undoes the last change, once for a request; raises CodedError "nothing_to_undo"."""
+        """Undoes the last change, only once per request id; raises CodedError "nothing_to_undo"."""
         return self._step("undo", request_id)
 
     def redo(self, request_id: str = "") -> ChangeResult:
-        """Redoes what was undone last, once for a request; raises CodedError "nothing_to_redo"."""
+        """Redoes the last undone change, only once per request id; raises CodedError "nothing_to_redo"."""
         return self._step("redo", request_id)
 
     def _step(self, kind: str, request_id: str) -> ChangeResult:
@@ -337,7 +337,7 @@ class MapIntegrator:
 
     @property
     def available_commands(self) -> List[str]:
-        """Lists "undo" and "redo", each if there is something to undo or redo."""
+        """The commands "undo" and "redo", each only if there is something to undo or redo."""
         return self._database.available_commands(self._recognition.place)
 
     def _check_revision(self, expected: int) -> None:
@@ -348,16 +348,16 @@ class MapIntegrator:
             raise CodedError("revision_conflict")
 
     def _check_confirmed(self) -> None:
-        """Refuses changes while it is unknown which place the map shows: what is drawn would belong to no place."""
+        """Refuses changes while it is uncertain which place the map shows: a border would belong to none."""
         if not self._recognition.certain:
             raise IntegrationError("confirm_map_first")
 
     def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
-        """Returns a border of the current map in the frame of its place."""
+        """Converts a border from the current map's frame to that of its place."""
         return border.moved(self._recognition.transform.inverse)
 
     def _keep_map(self) -> None:
-        """Keeps the map on which a person draws, if it is not one of the place's: later ones are compared with it."""
+        """Stores the map on which a person draws, unless its place has it: later maps are compared with it."""
         place, transform = self._recognition.place, self._recognition.transform
         known = self._database.find_map(self.map_id)
         if known is None or known.place != place:
@@ -374,11 +374,11 @@ class MapIntegrator:
         place: int = 0,
         check: Optional[CheckResult] = None,
     ) -> ChangeResult:
-        """Makes a change, all of it or, with a CodedError, nothing.
+        """Makes a change completely, or raises CodedError and changes nothing.
 
         Args:
-            check: the check of the single border in this change; None for all others, whose warnings are about borders
-                that are not in force.
+            check: the check of the single border in this change; None for other changes, whose warnings are the
+                verdicts on their borders.
         """
         physical, place = self.physical, place or self._recognition.place
         self._database.commit(place, change, kind, request_id)
@@ -391,7 +391,7 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:
-        """Writes the map with borders as map_server files, and the borders as GeoJSON beside it.
+        """Writes the map with borders as map_server files, and the borders as GeoJSON beside them.
 
         Raises:
             CodedError: "bad_file_name", "no_map", "cannot_write".

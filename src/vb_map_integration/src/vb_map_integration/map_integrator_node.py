@@ -44,7 +44,7 @@ from vb_map_integration.borders.border_messages import border_from_message, mess
 from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
-# makes a change that a request asks for, at a time [s]
+# makes the change that a request asks for, given the time [s]
 ChangeHandler = Callable[[Any, float], Optional[ChangeResult]]
 
 
@@ -67,11 +67,11 @@ class MapIntegratorNode:
         /map (nav_msgs/OccupancyGrid): the physical map.
     Published topics, latched, with the same stamp for the same state:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the current map; with every change.
-        /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as there is
-            a map, and complete with every change.
-        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
-        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones, whichever robots they
-            name [cm/s], 0: no limit; once there is or was one, with every change.
+        /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all borders in force; as soon as there is
+            a map, and in full with every change.
+        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same, with only the borders for one of ~robots.
+        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): speed limits of slow zones [cm/s], whichever robots
+            they name, 0: no limit; with every change once there has been a slow zone.
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
     Services (a request that fails answers with code and message, and changes nothing):
@@ -82,10 +82,10 @@ class MapIntegratorNode:
         /virtual_borders/list_borders (vb_msgs/ListBorders)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
         /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
-        /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
-        /virtual_borders/undo_redo (vb_msgs/UndoRedo): carried out once, however often it is sent.
+        /virtual_borders/confirm_map (vb_msgs/ConfirmMap): says which place the current map shows.
+        /virtual_borders/undo_redo (vb_msgs/UndoRedo): carried out once per request_id, however often it is sent.
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger): the same for other programs.
-        /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders next to them.
+        /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders as GeoJSON beside them.
     Parameters:
         config/map_integrator.yaml
     """
@@ -101,7 +101,7 @@ class MapIntegratorNode:
         self._integrator = MapIntegrator(root, params.map_name, robots, radius)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
-        self._map_notices: List[Notice] = []  # why the last map was not taken
+        self._map_notices: List[Notice] = []  # why the last map was refused
         self._show_notices()
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
@@ -207,7 +207,7 @@ class MapIntegratorNode:
         return border_from_message(request.border)
 
     def _robot_positions(self, border: VirtualBorder) -> List[Tuple[float, float]]:
-        """Returns the positions (x, y) [m] of the robots that a border is for."""
+        """Returns the positions (x, y) [m] of the robots that a border applies to."""
         positions = []
         for frame, name in itertools.zip_longest(self._params.robot_frames.split(), self._robot_maps):
             if self._transforms is None or frame is None or (border.robots and name and name not in border.robots):
@@ -215,7 +215,7 @@ class MapIntegratorNode:
             try:
                 pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
             except CodedError:
-                continue  # a robot's position causes a warning at most
+                continue  # positions only serve for a warning
             positions.append((float(pose[0, 3]), float(pose[1, 3])))
         return positions
 
@@ -242,7 +242,7 @@ class MapIntegratorNode:
         )
 
     def _change(self, response_class: Any, change: ChangeHandler, request: Any) -> Any:
-        """Makes a change at a time [s], publishes the result, and answers the request."""
+        """Makes a change, publishes the result, and answers the request."""
         response = response_class()
         try:
             with self._lock:
@@ -322,13 +322,13 @@ class MapIntegratorNode:
 
 
 def next_stamp(now: rospy.Time, last: rospy.Time) -> rospy.Time:
-    """Returns a stamp that no state before had: with simulated time several changes may fall into one tick."""
+    """Returns a timestamp that no earlier state had: in simulated time several changes may fall into one tick."""
     is_later = not rospy.Duration(0) <= last - now < rospy.Duration(1)  # or the clock was set back
     return now if is_later else last + rospy.Duration(0, 1000)
 
 
 def _fill(response: Any, **values: Any) -> Any:
-    """Sets those of some fields that a response has; returns it."""
+    """Sets those of the given fields that a response has; returns the response."""
     for key, value in values.items():
         if hasattr(response, key):
             setattr(response, key, value)

@@ -1,1 +1,1 @@
-"""The smart home's hub: Home Assistant and others, by MQTT."""
+"""Connects the smart home's hub, such as Home Assistant, by MQTT."""

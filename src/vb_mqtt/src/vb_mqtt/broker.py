@@ -1,8 +1,8 @@
-"""The connection to the MQTT broker, which is restored by itself and then sends the newest states. No ROS.
+"""The connection to the MQTT broker, which is restored automatically and then sends the newest states. No ROS.
 
-The idea: states are sent without asking for a receipt, and all of them again at each connection. So a lost message is
-replaced, and an old one is never sent after a newer one. The session is clean: the broker must not keep requests for us
-while we are away, because nobody expects them any more.
+States are sent with QoS 0, and all of them again at each connection. So a lost message is replaced, and an old one is
+never sent after a newer one. The session is clean: the broker must not queue requests while this client is away,
+because nobody expects them any more.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from vb_core import files
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 
-KEEPALIVE = 10  # [s] the silent loss of a broker or a network is noticed after one and a half times as long
-_RETRIES = (1, 10)  # [s] between two tries to connect, the first and the longest
+KEEPALIVE = 10  # [s] a silent loss of the broker or the network is noticed after one and a half times as long
+_RETRIES = (1, 10)  # [s] shortest and longest time between two attempts to connect
 
 
 @dataclass(frozen=True)
 class Connection(Parameters):
-    """How the broker is reached, from a file that only its owner can read."""
+    """How to reach the broker, from a file that only its owner can read."""
 
     username: str = param("")
     password: str = param("")
-    port: int = param(0, "", low=0, high=65535)  # 0: the usual one
+    port: int = param(0, "", low=0, high=65535)  # 0: the default
     tls: bool = param(False)
-    ca_file: str = param("")  # of the authority that signed the broker's certificate; empty: those of the system
+    ca_file: str = param("")  # of the CA that signed the broker's certificate; empty: the system's CAs
 
 
 def read_connection(path: Path) -> Connection:
-    """Reads a YAML file, and makes it readable for its owner only; without a file the broker needs no password.
+    """Reads a YAML file, and makes it readable by its owner only; without a file, no password is used.
 
     Raises:
         CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
@@ -63,17 +63,17 @@ def _split(address: str) -> Tuple[str, Optional[int]]:
 
 
 class Broker:
-    """A client of a broker. Its callbacks come from one thread of its own.
+    """A client of a broker. Its callbacks are called in one thread of its own.
 
     Args:
-        address: HOST or HOST:PORT; an address of IPv6 in brackets.
+        address: HOST or HOST:PORT; an IPv6 address in brackets.
         client: its id, the same in each process: the broker ends an earlier connection before it accepts a new one.
         will: topic and payload that the broker publishes, retained, once this client is gone.
         subscriptions: callbacks (topic, payload, retained) by topic filter, with QoS 1.
         on_fault: called if a callback raised, which is a fault of the program.
 
     Raises:
-        CodedError: "bad_parameter" for another address; "mqtt_file_bad" if the authority's certificate cannot be used.
+        CodedError: "bad_parameter" for a malformed address; "mqtt_file_bad" if the CA file cannot be used.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Broker:
         host, port = _split(address)
         port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
-        self.trouble = ""  # what the broker refused last, a connection or a subscription; "": nothing
+        self.trouble = ""  # why the broker last refused a connection or subscription; "": it did not
         self._states: Dict[str, bytes] = {}
         self.connected = False  # whether the broker has accepted this client
         self._lock = threading.Lock()
@@ -107,11 +107,11 @@ class Broker:
         self._client.connect_async(host, port, KEEPALIVE)
 
     def start(self) -> None:
-        """Connects, and again whenever the connection is lost."""
+        """Connects, and reconnects whenever the connection is lost."""
         self._client.loop_start()
 
     def put(self, topic: str, payload: bytes) -> None:
-        """Sets the retained message of a topic, now or as soon as there is a connection; an empty one deletes it."""
+        """Sets a topic's retained message, now or once connected; an empty one deletes it, only while connected."""
         with self._lock:
             if payload and self._states.get(topic) == payload:
                 return
@@ -122,7 +122,7 @@ class Broker:
                 self._client.publish(topic, payload, qos=0, retain=True)
 
     def send(self, topic: str, payload: bytes) -> None:
-        """Sends a message for those who listen now; without a connection nobody does."""
+        """Sends a message that is not retained; without a connection it is dropped."""
         if self.connected:
             self._client.publish(topic, payload, qos=0)
 
@@ -138,7 +138,7 @@ class Broker:
         if reason.is_failure:
             self.trouble = str(reason)
             return
-        # first: a hub that sees us online can be sure to be heard
+        # first: once a hub sees this client online, its requests must be received
         client.subscribe([(topics, 1) for topics in self._subscriptions])
         with self._lock:
             self.connected, self.trouble = True, ""
@@ -156,7 +156,7 @@ class Broker:
         def receive(_client: Any, _data: Any, message: Any) -> None:
             try:
                 callback(message.topic, bytes(message.payload), bool(message.retain))
-            except Exception as error:  # else this thread would end, and nothing more be received
+            except Exception as error:  # otherwise this thread would end, and receive nothing more
                 self._on_fault(error)
 
         return receive

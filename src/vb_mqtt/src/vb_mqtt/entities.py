@@ -1,10 +1,10 @@
-"""Describes a lab to Home Assistant: its entities, and where their states are. No ROS, no broker.
+"""Describes a lab to Home Assistant: its entities, and the topics of their states. No ROS, no broker.
 
-The idea: one retained message per entity describes it (Home Assistant's MQTT discovery), another of the same key has its
-state. An empty message removes an entity that is gone, also one that an earlier process left on the broker.
+One retained message per entity describes it (Home Assistant's MQTT discovery), another with the same key has its state.
+An empty message removes an entity that no longer exists, even one that an earlier process left on the broker.
 
-A button sends the time and the number of the newest stop in its own attributes: so `resume` releases the stop that was
-on the screen, and none that came since.
+A button sends the time, and the number of the newest stop in its own attributes, so that `resume` releases the stop
+that was on the screen, and no later one.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from vb_core import sentences
 from vb_core.sentences import border_name, translate
 from vb_core.vocabulary import COMMANDS, STATES, STOP
 
-PREFIX = "homeassistant"  # Home Assistant looks here
+PREFIX = "homeassistant"  # Home Assistant looks for descriptions below this topic
 ONLINE, OFFLINE = "online", "offline"
-MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, with each command
+MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, beside commands
 COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages that are not states
-ANSWERS = ("done", "asked", "refused")  # what becomes of a command
+ANSWERS = ("done", "asked", "refused")  # outcomes of a command
 NOTICES = ("info", "warning", "error")
 _KEY = re.compile(r"[A-Za-z0-9_-]{0,48}")
 _DATED = '"at": {{ now().timestamp() }}, "id": "{{ now().timestamp() }}-{{ range(100000) | random }}"'
@@ -32,10 +32,10 @@ _ANSWER = "{{ this.attributes.answer | default('', true) }}"
 
 @dataclass(frozen=True)
 class Lab:
-    """What there is to describe.
+    """The lab to be described.
 
     Attributes:
-        device: its id, with which every topic begins.
+        device: its id, with which its own topics begin.
         language: the language of all names.
         cameras, robots: their names; None: not known yet.
         borders: their names by id; None: not known yet.
@@ -65,7 +65,7 @@ def key_of(kind: str, name: str) -> str:
 
 
 def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
-    """Returns the description of each entity by the topic that it belongs on."""
+    """Returns the description of each entity, by the topic that it is published on."""
 
     def word(code: str, **values: str) -> str:
         name = translate(code, values, lab.language)
@@ -121,9 +121,9 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
 
 
 def leftovers(lab: Lab, described: Iterable[str]) -> List[str]:
-    """Returns which of the descriptions on the broker, by their topics, do not belong to the lab any more.
+    """Returns the topics of those descriptions on the broker that no longer belong to the lab.
 
-    Those of a kind that is not known yet are left alone.
+    Entities of a kind that is not known yet are left alone.
     """
     current = describe(lab)
     unknown = [kind for kind, names in (("border", lab.borders), ("robot", lab.robots)) if names is None]
@@ -136,14 +136,14 @@ def key_in(topic: str) -> str:
 
 
 def _complete(lab: Lab, platform: str, key: str, needs: str = "", shows: str = "", **config: Any) -> Dict[str, Any]:
-    """Adds what all entities have.
+    """Adds the fields that all entities have.
 
     Args:
         needs: field of `health` that must be online for it; "": none.
-        shows: key of the state that has its attributes, if not its own.
+        shows: key of the state that provides its attributes, if not its own.
     """
     config["unique_id"] = f"{lab.device}_{key}"
-    if platform != "switch":  # Home Assistant makes that of a border from its name
+    if platform != "switch":  # Home Assistant derives a border's from its name
         config["default_entity_id"] = f"{platform}.{lab.device}_{key}"
     if platform != "button":
         config["image_topic" if platform == "image" else "state_topic"] = lab.topic(key)

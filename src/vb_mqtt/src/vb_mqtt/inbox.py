@@ -1,8 +1,8 @@
-"""Judges what arrives by MQTT: a message becomes a request, or a refusal with a code. No ROS, no broker.
+"""Checks messages that arrive by MQTT: each becomes a request, or a refusal with a code. No ROS, no broker.
 
-The idea: a broker may deliver a message twice, keep it for later subscribers, or deliver it long after it was written.
-So a message counts once, and only with the time at which its sender gave it. `stop` alone is taken at any age and in any
-form, unless the broker had kept it: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
+A broker may deliver a message twice, retain it for later subscribers, or deliver it long after it was written. So a
+message counts once, and only if it carries the time at which it was given. Only `stop` is accepted at any age and in
+any form, unless it was retained: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
 
 >>> inbox = Inbox(started=90.0)
 >>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
@@ -30,13 +30,13 @@ from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 KNOWN = (*COMMANDS, *ANSWERS)
 MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
-RATE, BURST = 2.0, 10.0  # [1/s] how many requests are let through, and how many at once
+RATE, BURST = 2.0, 10.0  # requests let through: [1/s] on average, and at once
 _TEXT = re.compile(r"[0-9A-Za-z_.-]{0,64}")
 _KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))  # fields, beside `at` and `id`
 
 
 class Refusal(CodedError):
-    """A message that is not taken.
+    """The refusal of a message.
 
     Attributes:
         sender_id: the sender's own id for the message; "" if it has none.
@@ -47,11 +47,11 @@ class Refusal(CodedError):
 
 @dataclass(frozen=True)
 class Request:
-    """What somebody asks for.
+    """A valid request.
 
     Attributes:
-        id: a request that comes again with the same one is carried out once.
-        sender_id: the sender's own id for it, as the answer names it.
+        id: requests with the same one are carried out once.
+        sender_id: the sender's own id for it, which the answer repeats.
         command: its name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
         border: key of the border to switch, see `entities.key_of`.
@@ -69,22 +69,22 @@ class Request:
 
 
 class Inbox:
-    """Remembers what was taken. Not thread safe.
+    """Accepts each request once. Not thread safe.
 
     Args:
-        started: [s] time of day; the process before this one may have carried out what was given earlier.
+        started: [s] time of day; an earlier process may have carried out requests given before.
     """
 
     def __init__(self, started: float) -> None:
         self._started = started
-        self._taken: Deque[str] = deque(maxlen=256)  # ids: more than the rate lets through while a request counts
+        self._taken: Deque[str] = deque(maxlen=256)  # ids; more than the rate lets through within MAX_AGE
         self._limiter = Limiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
-        """Returns the request in a message; None if it was taken before, or the message is empty.
+        """Returns the request in a message; None if it was accepted before, or the message is empty.
 
         Args:
-            retained: whether the broker had kept it.
+            retained: whether the broker had retained it.
             now: [s] time of day.
 
         Raises:
@@ -102,7 +102,7 @@ class Inbox:
             # a sender that gives each of its stops the same id must be obeyed all the same
             return Request(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
         try:
-            # of messages without an id, two that are otherwise alike differ by their time
+            # messages without an id are told apart by their contents, which include the time
             request = self._checked(fields, f"mqtt:{sender_id}" if sender_id else digest, sender_id, now)
             if request.id in self._taken:
                 return None

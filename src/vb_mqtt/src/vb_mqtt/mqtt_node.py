@@ -1,4 +1,4 @@
-"""Node: the smart home's hub, by MQTT."""
+"""Connects this system to the smart home's hub by MQTT."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
-SWITCH = "switch_border"  # its name among the commands, which are carried out in the order in which they were given
-_PERIOD = 1.0  # [s] between two looks at what is silent
-_SILENCE = 4.0  # [s] a detector publishes once a second, the interaction manager ten times
+SWITCH = "switch_border"  # switching a border, among the commands, which are carried out in the order given
+_PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
+_SILENCE = 4.0  # [s] until a node is silent; a detector publishes once a second, the interaction manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
 _INTEGRATOR = "$map_integrator"
 
 
 @dataclass(frozen=True)
 class MqttParams(Parameters):
-    """Parameters of mqtt; config/mqtt.yaml explains them."""
+    """The node's parameters; config/mqtt.yaml explains them."""
 
     broker: str = param("127.0.0.1")
     connection_file: str = param("~/.ros/virtual_borders/mqtt.yaml")
@@ -57,7 +57,7 @@ class MqttParams(Parameters):
 
 
 class MqttNode:
-    """Shows this system in Home Assistant by MQTT discovery, and takes commands from there.
+    """Shows this system in Home Assistant by MQTT discovery, and accepts commands from there.
 
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid)
@@ -65,7 +65,7 @@ class MqttNode:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/robots (vb_msgs/RobotStatusArray)
         /virtual_borders/notices (vb_msgs/NoticeArray), /virtual_borders/drivers (vb_msgs/DriverState)
     Published topics:
-        /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
+        /virtual_borders/stop (vb_msgs/Stop): on `stop`; robots receive it without any other node.
         /virtual_borders/notices (vb_msgs/NoticeArray): mqtt_not_connected.
     Services called:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
@@ -78,13 +78,13 @@ class MqttNode:
         self._lab = Lab(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
         self._inbox, self._answer_limiter = Inbox(time.time()), Limiter(RATE, BURST)
-        self._refused: Dict[str, int] = {}  # how often, by code
+        self._refused: Dict[str, int] = {}  # number of refusals, by code
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
         self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
         self._grids: Dict[str, Any] = {}
         self._asked = False  # whether a question is open
-        self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, by node or camera
-        self._shown_notices: Optional[Set[Tuple[str, ...]]] = None  # the notices of the last look
+        self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, last time by node or camera
+        self._shown_notices: Optional[Set[Tuple[str, ...]]] = None  # keys of the last round's notices
         self._connected_at = time.monotonic()
         connection = read_connection(Path(params.connection_file).expanduser())
         subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_described}
@@ -103,12 +103,12 @@ class MqttNode:
         rospy.loginfo("%s: the broker is %s", rospy.get_name(), self._broker.address)
 
     def close(self) -> None:
-        """Says that it goes, and ends the threads."""
+        """Tells the hub that the system is offline, and ends the threads."""
         self._maps.close()
         self._beat.close()
         self._broker.close()
 
-    # ------------------------------------------------------------------ what the stack says
+    # ------------------------------------------------------------------ from the system
     def _subscribe(self) -> None:
         self._integrator = rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=2)
         for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
@@ -147,7 +147,7 @@ class MqttNode:
                 self._lab.topic("map"), states.draw_map(before, after, list((self._borders or {}).values()))
             )
 
-    # ------------------------------------------------------------------ what the broker is sent
+    # ------------------------------------------------------------------ to the broker
     def _put(self, key: str, value: Any) -> None:
         self._broker.put(self._lab.topic(key), _json(value))
 
@@ -170,7 +170,7 @@ class MqttNode:
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
     def _publish_all(self) -> None:
-        """Publishes which entities there are, which are silent, what is wrong, and which notices are new."""
+        """Publishes all entities with their availability and problems, and new notices."""
         robots, borders, notices = self._robots.current(), self._borders, self._notices.current()
         if robots is not None:
             self._lab = replace(self._lab, robots=tuple(status.robot for status in robots[0].robots))
@@ -223,7 +223,7 @@ class MqttNode:
         values = {"broker": self._broker.address, "reason": self._broker.trouble or "$mqtt_unreachable"}
         self._trouble.set([Notice("mqtt_not_connected", Severity.WARNING, values=values)] if silent else [])
 
-    # ------------------------------------------------------------------ what people ask for
+    # ------------------------------------------------------------------ requests from people
     def _on_message(self, _topic: str, payload: bytes, retained: bool) -> None:
         try:
             request = self._inbox.take(payload, retained, time.time())
@@ -231,7 +231,7 @@ class MqttNode:
                 self._order(request)
         except CodedError as error:
             if retained:
-                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # else it would come again at each connection
+                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # or it would arrive again at each connection
             self._refuse(Request("", getattr(error, "sender_id", "")), error)
 
     def _order(self, request: Request) -> None:
@@ -269,7 +269,7 @@ class MqttNode:
     def _send_answer(self, request: Request, success: bool, code: str, text: str) -> None:
         what = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
-        # the inbox limits what has an id; refusals that are not shown are counted
+        # the inbox limits requests with an id; a refusal without an answer is counted all the same
         if request.id or self._answer_limiter.allows("", time.time()):
             value = states.answer_value(request.sender_id, what, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))

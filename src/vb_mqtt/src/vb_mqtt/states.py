@@ -21,9 +21,9 @@ from vb_core.zones import zone_of
 from vb_mqtt.entities import ANSWERS, NOTICES
 
 NOBODY_ASKS = "-"
-QUESTION_TIME = 30.0  # [s] a question can be answered
+QUESTION_TIME = 30.0  # [s] for which a question can be answered
 MAX_SIDE = 1000  # [px] of the map's picture
-_TEXT = 250  # letters; Home Assistant takes 255
+_TEXT = 250  # characters; Home Assistant accepts 255
 _WALL, _FREE, _UNSEEN = (34, 34, 40), (255, 255, 255), (208, 208, 208)
 _RESTRICTED, _SOFT = (60, 94, 213), (160, 175, 235)
 _LINE, _LINE_OFF = (0, 60, 170), (150, 150, 150)  # bgr
@@ -74,17 +74,17 @@ def border_value(border: Any) -> Dict[str, Any]:
 
 
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
-    """Lists what is wrong with a robot, or that it is not there."""
+    """Returns sentences on a robot's problems, or that it is not connected."""
     mine = [line for line in lines if line.robot == name]
     bad = [one for one in mine if one.severity >= Severity.WARNING or one.code == "robot_not_connected"]
-    # a notice that is about no robot has the empty name too, which is that of the only robot
+    # a notice about no robot has the empty name too, which is also that of the only robot
     who = sentences.robot_value(name)
     bad += [one for one in notices if one.severity >= Severity.WARNING and who in (one.robot, one.values.get("who"))]
     return [one.sentence(language) for one in bad]
 
 
 def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
-    """Converts a notice, to show it and as an event."""
+    """Converts a notice, for the list of notices and as an event."""
     about = {"robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
     return {
         "event_type": NOTICES[notice.severity],
@@ -95,7 +95,7 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
 
 
 def answer_value(sender_id: str, what: str, success: bool, code: str, text: str) -> Dict[str, Any]:
-    """Makes the event that reports the result of a command or a switch."""
+    """Returns the event that reports the result of a command or a switch."""
     kind = ANSWERS[0] if success else ANSWERS[1] if code in QUESTIONS else ANSWERS[2]
     return {"event_type": kind, "id": sender_id, "command": what, "code": code, "text": text[:_TEXT]}
 

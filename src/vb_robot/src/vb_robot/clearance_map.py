@@ -1,7 +1,7 @@
 """The map as a round robot sees it: clearance, lines of sight, shortest paths.
 
-The idea: only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the
-cost of a choice does not depend on the map's size; a robot from outside enters at the window's edge.
+Only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the cost of a
+choice does not depend on the map's size; the path of a robot outside it enters at the window's edge.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from vb_robot.grid_paths import ShortestPaths
 
 STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
-BLOCKED_THRESHOLD = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
+BLOCKED_THRESHOLD = 50  # [%] from this occupancy on a cell is blocked, even by a soft border
 PATH_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
-MAX_PATH_CELLS = 10000  # ... and coarser, where there would be more: a search costs 1 ms per 1,000
-START_TOLERANCE = 0.35  # [m] how far from free cells a path may start: a robot at a wall
-WINDOW_MARGIN = 3.0  # [m] of floor around what matters: a robot looks at it from 1.5 m, the line is extrapolated by 2 m
+MAX_PATH_CELLS = 10000  # ... but coarser on maps that would have more cells: a search costs 1 ms per 1,000
+START_TOLERANCE = 0.35  # [m] how far from free cells a path may start, for a robot at a wall
+WINDOW_MARGIN = 3.0  # [m] of floor around what matters: robots look from up to 1.5 m, the line is extrapolated by 0.8 m
 MAX_WINDOW_REACH = 8.0  # [m] robots and lines farther away do not make the window larger
-WINDOW_STEP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
+WINDOW_STEP = 2.0  # [m] windows begin and end at multiples of this, so that one serves for a while as the spot moves
 
 
 def bounding_window(spot, *others) -> Window:
@@ -37,7 +37,7 @@ def bounding_window(spot, *others) -> Window:
 
 
 class ClearanceMap:
-    """A map prepared for questions about places and paths. Made once per map and window.
+    """A map prepared for queries about positions and paths. Made once per map and window.
 
     Args:
         grid: the map with borders: physical obstacles and borders.
@@ -54,7 +54,7 @@ class ClearanceMap:
 
     # ------------------------------------------------------------- places
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: whether the robot with its margin finds room at points (N, 2) [m]."""
+        """Returns (N,) bool: whether there is room for the robot and its margin at points (N, 2) [m]."""
         return sample(self.grid, self.clearance, points) >= self.radius + STOP_MARGIN
 
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
@@ -63,7 +63,7 @@ class ClearanceMap:
         offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
         # from the target outwards at fixed steps, so that one point's answer does not depend on the others; the
-        # first piece is left out: a spot at the foot of a wall is seen although its cell may be the wall's
+        # first piece is left out: a spot at the foot of a wall is visible although its cell may be the wall's
         along = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
         samples = target + along[None, :, None] * units[:, None, :]
@@ -73,10 +73,10 @@ class ClearanceMap:
 
     # ------------------------------------------------------------- paths
     def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
-        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf: there is none.
+        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf: no path.
 
-        Other robots (K, 2) [m], of the same size, are in the way, and so are cells that are barred (H, W) bool. A start outside
-        a window is joined straight to the free cells of its edge.
+        Other robots (K, 2) [m], of the same size, and barred cells (H, W) bool are in the way. A start outside a
+        window is joined to the free cells of its edge by straight lines.
         """
         start, others = np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2)
         coarse = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
@@ -108,10 +108,10 @@ class ClearanceMap:
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
-        """Predicts what a border along the chain would restrict with the seed there: not as exactly as the integration.
+        """Predicts what a border along the chain would restrict with this seed, less exactly than the integration.
 
         Args:
-            seed: (2,) [m]; chain: (M, 2) [m], open ends are prolonged straight on to the next obstacle.
+            seed: (2,) [m]; chain: (M, 2) [m]; open ends are extended straight to the next obstacle.
 
         Returns:
             (H, W) bool; None if the chain separates nothing.
@@ -132,7 +132,7 @@ class ClearanceMap:
         return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else None
 
     def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Returns the place (2,) [m] where a ray from a start (2,) [m] along a direction (2,) meets what is blocked or the map's edge."""
+        """Returns where (2,) [m] a ray from a start along a direction meets a blocked cell or the map's edge."""
         norm = float(np.linalg.norm(direction))
         if norm < 1e-9:
             return start

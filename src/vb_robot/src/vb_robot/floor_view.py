@@ -27,7 +27,7 @@ class FloorView:
         corners = np.array(
             [[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]]
         )
-        # far outside the image the distortion polynomials may lead back into it
+        # far outside the image the distortion polynomials may map points back into it
         self._widest = 1.05 * float(
             min(camera.limit, np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
         )

@@ -13,8 +13,8 @@ class ShortestPaths:
     """Finds least-cost paths from one start over a grid (Dijkstra, 8-connected).
 
     Args:
-        cost: (H, W) what a step of one cell's side costs in each cell; inf: it is never entered.
-        gates: (K, 2) cells (row, column) where paths begin, and entry: (K,) what it costs to reach them from the start.
+        cost: (H, W) of a step of one cell's side in each cell; inf: it is never entered.
+        gates: (K, 2) cells (row, column) where paths begin; entry: (K,) the cost of reaching them from the start.
 
     Attributes:
         costs: (H, W) of the path to each cell; inf where there is none.

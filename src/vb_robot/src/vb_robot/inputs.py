@@ -24,7 +24,7 @@ RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalSta
 
 
 def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:
-    """Passes every map of a topic to `take`; one that is malformed is refused, and logged."""
+    """Passes every map of a topic to `take`; refuses and logs malformed ones."""
 
     def on_map(message: OccupancyGridArray) -> None:
         try:
@@ -38,7 +38,7 @@ def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscrib
 
 
 def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
-    """Returns the borders in force that forbid a robot to go somewhere; others never keep it from anywhere."""
+    """Returns the borders in force that a robot must not enter; the others never keep it out."""
     return [
         KnownBorder(
             border.name or border.id,
@@ -55,7 +55,7 @@ def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
 
 
 def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
-    """Passes every spot that has a place in the map to `take`; one that has none is logged."""
+    """Passes every spot with a position in the map to `take`; rejects and logs the others."""
 
     def on_spot(message: LaserSpot) -> None:
         position = (message.position.x, message.position.y)
@@ -73,7 +73,7 @@ def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
 
 
 def message_class(contact: Contact) -> Any:
-    """Returns a contact's message class. A robot whose bumper cannot be heard must not drive as if it had none."""
+    """Returns a contact sensor's message class. A robot with an unheard bumper must not drive as if it had none."""
     kind = get_message_class(contact.type)
     if kind is None:
         raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")

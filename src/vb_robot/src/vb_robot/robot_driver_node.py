@@ -44,9 +44,9 @@ from vb_robot.inputs import RUNNING, message_class, subscribe_map, subscribe_spo
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
-WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] wall time
+WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] in wall time
 MAX_AMCL_UPDATES = 40  # after which AMCL has found its pose, or will not
-# what is reported to people, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
+# codes that people are told of, unlike the usual ones: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
@@ -56,7 +56,7 @@ SEVERITIES = {"obstacle": Severity.INFO, "border": Severity.INFO, "other_cmd_vel
 
 @dataclass(frozen=True)
 class DriverParams(Parameters):
-    """The node's parameters; what the robot is comes from its profile."""
+    """The node's parameters; the robot's properties come from its profile."""
 
     robot: str = param(
         "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"
@@ -77,23 +77,23 @@ class RobotDriverNode:
         scan (sensor_msgs/LaserScan): as the profile names it
         <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
         move_base/status (actionlib_msgs/GoalStatusArray)
-        move_base/recovery_status (move_base_msgs/RecoveryStatus): while it recovers, it turns by itself; optional
-        move_base/NavfnROS/plan (nav_msgs/Path): or of the planner that move_base has; the robot turns towards it first; optional
+        move_base/recovery_status (move_base_msgs/RecoveryStatus): a recovery turns the robot by itself; optional
+        move_base/NavfnROS/plan (nav_msgs/Path): or another planner's; the robot first turns towards it; optional
         amcl_pose, initialpose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be, and that
-            somebody has shown it where the robot is; optional
-        cmd_vel (geometry_msgs/Twist): or what the profile's base/topic and base/output name; whether another node commands
-            the base, then a zero is the answer
+            somebody has told it where the robot is; optional
+        cmd_vel (geometry_msgs/Twist): or the profile's base/topic and base/output; a command of another node is
+            answered with a zero
         /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
-        cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while the robot is driven, then one zero command; zeros
-            while it is stopped, and for some seconds to each one that begins to listen
+        cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while the robot is driven, then one zero command;
+            zeros while it is stopped, and for some seconds after a subscriber is added
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
-        robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the localisation
-            uncertainty: for navigation's costmaps
+        robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the
+            localisation uncertainty: for navigation's costmaps
     Services called:
-        request_nomotion_update (std_srvs/Empty): AMCL's, once it was shown where the robot is
+        request_nomotion_update (std_srvs/Empty): AMCL's, while it is uncertain of a pose that it knew or was told
     Parameters:
         ~* DriverParams
         robot_profile: in the robot's namespace
@@ -117,12 +117,12 @@ class RobotDriverNode:
         self._transforms = TransformLookup()
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher(profile.base.topic, Twist, queue_size=1, tcp_nodelay=True)
-        self._heard = True  # whether anybody listens to these commands
+        self._heard = True  # whether any node listens to these commands
         self._look_for_commanders()  # before anything can drive
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
-        self._amcl_updates_left = 0  # how many AMCL may still be asked for, since it knew or was shown where it is
+        self._amcl_updates_left = 0  # how many AMCL may still be asked for since it last knew, or was told, its pose
         self._subscribe(profile, contacts)
         self._thread = node.start_thread(self._run)
         self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, AMCL_UPDATE_PERIOD))
@@ -162,7 +162,7 @@ class RobotDriverNode:
 
     # ------------------------------------------------------------- callbacks
     def _on_request(self, message: Twist, source: str) -> None:
-        # nothing is checked to the sides
+        # sideways motion is never checked, so it makes the command invalid
         forward = message.linear.x if abs(message.linear.y) < 1e-3 else float("nan")
         self._arbiter.request(source, forward, message.angular.z, rospy.get_time())
 
@@ -170,13 +170,13 @@ class RobotDriverNode:
         name = message._connection_header.get("callerid", "somebody")
         if name not in self._allowed:
             self._arbiter.gate.record_other_publisher(name, rospy.get_time())
-            self._cmd_vel.publish(Twist())  # the base obeys the last command: not that one until the next step
+            self._cmd_vel.publish(Twist())  # the base obeys the last command: this one until the next step
 
     def _on_recovery(self, _message: RecoveryStatus) -> None:
         self._arbiter.recover(rospy.get_time())
 
     def _look_for_commanders(self) -> None:
-        """Looks who else could command the base now, whether it does or not."""
+        """Looks up which other nodes could command the base now, whether or not they do."""
         try:
             found = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
         except (rosgraph.MasterException, OSError):
@@ -189,7 +189,7 @@ class RobotDriverNode:
             state_of(message.name), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
         )
         self._stops.update_from_latch(message.stopped, message.stops)
-        self._stops.store()  # in the callbacks: a slow disk does not keep the wheels waiting
+        self._stops.store()  # in the callbacks, so that a slow disk does not delay commands to the wheels
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
@@ -252,10 +252,10 @@ class RobotDriverNode:
         self._amcl_updates_left = MAX_AMCL_UPDATES
 
     def _request_amcl_update(self) -> None:
-        """Has AMCL compare its scans with the map where the robot stands, if it knew or was shown where that is.
+        """Makes AMCL compare scans with the map although the robot stands still, if it knew or was told its pose.
 
-        By itself AMCL does so only while the robot moves, and a robot that does not know where it is stands still: without
-        this one bad moment would last for ever. A pose given in RViz is good to half a metre, which is not enough either.
+        By itself AMCL does so only while the robot moves, and a robot that does not know where it is stands still: one
+        bad moment would last for ever. A pose given in RViz is accurate to half a metre, which is not enough either.
         """
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
@@ -267,7 +267,7 @@ class RobotDriverNode:
     def _use_maps(self) -> None:
         borders, physical = self._maps.get("borders"), self._maps.get("physical")
         if borders is None or physical is None or not physical.same_geometry(borders):
-            self._arbiter.gate.workspace = None  # what is a border, and where, is not known
+            self._arbiter.gate.workspace = None  # it is not known which cells are borders
             return
         workspace = Workspace(borders, physical, self._profile.radius, self._uncertainty.meters)
         self._arbiter.gate.workspace = workspace
@@ -275,7 +275,7 @@ class RobotDriverNode:
 
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
-        # a robot must also stop when simulated time does
+        # the robot must stop even if simulated time stands still
         last, moved = rospy.Time(0), time.monotonic()
         while self._timer.get() is not None and not rospy.is_shutdown():
             now = rospy.Time.now()
@@ -289,8 +289,8 @@ class RobotDriverNode:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-                # whatever fails here, the robot must not keep its last command, and the next step may succeed; what is
-                # reported then may fail likewise, but the zero goes out before it
+                # whatever fails here, the robot must not keep its last command, and the next step may succeed; the
+                # report may then fail too, but the zero is sent before it
                 with contextlib.suppress(Exception):
                     self._execute(self._arbiter.halt("internal_error"), now)
 
@@ -321,7 +321,7 @@ class RobotDriverNode:
 
     # ------------------------------------------------------------- notices
     def _report(self, command: DriveCommand, now: float) -> None:
-        """Publishes who drives, at once when it changes, and what people should know."""
+        """Publishes which source drives, at once when that changes, and the notices."""
         before, at = self._reported
         news = (command.source, command.code, self._stops.ids)
         if news == before and 0.0 <= now - at < STATE_PERIOD:

@@ -1,4 +1,4 @@
-"""Node: watches what is connected to the robots, says why goals are refused, sends robots to places and to the spot."""
+"""Node: watches what is connected to the robots, says why goals are refused, sends robots to goals and to the spot."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
 from vb_robot.spots import Sighting
 
-PERIOD = 0.2  # [s] between two looks at poses and speed limits
-DISPATCH_PERIOD = 0.25  # [s] between two decisions who looks from where: the spot moves 0.1 m at most in that time
-GRAPH_PERIOD = 2.0  # [s] between two looks at the ROS graph, in wall time
+PERIOD = 0.2  # [s] between checks of poses and speed limits
+DISPATCH_PERIOD = 0.25  # [s] between decisions which robot looks from where: the spot moves 0.1 m at most meanwhile
+GRAPH_PERIOD = 2.0  # [s] between checks of the ROS graph, in wall time
 REPEAT = 1.0  # [s]
-SETTLING_TIME = 10.0  # [s] for which a fault has to hold before people are told: a lab starts and ends node by node
-SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone its limit is set: a planner brakes from 1 m/s within that
-CANCEL_PERIOD = 0.5  # [s] between two cancellations of a goal that is sent again and again
+SETTLING_TIME = 10.0  # [s] for which a fault has to last before people are told: a lab starts and ends node by node
+SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, where its limit is set: a planner brakes from 1 m/s within that
+CANCEL_PERIOD = 0.5  # [s] between cancellations of goals that are sent again and again
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class RobotMonitorParams(Parameters):
 
 
 class RobotMonitorNode:
-    """Watches robots that navigate by themselves, whatever else is connected; with ~dispatch, sends one to the spot.
+    """Watches robots with navigation of their own, whatever else is connected; with ~dispatch, sends one to the spot.
 
     Subscribed topics:
         /map, /virtual_borders/map, /<robot>/virtual_borders/map, /virtual_borders/speed_limits (nav_msgs/OccupancyGrid)
@@ -93,7 +93,7 @@ class RobotMonitorNode:
     Published topics:
         /virtual_borders/robots (vb_msgs/RobotStatusArray, latched)
         /virtual_borders/notices (vb_msgs/NoticeArray)
-        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): what send_robot asks for, and where the spot is seen
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): for send_robot, and to see the spot
         [<robot>/]move_base/cancel (actionlib_msgs/GoalID)
     Services:
         /virtual_borders/send_robot (vb_msgs/SendRobot)
@@ -109,9 +109,9 @@ class RobotMonitorNode:
         self._params = params
         node.wait_for_clock()
         self._lock = threading.RLock()
-        self._stops = HeldStops()  # in memory: the manager keeps a stop, and its state says so
+        self._stops = HeldStops()  # in memory only: the manager keeps stops, and its state repeats them
         self._speed_limits: Optional[GridMap] = None
-        self._slow_zones: Optional[bool] = None  # whether there are any, even before their map; None: not known yet
+        self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None: not known yet
         self._cameras: Dict[str, None] = {}
         self._offer = offer.offer(offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -132,7 +132,7 @@ class RobotMonitorNode:
         self._dispatched = {
             name: DispatchedRobot(self._robots[name], profile, transforms) for name, profile in profiles.items()
         }
-        self._deciding = threading.Lock()  # the dispatcher's
+        self._deciding = threading.Lock()  # guards the dispatcher
         self._dispatch_timer = node.WakeTimer(DISPATCH_PERIOD)
         self._notices = NoticePublisher()
         self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
@@ -167,7 +167,7 @@ class RobotMonitorNode:
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
-        """Gives planners their usual speed back, and cancels the goals of robots sent to look, which nothing supervises any more."""
+        """Restores the planners' usual speeds, and cancels dispatched robots' goals: nothing supervises them now."""
         for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
         for sent in self._dispatched.values():
@@ -219,7 +219,7 @@ class RobotMonitorNode:
                     robot.cancel_goals()
 
     def _limit(self, robot: WatchedRobot) -> Optional[float]:
-        """Returns the speed limit [m/s] where a robot is, inf for none; None while that is not known."""
+        """Returns the speed limit [m/s] where a robot is, inf for none; None while it is not known."""
         if robot.pose is None or self._slow_zones is None:
             return None
         if not self._slow_zones:
@@ -281,7 +281,7 @@ class RobotMonitorNode:
         robot.send_to(goal)
         return _answer(True, robot.notice("robot_sent", Severity.INFO))
 
-    # ------------------------------------------------------------- periodic looks
+    # ------------------------------------------------------------- periodic checks
     def _look_at_graph(self) -> None:
         try:
             graph = read_graph()
@@ -301,7 +301,7 @@ class RobotMonitorNode:
         self._publish_status()
 
     def _publish_status(self) -> None:
-        """Publishes what is connected, at once when it changes, and what people should know."""
+        """Publishes what is connected, at once when that changes, and the notices."""
         with self._lock:
             now = rospy.get_time()
             stops = self._stops.ids if self._params.obey else None
@@ -328,7 +328,7 @@ class RobotMonitorNode:
         return [fault for fault in faults if now - self._faulty_since[(fault.code, fault.robot)] >= SETTLING_TIME]
 
     def _log(self, now: float) -> None:
-        """Prints what is connected once the lab has started, and again what of it changes; faults are notices."""
+        """Logs what is connected once the lab has started, and later its changes; faults are notices instead."""
         lines = self._offer.lines
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return

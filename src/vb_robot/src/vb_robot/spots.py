@@ -1,6 +1,6 @@
-"""Records the sightings of the spot in this interaction; one rule decides whether the driver or the dispatcher acts on them.
+"""Records the sightings of the spot in an interaction; one rule decides whether driver or dispatcher acts on them.
 
-The idea: one class decides from the same sightings whether a robot follows the spot or is sent to it, so that driver and
+One class decides from the same sightings whether a robot follows the spot or is sent to it, so that driver and
 dispatcher never both act, and never wait for each other.
 """
 
@@ -15,20 +15,20 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 
-WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] for which sightings count for where the spot is, and how many it takes
+WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] of sightings that give the spot's position, and how many it takes
 LOST_TIMEOUT = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
-MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn with which a spot still goes straight on
-VELOCITY_WINDOW = 0.6  # [s] of sightings that tell where the line goes on
-MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that piece, so that one wrong spot does not count
-MIN_SPEED = 0.1  # [m/s] a slower spot rests
+MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as going straight on
+VELOCITY_WINDOW = 0.6  # [s] of sightings that give the direction in which the line continues
+MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that time, so that one wrong spot does not count
+MIN_SPEED = 0.1  # [m/s] a slower spot counts as resting
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
 MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
-AUTO_WAIT = 1.0  # [s] how long a stationary camera has to see the spot too before the robot follows
+AUTO_WAIT = 1.0  # [s] that stationary cameras have to see the spot too; if none does, the robot follows
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """One spot: when [s], where (x, y) [m] in the map frame, which camera, whether that is on a robot, how certain."""
+    """One spot seen: time [s], (x, y) [m] in the map frame, camera, whether that is on a robot, confidence."""
 
     stamp: float
     position: Tuple[float, float]
@@ -38,14 +38,14 @@ class Sighting:
 
 
 class Sightings:
-    """Collects the sightings of one interaction and tells who acts on them.
+    """Collects the sightings of one interaction and decides who acts on them.
 
-    In Guide, the robot whose camera has seen the spot longest without a pause follows; no other robot acts. In Border and Seed
-    a robot is sent once a stationary camera has seen the spot in this interaction; before, and without any such camera,
-    the robot follows.
+    In Guide, only the robot whose camera has seen the spot longest without a pause acts: it follows. In Border and Seed
+    a robot is sent once a stationary camera has seen the spot in this interaction; before that, and without any such
+    camera, the robot follows.
 
     Args:
-        mobile_cameras: names known to be cameras on robots, before any of them has seen a spot.
+        mobile_cameras: names of cameras on robots, known before any of them has seen a spot.
     """
 
     def __init__(self, mobile_cameras: Iterable[str] = ()) -> None:
@@ -62,7 +62,7 @@ class Sightings:
 
     @property
     def key(self) -> Tuple[str, State]:
-        """Changes with every change of interaction or state."""
+        """A key that changes with every change of interaction or state."""
         return self._interaction, self.state
 
     def set_state(self, state: State, interaction: str, entered: float) -> None:
@@ -77,7 +77,7 @@ class Sightings:
         self.state, self._interaction, self._entered = state, interaction, entered
 
     def add(self, sighting: Sighting) -> bool:
-        """Adds a sighting; returns whether it counts: it is certain, and of this state, in which robots act."""
+        """Adds a sighting; returns whether it counts: certain enough, and from this state, in which robots act."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
@@ -108,9 +108,9 @@ class Sightings:
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
 
     def _update_leader(self, now: float) -> Optional[str]:
-        """Updates and returns the robot camera that has seen the spot longest without a pause; the last one while none sees it.
+        """Updates and returns the robot camera that has seen the spot longest without a pause; else the last that did.
 
-        By the times of the images, not of their arrival: every robot's driver comes to the same answer.
+        The times of the images count, not of their arrival, so that every robot's driver comes to the same answer.
         """
         seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
         if seeing:
@@ -141,7 +141,7 @@ class Sightings:
         )
 
     def time_since_seen(self, now: float) -> float:
-        """Returns for how long [s] no camera has seen a border's spot; 0 before one did, and for a seed, which does not move."""
+        """Returns for how long [s] no camera has seen a border's spot; 0 until one has, and for a seed: it is still."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
@@ -160,7 +160,7 @@ class Sightings:
         return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
-        """Measures the spot's velocity (2,) [m/s], from the last pieces of its path; None if it rests or has just turned.
+        """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW; None if it rests or has just turned.
 
         Cameras differ by centimetres: only the one that saw the spot last counts.
         """

@@ -1,10 +1,10 @@
-"""Node: renders what a world's ceiling cameras see, each at its own rate, the cameras' frames spread evenly.
+"""Node: renders what a world's ceiling cameras see, each at its own rate, with frames spread evenly.
 
 Subscribed topics:
-    /sim/lab_state (vb_msgs/LabState): what moves. While it has no publisher, the lab is empty.
+    /sim/lab_state (vb_msgs/LabState): everything that moves. Without a publisher, the lab is empty.
 Published topics:
-    /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamp is the middle of the
-        exposure; delivered `optics/latency_ms` later.
+    /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamped with the middle of
+        the exposure; delivered `optics/latency_ms` later.
     /tf_static (tf2_msgs/TFMessage): map -> <camera>_optical_frame, the pose with its calibration error. Images are
         rendered from the true pose.
 """

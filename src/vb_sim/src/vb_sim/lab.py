@@ -1,4 +1,4 @@
-"""The simulated lab as a whole: its robots, and who stands among them."""
+"""The simulated lab as a whole: its robots, and the person among them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vb_sim.room.world import World
 
 
 class Lab:
-    """Steps the robots. Not thread-safe: the caller holds a lock.
+    """Steps the robots. Not thread-safe: the caller must hold a lock.
 
     Attributes:
         person: (x, y, yaw) [m, m, rad] of the participant, None if nobody is there.
@@ -34,7 +34,7 @@ class Lab:
         self.now = 0.0
 
     def step(self, dt: float, now: float) -> None:
-        """Moves everything on by `dt` [s] to the time `now` [s]."""
+        """Advances all robots by `dt` [s], to the time `now` [s]."""
         self.now = now
         for body in self.robots:
             body.step(dt, now)
@@ -42,14 +42,14 @@ class Lab:
     def scan(self, index: int) -> Tuple[np.ndarray, np.ndarray]:
         """Simulates one robot's scanner: angles (N,) [rad] in the robot's frame and ranges (N,) [m].
 
-        As REP 117 has it: inf where nothing is, -inf where something is nearer than the scanner can measure.
+        As in REP 117, inf means that nothing is in range, -inf that something is nearer than the scanner can measure.
         """
         model = self.models.scan
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
         ranges = self.field.cast((x, y), angles + yaw, model.range_max)
         discs = [(body.pose[:2], robot.radius) for body, robot in zip(self.robots, self.world.robots)]
-        del discs[index]  # it does not see itself
+        del discs[index]  # a robot does not see itself
         if self.person is not None:
             discs.append((self.person[:2], model.person_radius))
         for center, radius in discs:

@@ -1,4 +1,4 @@
-"""Keeps what the cameras know of the lab's moving things, and finds where these are at an image's time."""
+"""Keeps the recent states of everything that moves in the lab, and interpolates them at an image's timestamp."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vb_core.geometry import wrap_angle
 Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]
 
-# [m] a spot that is further away a moment later was moved with the beam off, not swept over the floor
+# [m] a spot that jumps farther between two snapshots was moved with the beam off, not swept over the floor
 _MAX_JUMP = 0.4
 _AHEAD = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 _STALE = 1.0  # [s] without a snapshot after which the scene is empty
@@ -22,13 +22,13 @@ _STALE = 1.0  # [s] without a snapshot after which the scene is empty
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Positions of everything at one time; all in the map frame, [m] and [rad].
+    """The poses of everything that moves at one time, in the map frame, [m] and [rad].
 
     Attributes:
         robots: name to (x, y, yaw).
         laser: where the beam meets the floor, None while it is off.
         laser_velocity: [m/s] of that point.
-        person: (x, y, yaw), None if there is none.
+        person: (x, y, yaw), None if nobody is there.
     """
 
     stamp: float
@@ -59,12 +59,12 @@ class History:
         self._snapshots: Deque[Snapshot] = deque(maxlen=64)
 
     def add(self, snapshot: Snapshot) -> None:
-        """Adds a snapshot that is newer than the others."""
+        """Adds a snapshot, which must be newer than the others."""
         with self._lock:
             self._snapshots.append(snapshot)
 
     def at(self, stamp: float) -> Snapshot:
-        """Interpolates the scene at a time [s]; an empty one if nothing is known, or nothing new for a while."""
+        """Interpolates the scene at a time [s]; it is empty if no snapshots cover that time, give or take a second."""
         with self._lock:
             snapshots = list(self._snapshots)
         if not snapshots or stamp - snapshots[-1].stamp > _STALE or snapshots[0].stamp - stamp > _STALE:

@@ -34,8 +34,8 @@ RATE = 50.0  # [1/s] steps of simulated time; an integral multiple of the camera
 # steps between two messages: odom and tf at 25 Hz, one per camera frame; scans at 10 Hz, as small scanners have them;
 # amcl_pose at 2 Hz, about AMCL's rate while driving
 POSE_STEPS, SCAN_STEPS, AMCL_STEPS = 2, 5, 25
-TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is dated: AMCL's own default
-PARTICIPANT_SILENCE = 0.5  # [s] after which the participant counts as standing there with the laser off
+TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is stamped: AMCL's own default
+PARTICIPANT_SILENCE = 0.5  # [s] of silence after which the participant counts as standing there with the laser off
 # steps in which navigation, driver and AMCL each publish once: 0.1 s, the period of move_base's controller and of scans
 CONTROL_STEPS = 5
 
@@ -51,7 +51,7 @@ class LabSimulatorParams(Parameters):
 
 
 class RobotConnection:
-    """Publishers of one robot. Frames and topics carry its namespace; one without has none."""
+    """Publishers of one robot. Frames and topics carry its namespace, if it has one."""
 
     def __init__(self, robot: Robot) -> None:
         prefix = f"{robot.namespace.strip('/')}/".lstrip("/")
@@ -74,7 +74,7 @@ class LabSimulatorNode:
         <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): of the first robot, with ~lockstep
         /sim/participant (vb_msgs/ParticipantState)
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
-            1 before there is one
+            1 until a message arrives
     Published topics:
         /clock (rosgraph_msgs/Clock): 50 Hz
         /sim/lab_state (vb_msgs/LabState): 50 Hz, ground truth
@@ -91,7 +91,7 @@ class LabSimulatorNode:
         self._params = params
         self._lock = threading.Lock()
         self._step_ns = int(round(1e9 / RATE))
-        # whole steps, so that cameras at a divisor of the rate fall on them
+        # whole steps, so that the frames of cameras whose rate divides this one fall on steps
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns
         self._count = 0
         lab.step(0.0, self._now_ns * 1e-9)
@@ -126,7 +126,7 @@ class LabSimulatorNode:
             self._lockstep.arrive("driver")
 
     def _on_transform(self, message: rospy.AnyMsg) -> None:
-        # beside this node only AMCL publishes there, for each scan
+        # besides this node, only AMCL publishes there, once for each scan
         if message._connection_header["callerid"] != rospy.get_name():
             self._lockstep.arrive("localisation")
 
@@ -152,8 +152,8 @@ class LabSimulatorNode:
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
                 period, now = self._step_ns * 1e-9 / self._pace, time.monotonic()
-                # a late step makes the next one come sooner; more than one is given up: cameras and controllers would see
-                # nothing of the time in a burst
+                # after a late step the next comes sooner, but at most one is made up for: cameras and controllers would
+                # miss the time that passes in a burst
                 due = max(due + period, now - period)
                 time.sleep(max(due - now, 0.0))
         except rospy.ROSException:
@@ -192,7 +192,7 @@ class LabSimulatorNode:
 
     def _publish_poses(self, now: rospy.Time) -> None:
         transforms: List[TransformStamped] = []
-        # AMCL dates its correction ahead, so that a transform of the present time need not wait for it
+        # AMCL stamps its correction ahead, so that lookups at the present time need not wait for it
         ahead = now + rospy.Duration(TRANSFORM_TOLERANCE)
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
@@ -241,13 +241,13 @@ class LabSimulatorNode:
 
 
 def clock_publisher() -> rospy.Publisher:
-    """Makes the publisher of /clock, which sends at once, without a queue and a thread for each subscriber: every node is one.
+    """Makes the publisher of /clock, which sends at once, without a queue and thread per subscriber: every node is one.
 
-    Waking 25 threads 50 times a second took half of this node's time. A hung subscriber stops nothing: its socket's
-    buffer takes what it leaves unread for more than 40 minutes.
+    Waking 25 threads 50 times a second would take half of this node's time. A hung subscriber blocks nothing: its
+    socket's buffer holds more than 40 minutes of unread messages.
     """
     with warnings.catch_warnings():
-        # rospy takes a missing queue for an oversight
+        # rospy warns of a missing queue as an oversight
         warnings.simplefilter("ignore", SyntaxWarning)
         return rospy.Publisher("/clock", Clock, queue_size=None)
 

@@ -19,7 +19,7 @@ from vb_sim.room.world import load_world
 
 @dataclass(frozen=True)
 class MapServerParams(Parameters):
-    """One of the two must be set."""
+    """Exactly one of the two must be set."""
 
     world: str = param("")
     map_yaml: str = param("")
@@ -33,11 +33,11 @@ class MapServerNode:
     Services:
         /static_map (nav_msgs/GetMap)
     Parameters:
-        config/map_server.yaml: a relative ~map_yaml starts from the folder that roslaunch was run in
+        config/map_server.yaml: a relative ~map_yaml is relative to the folder in which roslaunch was called
     """
 
     def __init__(self, grid: GridMap) -> None:
-        # a stamp of zero: simulated time is not known yet, and the map is valid at any
+        # a stamp of zero: simulated time is not known yet, and the map is valid at any time
         self._message = messages.message_from_grid(grid, rospy.Time(0))
         self._publisher = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._service = rospy.Service("/static_map", GetMap, self._on_static_map)
@@ -45,7 +45,7 @@ class MapServerNode:
         rospy.loginfo("%s: a map of %d x %d cells", rospy.get_name(), grid.shape[1], grid.shape[0])
 
     def _on_static_map(self, _request: GetMap) -> GetMapResponse:
-        # a service packs the plain message, which wants a list
+        # a service serialises the plain message, which needs a list
         plain = GetMapResponse()
         plain.map.header, plain.map.info = self._message.header, self._message.info
         plain.map.data = self._message.data.tolist()

@@ -22,7 +22,7 @@ MODELS = Path(rospkg.RosPack().get_path("vb_sim")) / "config" / "models.yaml"
 
 @dataclass(frozen=True)
 class RobotModel(Parameters):
-    """How the body follows cmd_vel, and what the wheel encoders make of it."""
+    """How the body follows cmd_vel, and the errors of its odometry."""
 
     max_speed: float = param(0.65, "m/s", above=0.0, high=5.0)
     max_turn_rate: float = param(3.14, "rad/s", above=0.0, high=20.0)
@@ -47,7 +47,7 @@ class LocalizationModel(Parameters):
 
 @dataclass(frozen=True)
 class ScanModel(Parameters):
-    """A laser scanner above the robot's middle, which looks all round."""
+    """A laser scanner above the robot's centre, which scans all round."""
 
     beams: int = param(360, "", low=4, high=1440)
     range_min: float = param(0.12, "m", low=0.0)
@@ -59,7 +59,7 @@ class ScanModel(Parameters):
 
 @dataclass(frozen=True)
 class Optics(Parameters):
-    """The laser on the floor and what lens, sensor and exposure make of it."""
+    """The laser on the floor, and the effects of lens, sensor and exposure."""
 
     laser_power_mw: float = param(1.0, "mW", low=0.0, high=100.0)
     beam_diameter_mm: float = param(3.0, "mm", above=0.0, high=50.0)
@@ -80,7 +80,7 @@ class Optics(Parameters):
     calibration_point_m: float = param(0.011, "m", low=0.0, high=1.0)
 
     def response(self, color: str) -> np.ndarray:
-        """Returns the share (3,) of the laser's light behind the red, green and blue filter."""
+        """Returns the share (3,) of the laser's light that passes the red, green and blue filters."""
         return np.array(self.green_response if color == "green" else self.red_response)
 
 
@@ -100,7 +100,7 @@ class CameraNoise(Parameters):
 
 @dataclass(frozen=True)
 class RobotCamera(Parameters):
-    """Noise of the robot's colour and depth camera."""
+    """Noise and limits of the robot's colour and depth camera."""
 
     read_sigma: float = param(1.6, "grey levels", low=0.0, high=50.0)
     full_well_e: float = param(6000.0, "electrons", above=0.0)
@@ -175,10 +175,10 @@ class Models(Parameters):
 
 
 def load_models() -> Models:
-    """Reads this package's models file; what it omits keeps its default.
+    """Reads this package's models file; keys that it omits keep their defaults.
 
     Raises:
-        CodedError: "no_models", "bad_models", as `read_document`.
+        CodedError: "no_models", "bad_models", as from `read_document`.
         ParameterError: names the section and the key that is wrong.
     """
     return Models.from_mapping(read_document(MODELS, "models"))
@@ -204,5 +204,5 @@ def read_document(path: Path, what: str) -> Any:
 
 
 def make_generator(seed: int, name: str) -> np.random.Generator:
-    """Makes the random numbers of one thing of the world: the same for the same seed and name."""
+    """Makes the random generator of one part of the world, the same for the same seed and name."""
     return np.random.default_rng([int(seed) & 0xFFFFFFFF, zlib.crc32(name.encode("utf-8"))])

@@ -1,4 +1,4 @@
-"""Stand-in for move_base, with its names: action, services, costmap and plan topics."""
+"""Stand-in for move_base, under the same names: action, services, costmap and plan topics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_sim.robot.navigator import Navigator
 
 MAPS = (names.MAP_WITH_BORDERS, names.MAP_WITH_MARGIN)
-_PERIOD = 0.1  # [s] of commands; more often costs processor time and drives no better at 0.5 m/s
+_PERIOD = 0.1  # [s] between commands; a shorter period costs processor time and drives no better at 0.5 m/s
 
 
 @dataclass(frozen=True)
@@ -42,23 +42,23 @@ class NavigationNode:
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
-        robot_driver/keep_out (nav_msgs/OccupancyGrid): the map with borders, these inflated by the
-            localisation uncertainty; optional
+        robot_driver/keep_out (nav_msgs/OccupancyGrid): the map with borders, its borders inflated by
+            the localisation uncertainty; optional
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
         /tf, /tf_static (tf2_msgs/TFMessage): map -> base_link
     Actions:
         move_base (move_base_msgs/MoveBaseAction)
     Services:
-        move_base/make_plan (nav_msgs/GetPlan): refused while a goal is active; an empty plan if there is none
+        move_base/make_plan (nav_msgs/GetPlan): refused while a goal is active; an empty plan if there is no path
         move_base/clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
     Published topics:
-        cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
+        cmd_vel (geometry_msgs/Twist): only while a goal is active, and a zero command at its end
         move_base/NavfnROS/plan (nav_msgs/Path)
         move_base/global_costmap/costmap (nav_msgs/OccupancyGrid, latched)
         move_base/goal (move_base_msgs/MoveBaseActionGoal): goals received on move_base_simple/goal
     Parameters:
-        ~prefix: of the names of the robot's frames
+        ~prefix: prefix of the names of the robot's frames
         robot_profile: in the robot's namespace
     """
 
@@ -76,7 +76,7 @@ class NavigationNode:
         self._global = rospy.Publisher("~global_costmap/costmap", messages.OccupancyGridArray, queue_size=1, latch=True)
         self._goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
         self._static: Dict[str, messages.OccupancyGridArray] = {}  # by topic
-        self._maps: node.Mailbox = node.Mailbox()  # which of them has come
+        self._maps: node.Mailbox = node.Mailbox()  # topics of the maps that have arrived
         self._worker = node.Worker(self._maps, self._take_map)
         for topic in MAPS:
             rospy.Subscriber(topic, messages.OccupancyGridArray, self._on_map, topic, queue_size=1, buff_size=2**24)
@@ -216,7 +216,7 @@ class NavigationNode:
 
 
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:
-    """Writes a path (N, 2) [m] as a message; poses face along it, the last one as the goal."""
+    """Converts a path (N, 2) [m] to a message; poses face along it, the last one as the goal does."""
     header = Header(0, rospy.Time.now(), names.MAP_FRAME)
     steps = np.diff(path, axis=0)
     yaws = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw]])

@@ -1,4 +1,4 @@
-"""The simulated person as a node: sends commands through the same service as real people, and sees what they see."""
+"""The simulated person as a node: it uses the same command service as real people, and sees what they see."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from vb_sim.room.world import Scenario, World, load_world
 
 @dataclass(frozen=True)
 class ParticipantParams(Parameters):
-    """The node's own parameters; how people are is in config/models.yaml."""
+    """The node's own parameters; the figures of people are in config/models.yaml."""
 
     world: str = param("")
     scenario: str = param("")
@@ -43,10 +43,10 @@ class ParticipantNode:
         /virtual_borders/spots (vb_msgs/LaserSpot): used only for whether the spot is seen, as sound and LED show
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
         /virtual_borders/state (vb_msgs/InteractionState): the state that the display shows
-        /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
+        /virtual_borders/notices (vb_msgs/NoticeArray): what the display says about the robots
     Published topics:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock
-        /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason
+        /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved" or "gave_up") and reason
     Services called:
         /virtual_borders/command (vb_msgs/Command)
     Parameters:
@@ -57,7 +57,7 @@ class ParticipantNode:
         self._params = params
         self._lock = threading.Lock()
         self._percept = Perception()
-        self._sees_state = False  # a person who came back must know whether something was left half done
+        self._sees_state = False  # a restarted person must know whether an interaction was left unfinished
         self._spot: Optional[Tuple[float, float]] = None
         self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
         self._done = rospy.Publisher(names.PARTICIPANT_DONE, String, queue_size=1, latch=True)

@@ -1,12 +1,12 @@
 """Node: renders what the colour and depth camera of one robot sees, from the robot's true pose.
 
 Subscribed topics:
-    /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While it has no publisher, the robot stays where
-        it was and the lab is empty.
+    /sim/lab_state (vb_msgs/LabState): everything that moves, this robot included. Without a publisher, the robot
+        stays where it was and the lab is empty.
 Published topics:
     camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info (sensor_msgs/CameraInfo)
     camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none): with every
-        `robot_camera/depth_every`-th colour image, same stamp.
+        `robot_camera/depth_every`-th colour image, with the same stamp.
     camera/depth_registered/camera_info (sensor_msgs/CameraInfo): likewise.
     /tf_static (tf2_msgs/TFMessage): <prefix>base_link -> <prefix>camera_optical_frame.
 """

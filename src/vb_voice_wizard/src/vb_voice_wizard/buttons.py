@@ -12,9 +12,9 @@ class ButtonMap:
     """Turns presses of buttons into commands, once per press.
 
     Args:
-        mapping: command to the index, or list of indices, of its buttons; empty: in the order of the commands.
-        by_state: for a device with few buttons: state to a mapping that counts only in that state;
-            buttons it does not name keep their meaning from `mapping`.
+        mapping: from command to the index, or list of indices, of its buttons; empty: in the order of the commands.
+        by_state: for a device with few buttons: from state to a mapping that applies only in it;
+            buttons that it does not name keep their meaning from `mapping`.
 
     Raises:
         ParameterError: names the key that is unknown or whose buttons are invalid.
@@ -30,7 +30,7 @@ class ButtonMap:
         self._held: frozenset = frozenset()
 
     def update(self, buttons: Sequence[int], state: str) -> List[str]:
-        """Returns the commands of the buttons that have just been pressed, from a new reading, 0 or 1 per button.
+        """Returns the commands of the buttons just pressed, from a new reading of 0 or 1 per button.
 
         A held button does not repeat. An unknown state counts as "default".
         """

@@ -19,18 +19,18 @@ from vb_voice_wizard.buttons import ButtonMap
 
 @dataclass(frozen=True)
 class ButtonsParams(Parameters):
-    """Parameters of buttons; config/buttons.yaml says why."""
+    """Parameters of buttons; config/buttons.yaml explains them."""
 
     mapping: dict = param({})
     by_state: dict = param({})
 
 
 class ButtonsNode:
-    """Sends the commands of buttons: the baseline method's input for switching states, or a presenter.
+    """Sends the commands of buttons, such as the robot's in the baseline method, or a presenter's.
 
     Subscribed topics:
         joy (sensor_msgs/Joy): a command is sent once per press, not repeatedly while the button is held.
-        /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it; the newest stop.
+        /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it, and the newest stop.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:

@@ -1,7 +1,7 @@
-"""What the wizard console says, and what its keys mean. Needs the messages, no node.
+"""What the wizard console shows, and what its keys mean. Needs the messages, but no node.
 
-The idea: one key is one command, what happens is one line each, and what holds now is below the last of them. Borders
-are on the page and the display, where they can be seen.
+Each key is one command, each event is one line, and the current state is shown below the last line. Borders are left to
+the page and the display, where they can be seen.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ GOOD, BAD, NOTE, WRONG = "green", "yellow", "cyan", "bold red"
 COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.items()}
 SEVERITIES = {Severity.INFO: NOTE, Severity.WARNING: BAD, Severity.ERROR: WRONG}
 QUIT_KEY = "q"
-_IN_STATE_LINE = ("stopped", "interaction_ends_soon")  # notices that the line of the state has said
+_IN_STATE_LINE = ("stopped", "interaction_ends_soon")  # notices that the state line already shows
 _SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
 _CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
 
 
 def keys_in(typed: str) -> str:
-    """Returns the keys in what a terminal sent at once, without arrow and function keys, which may end with a letter."""
+    """Returns the keys in terminal input, without arrow and function keys, whose sequences may end with a letter."""
     return _SEQUENCE.sub("", typed)
 
 
 def printable(text: str, style: str = "") -> Text:
-    """Returns a text without control characters: names and sentences come from elsewhere, and rich lets ESC pass."""
+    """Returns a text without control characters: names and sentences come from outside, and rich lets ESC pass."""
     return Text(text.translate(_CONTROLS), style)
 
 
 @dataclass
 class ConsoleContent:
-    """What holds now: the newest messages, as they came."""
+    """What is shown: the newest messages, unchanged."""
 
     state: Optional[InteractionState] = None  # None: the interaction manager is not heard
     progress: BorderProgress = field(default_factory=BorderProgress)
@@ -54,7 +54,7 @@ class ConsoleContent:
         return sentences.translate(code, values, self.language)
 
     def lines(self, now: float = 0.0) -> List[RenderableType]:
-        """Writes what holds at a ROS time [s]: state, drawing, keys, what saving would do, and notices; each once."""
+        """Renders the content at a ROS time [s]: state, drawing, keys, what saving would do, and notices, each once."""
         said = dict(self._preview())
         for one in self.notices:
             if self.state is None or one.code not in _IN_STATE_LINE:

@@ -2,12 +2,12 @@
 
 Its commands and states are those of vb_core.vocabulary. Every command is answered in every state; a repeated command
 continues where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
-interaction; no silence ends one that is paused. `stop` comes before everything else and holds until a `resume` that was
-given after it. Time is injected, in seconds, and may pause or jump back.
+interaction; silence never ends a paused one. `stop` has priority over everything else and holds until a `resume` given
+after it. Time is injected, in seconds, and may pause or jump back.
 
-What must be confirmed follows from what a command would do now. One that would move a robot, change the map or lose a
-drawing is asked about unless it is beyond doubt; all others are done at once. The answer is another phrase ("yes, save"),
-as a word that was misheard once is misheard again, and only the source that was asked can give it.
+Whether a command must be confirmed depends on what it would do now. One that would move a robot, change the map or lose
+a drawing is asked about unless it is beyond doubt; all others are carried out at once. The answer is a different phrase
+("yes, save"), as a word misheard once is misheard again, and only the source that was asked can give it.
 
 Use it to add an input method or to test one: a command's name goes in, an answer with a code comes out. The node
 `interaction_manager` wraps one instance.
@@ -39,11 +39,11 @@ from vb_voice_wizard.dialogue.answers import Answer
 
 # [s] without a spot in Border or Seed: by then a person has begun, perhaps with a laser that no camera sees
 UNSEEN_AFTER = 10.0
-# [s] before an interaction ends by itself people are warned; if its timeout is short, when half of it is left
+# [s] people are warned this long before an interaction ends by itself, or when half of a short timeout is left
 _WARNED_BEFORE = 60.0
 # [s] a laser counts as on for this long after its last spot
 LASER_ON = 1.0
-# [s] the answer counts within this time: enough to look at the preview, too short to forget
+# [s] an answer counts within this time: enough to look at the preview, too short to forget the question
 CONFIRM_WITHIN = 30.0
 
 SAVED = "saved"
@@ -76,13 +76,13 @@ class Record:
     sources: Tuple[str, ...]
 
     def line(self, method: str, cameras: Sequence[str]) -> str:
-        """Writes it as one line of JSON, without the line's end."""
+        """Returns the record as one line of JSON, without a newline."""
         fields = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
         return json.dumps({**fields, "method": method, "cameras": list(cameras)})
 
 
 class Question(NamedTuple):
-    """The open question: which command, the source that was asked, and when [s]; "" if there is none."""
+    """The open question: its command, "" if there is none, the source that was asked, and when [s]."""
 
     command: str = ""
     source: str = ""
@@ -113,7 +113,7 @@ class Interaction:
         self.last_answered = 0.0
         self.last_outcome = ""
         self.last_border_id = ""
-        self.unanswered_save = False  # whether a border was sent and never answered
+        self.unanswered_save = False  # whether a border was sent and no answer came
         self._active = 0.0
         self._durations = {state: 0.0 for state in STATES.values() if state.robots_act}
         self._counted_until = 0.0
@@ -123,9 +123,9 @@ class Interaction:
         self._laser_seen = -math.inf
         self._pending_source = ""
         self._sent = False  # whether the pending border is on its way to the map
-        self._unanswered_before = False  # `unanswered_save`, as it was then
+        self._unanswered_before = False  # `unanswered_save` before it was sent
         self.latch = latch or StopLatch()
-        self.history: List[str] = []  # "undo" and "redo", each if the borders have something to undo or redo
+        self.history: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
         self._record: Optional[Record] = None
 
     # ------------------------------------------------------------------ commands
@@ -148,7 +148,7 @@ class Interaction:
             now: [s].
             uncertain: whether it may have been misheard.
             doubtful_border: whether the preview of what would be saved has issues.
-            identity: of a stop; "": it gets one.
+            identity: the id of a stop; "": it gets one.
             seen_stop: number of the newest stop that the sender knew of; a command that is older than a stop is void.
         """
         self.advance(now)
@@ -158,14 +158,14 @@ class Interaction:
             return self._stop(identity or new_id(), source)
         void = bool(seen_stop) and seen_stop != self.latch.number
         if self.pending and (void or name != RESUME):
-            # not kept as the last answer: the current command's will be
+            # not kept as the last answer, which will be the pending command's
             return self._stopped_since(name) if void else Answer(False, "busy")
         answer = self._stopped_since(name) if void else self._unknown(name)
         if answer is None:
             self._active = now
             if self.state != DEFAULT:
                 self._note(source)
-            # before any question: nobody should confirm what is refused anyway
+            # before any question: nobody should have to confirm a command that is refused anyway
             answer = self._check(name, seen_stop) or self._ask(said, name, source, uncertain, doubtful_border)
             if answer is None or answer.code not in QUESTIONS:
                 self.question = Question()
@@ -176,10 +176,10 @@ class Interaction:
         self._sent, self._unanswered_before, self.unanswered_save = True, self.unanswered_save, True
 
     def finish(self, answer: Answer, now: float, border_id: str = "") -> Answer:
-        """Completes a pending command with the answer of those that carried it out.
+        """Completes a pending command with the answer of the nodes that carried it out.
 
-        A save that succeeded, with the new border's id, ends the interaction and stops its timer. One that failed loses
-        nothing, the state stays; one that was not answered may have succeeded, and is remembered as such.
+        A successful save, with the new border's id, ends the interaction and stops its timer. A failed one loses
+        nothing and leaves the state unchanged; an unanswered one may have succeeded, and is remembered as such.
         """
         self.advance(now)
         command, self.pending = self.pending, ""
@@ -187,7 +187,7 @@ class Interaction:
             self._end(SAVED, border_id)
         elif command == SAVE:
             if self._sent:
-                # an error of the service itself tells that no earlier request has arrived either
+                # an error from the service itself shows that no earlier request has arrived either
                 arrived = {"no_response": True, "internal_error": True, "no_service": self._unanswered_before}
                 self.unanswered_save = arrived.get(answer.code, False)
             if self.unanswered_save and answer.code in ("no_response", "no_service"):
@@ -199,7 +199,7 @@ class Interaction:
         self._active = self._counted_until
         before = self.latch.stopped
         new = self.latch.stop(identity, source)
-        # one press may come twice, on the topic and as a command: it is one stop, and is reported once
+        # one press may arrive twice, on the topic and as a command: it is one stop, and is reported once
         answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
         return self._answered(STOP, source, answer) if new and not before else answer
 
@@ -208,7 +208,7 @@ class Interaction:
         return Answer(False, "stopped_since", {"command": spelled_out(name)})
 
     def _ask(self, said: str, name: str, source: str, uncertain: bool, doubtful_border: bool) -> Optional[Answer]:
-        """Returns the question whether this command is meant, or None if it was answered or need not be asked."""
+        """Returns the question whether this command is meant, or None if that was answered or need not be asked."""
         if self.question[:2] == (name, source) and (said in ANSWERS or not uncertain):
             return None
         if said in ANSWERS:
@@ -235,7 +235,7 @@ class Interaction:
             return self._cancel()
         if name == RESUME:
             code = "resumed" if self.latch.stopped else "not_stopped"
-            # a stop may have come while this was decided
+            # a stop may have arrived while this was decided
             return Answer(True, code) if self.latch.resume(seen_stop) else self._stopped_since(RESUME)
         return self._enter(name, source)
 
@@ -287,20 +287,20 @@ class Interaction:
             return Answer(False, "nothing_to_save")
         missing = self.missing()
         if len(missing) == 1 and not any(self._spots.values()):
-            # the person may have drawn all the same: what is missing is a camera that sees it
+            # the person may have drawn nonetheless, unseen by any camera
             return Answer(False, "missing_spots")
         return Answer(False, "missing_" + "_and_".join(missing)) if missing else None
 
     # ------------------------------------------------------------------ the clock and what is seen
     def durations(self, now: float) -> Dict[State, float]:
-        """Returns the time [s] per active state up to now; in Default, of the interaction that ended last."""
+        """Returns the time [s] per active state up to now; in Default, for the interaction that ended last."""
         result = dict(self._durations)
         if self.state in self._durations and now > self._counted_until:
             result[self.state] += now - self._counted_until
         return result
 
     def advance(self, now: float) -> None:
-        """Counts the time up to now. After a jump back in time it counts on from there, and takes nothing off."""
+        """Counts the time up to now. After a jump back in time it counts on from there, and subtracts nothing."""
         self._durations = self.durations(now)
         self._counted_until = now
         self.started, self.entered = min(self.started, now), min(self.entered, now)
@@ -309,11 +309,11 @@ class Interaction:
             self.question = Question()
 
     def see_laser(self, now: float) -> None:
-        """Records that a camera saw a spot at a time [s], in whatever state."""
+        """Records that a camera saw a spot at a time [s], in any state."""
         self._laser_seen = now
 
     def laser_is_on(self, now: float) -> bool:
-        """Returns whether somebody points with the laser."""
+        """Returns whether somebody is pointing with the laser."""
         return abs(now - self._laser_seen) <= LASER_ON
 
     def count_spots(self, border: int, seed: int, others: int, now: float) -> None:
@@ -335,14 +335,14 @@ class Interaction:
 
     @property
     def ends_at(self) -> float:
-        """[s] when the interaction ends by itself if nothing happens; 0 if that is not soon, or it is paused, or there is none."""
+        """[s] when the interaction ends by itself; 0 if not soon, or while it is paused or saving, or in Default."""
         if not self.state.robots_act or self.pending:
             return 0.0
         ends = self._active + self._params.idle_timeout
         return ends if self._counted_until >= ends - min(_WARNED_BEFORE, self._params.idle_timeout / 2.0) else 0.0
 
     def end_if_idle(self, now: float) -> bool:
-        """Ends an interaction abandoned for too long; returns whether it did."""
+        """Ends an interaction that was idle for too long; returns whether it did."""
         self.advance(now)
         if not self.ends_at or now < self.ends_at:
             return False
@@ -373,7 +373,7 @@ class Interaction:
         missing = self.missing()
         steps = [CONTINUE] * (self.state == PAUSED) + [SAVE] * (not missing)
         drawing = [DEFINE_BORDER, DEFINE_SEED]
-        # missing parts come before what could be done again
+        # missing parts come before parts that could be drawn again
         others = [step for step in drawing if COMMANDS[step].enters != self.state.name]
         steps += sorted(others, key=lambda step: STATES[COMMANDS[step].enters] in self._visited)
         if self.state != GUIDE:

@@ -39,14 +39,14 @@ from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: robots stop half a second after the last state, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
-# what undo and redo did to borders; anything else is a change that was undone or made again
+# what undo and redo did to borders; any other change is reported as undone or redone
 _CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
-_STORE_PERIOD = 2.0  # [s] a disk that was full may have room again
+_STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
 
 
 @dataclass(frozen=True)
 class ManagerParams(InteractionParams):
-    """Parameters of the interaction manager; config/interaction_manager.yaml says why."""
+    """Parameters of the interaction manager; config/interaction_manager.yaml explains them."""
 
     log_file: str = param("~/.ros/virtual_borders/interactions.jsonl")
     stop_file: str = param("~/.ros/virtual_borders/robots.stop")
@@ -59,33 +59,33 @@ class InteractionManagerNode:
 
     Subscribed topics:
         /virtual_borders/stop (vb_msgs/Stop): stops every robot; from any node.
-        /virtual_borders/drivers (vb_msgs/DriverState): stops that only a robot has heard.
+        /virtual_borders/drivers (vb_msgs/DriverState): stops that only a robot has received.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and seed
             so far, for the preview; whether drawing continues.
-        /virtual_borders/spots (vb_msgs/LaserSpot): whether somebody points now: an unclear command is then asked about.
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right;
+        /virtual_borders/spots (vb_msgs/LaserSpot): whether somebody points: an unclear command is then asked about.
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): whether the preview is still valid, and
             whether there is something to undo or redo.
-        /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or
-            one has a different lens than calibrated, each preview has that as an issue.
+        /virtual_borders/notices (vb_msgs/NoticeArray): doubts about the drawing, and faulty cameras, such as
+            those that disagree on the spot or have another lens than calibrated; each preview lists them as issues.
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
-        /virtual_borders/stop (vb_msgs/Stop): on `stop`, before anything else; not latched, the state has it too.
+        /virtual_borders/stop (vb_msgs/Stop): on `stop`, before anything else; not latched, as the state contains it.
         /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_state_lost, stop_not_stored, interaction_ends_soon,
             spot_not_seen_check_laser.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
-            border and seed, and again when they, the map or the borders in it change.
+            a border and a seed, and again when they, the map or the borders in it change.
 
     Services:
-        /virtual_borders/command (vb_msgs/Command): one with an id is carried out once, however often it is sent;
-            one that comes after its time is refused ("expired"), or after a stop that its sender had not seen
+        /virtual_borders/command (vb_msgs/Command): one with an id is carried out once, however often it is sent.
+            A command is refused after its expiry ("expired"), or after a stop that its sender had not seen
             ("stopped_since"). `stop` is always carried out.
 
     Services called:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): for the preview, and on `save` if more was drawn since.
-        /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a save which is
-            repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
-            `stop` and `resume`.
+        /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a repeated
+            save adds only one border. No lock is held meanwhile; commands other than `stop` and `resume` are answered
+            with "busy".
         /virtual_borders/undo_redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
@@ -103,9 +103,9 @@ class InteractionManagerNode:
         if self._latch.lost:
             rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
         self._interaction = Interaction(params, latch=self._latch)
-        # a save calls two services, undo calls one three times
+        # a save makes two service calls, undo makes three
         self._answer_cache = AnswerCache(3.0 * (SERVICE_TIMEOUT + RESPONSE_TIMEOUT))
-        self._cameras: Dict[str, List[str]] = {}  # that contributed, by the interaction that was heard of last
+        self._cameras: Dict[str, List[str]] = {}  # that contributed, by the id of the newest known interaction
 
         self._services = BorderServices(params.occupancy)
         self._preview = Previewer(self._services, NoticeListener().current)
@@ -136,7 +136,7 @@ class InteractionManagerNode:
         with self._lock:
             self._cameras = {message.interaction_id: list(message.cameras)}
             if message.interaction_id == self._interaction.interaction_id:
-                # in Guide the fusion ignores all spots, and yet a person holds the laser
+                # in Guide the fusion ignores all spots, but they show that a person holds the laser
                 self._interaction.count_spots(
                     message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time()
                 )
@@ -214,7 +214,7 @@ class InteractionManagerNode:
         return self._complete(pending, interaction_id, order) if pending else answer
 
     def _complete(self, pending: str, interaction_id: str, order: CommandRequest) -> Answer:
-        """Has other nodes carry out a pending command, without the lock, and ends it with what they answered."""
+        """Has other nodes carry out a pending command, without the lock, and completes it with their answer."""
         border_id = ""
         try:
             if pending == SAVE:
@@ -242,7 +242,7 @@ class InteractionManagerNode:
         return self._services.add(border, source, interaction_id)
 
     def _change(self, command: str, request_id: str) -> Answer:
-        """Carries out undo or redo; returns what became of the borders."""
+        """Carries out undo or redo; returns how the borders changed."""
         before = self._services.fetch_borders()
         self._services.change(command, request_id)
         try:
@@ -310,7 +310,7 @@ class InteractionManagerNode:
 def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
     """Returns the answer to `undo` or `redo`, from the borders by id before and after it.
 
-    It names the borders if one thing happened to all.
+    It names the borders if all of them changed in the same way.
     """
     other = "change_undone" if command == UNDO else "change_redone"
     changes = [(_CODES.get(kind, other), border) for kind, border in border_changes(before, after)]

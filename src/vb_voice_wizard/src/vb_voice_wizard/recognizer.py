@@ -1,12 +1,12 @@
 """Recognises the spoken commands and rejects everything else.
 
-The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the
-utterance makes each command than silence does (speech_model). The sound is looked at more than once, and the evidence is
-weighed against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds
-are enough to take a command, but not to be certain of it: what would move a robot, change the map or lose a drawing is
-then asked about, and answered with another phrase, "yes, save" (interaction.py). Somebody who talks and then shouts *stop*
-makes one utterance of both: so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
-Nothing is trained here; bench/voice/recognition.py measures.
+Endpointing finds the speech, and a network trained on people's speech tells how much more probable the utterance makes
+each command than silence does (speech_model). Several variants of the sound are scored, and the evidence is weighed
+against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds are
+enough to accept a command, but not to be certain of it: one that would move a robot, change the map or lose a drawing
+is then asked about, and confirmed with another phrase, "yes, save" (interaction.py). Talk and then a shouted *stop*
+are one utterance: so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
+Nothing is trained here; bench/voice/recognition.py measures the results.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
 
@@ -31,23 +31,23 @@ from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import PADDING, Utterance
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
-# what people say for each command, and for the answer to the question whether it was meant
+# what people say for each command, and to confirm it when asked
 PHRASES = {name: [spelled_out(name), *command.phrases] for name, command in COMMANDS.items()}
 PHRASES.update({answer: ["yes, " + spelled_out(command)] for answer, command in ANSWERS.items()})
-# Evidence with which an utterance is as probably a command as something that sounds like it. With it about as many single
-# words are missed as are taken wrongly in the development group; nothing comes near two words (docs/results/voice).
+# Evidence at which an utterance is as probably a command as something that sounds like it. In the development group,
+# about as many single words are then missed as wrongly accepted; nothing comes near two words (docs/results/voice).
 _EVEN, _EVEN_TWO_WORDS = -3.5, -6.0
-# Odds from which a command is beyond doubt: nearly three times those of the most deceptive of the development group's
-# other utterances, for a command that matters.
+# Odds from which a command is beyond doubt: nearly three times the highest that another utterance of the development
+# group reached for a command that matters.
 CERTAIN_ODDS = 10.0
-THRESHOLD = 0.5  # confidence from which a command is taken: even odds
+THRESHOLD = 0.5  # confidence from which a command is accepted: even odds
 # [s] of speech at an utterance's end that may be a "stop", as short and as long as people say it
 _ENDINGS = (0.4, 0.6, 0.8)
 _STOP_AT_END = -0.7  # evidence from which it is one: there are many ends in an hour of talk
-_STOP_EVEN = -3.7  # the same for a whole utterance, by fewer looks: a stop too many harms less than one that is missed
+_STOP_EVEN = -3.7  # the same for a whole utterance, with fewer looks: a false stop does less harm than a missed one
 _MIN_LENGTH = 0.2  # [s] with its padding: anything shorter is not a word
-# How each utterance is looked at: played at a speed, with silence [s] put before and after it, or sound taken off. What is
-# found is averaged: what noise, a breath before the word, or the network's whim hides in one look, another shows.
+# Looks, variants of each utterance: speed, then silence [s] added before and after it; negative: sound removed. Their
+# evidence is averaged: what noise, a breath before the word, or the network's whim hides in one look, another shows.
 _LOOKS = (
     (1.0, 0.0, 0.0),
     (0.94, 0.0, 0.0),
@@ -57,7 +57,7 @@ _LOOKS = (
     (1.0, 0.3, 0.0),
     (1.0, 0.0, 0.3),
 )
-_CLOSEST = 4  # phrases that are looked for more than once
+_CLOSEST = 4  # phrases that are scored in every look
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class RecognitionResult:
 
     Attributes:
         command: the command that was understood, or None.
-        best: the command that fits best, understood or not; empty if none was looked for.
+        best: the command that fits best, understood or not; empty if none was sought.
         confidence: 0 .. 1.
         certain: whether it is a command beyond doubt.
         reason: "ok", or why not: "unlike_a_command", "too_long", "too_short", or a node's own.
@@ -79,7 +79,7 @@ class RecognitionResult:
     reason: str = "ok"
 
     def refused(self, reason: str) -> "RecognitionResult":
-        """Returns the same result, but not accepted."""
+        """Returns the same result, but refused for a reason."""
         return replace(self, command=None, certain=False, reason=reason)
 
 
@@ -123,7 +123,7 @@ class CommandRecognizer:
     def _weigh(
         self, pcm: np.ndarray, which: np.ndarray, looks: Sequence[Tuple[float, float, float]]
     ) -> Tuple[int, float]:
-        """Returns which of some phrases, by number, fits best, and the evidence for it: a logarithm, averaged as odds."""
+        """Returns which of some phrases, by number, fits best, and its evidence: a logarithm, averaged as odds."""
         first = self._model.log_likelihood_ratios(_seen(pcm, *looks[0]), which)
         closest = np.argsort(-first)[:_CLOSEST]
         found = [first[closest]]
@@ -134,7 +134,7 @@ class CommandRecognizer:
 
 
 def _seen(pcm: np.ndarray, speed: float, before: float, after: float) -> np.ndarray:
-    """Returns an utterance played at another speed, with silence [s] put before and after it, or taken off (negative)."""
+    """Returns an utterance at another speed, with silence [s] added before and after it; negative: sound removed."""
     played = np.interp(np.arange(0.0, len(pcm) - 1, speed), np.arange(len(pcm)), pcm).astype(np.int16)
     begin, end = int(before * SAMPLE_RATE), int(after * SAMPLE_RATE)
     if len(played) + min(0, begin) + min(0, end) >= _MIN_LENGTH * SAMPLE_RATE:

@@ -23,15 +23,15 @@ from vb_voice_wizard.recognizer import CommandRecognizer
 
 AUDIO = "/virtual_borders/voice/audio"
 
-_WATCH_PERIOD = 0.25  # [s] wall time between two looks whether there is sound
-_NEAR = 0.2  # confidence from which a rejected utterance gets the refusal sound: say it again
+_WATCH_PERIOD = 0.25  # [s] wall time between two checks for sound
+_NEAR = 0.2  # confidence from which a rejected utterance gets the error sound: please repeat it
 _DEAF_TIMEOUT = 5.0  # [s] without any sound after which people are told
-_LATE = 2.0  # [s] from the end of a command to its understanding: the person may have gone on to something else
+_LATE = 2.0  # [s] after the end of a command that is understood later, the person may have gone on to something else
 
 
 @dataclass(frozen=True)
 class VoiceParams(Parameters):
-    """Parameters of the voice commands; config/voice_commands.yaml says why."""
+    """Parameters of the voice commands; config/voice_commands.yaml explains them."""
 
     source: str = param("microphone", choices=("microphone", "topic"))
     device: str = param("default")
@@ -40,15 +40,15 @@ class VoiceParams(Parameters):
 class VoiceCommandsNode:
     """Recognises spoken commands and sends them to the interaction.
 
-    Sound is handled as it arrives: people speak in wall time, whatever /clock says. A computer that has too much to do
-    understands late. A command does not expire by that, as its time counts from when it is understood; but one that matters
-    is then asked about, as if it had been doubtful, and people are told.
+    Sound is handled as it arrives: people speak in wall time, whatever /clock says. An overloaded computer understands
+    late. Commands do not expire through that, as their time counts from when they are understood; but one that matters
+    is then asked about, as if it were uncertain, and a notice tells people.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): what is heard while one plays, and not beyond it, counts only if it is
+        /virtual_borders/sound (vb_msgs/Sound): an utterance entirely within one that plays counts only if it is
             *stop*.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic"; 16,000 samples a second.
-        /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which a spoken command names.
+        /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which is sent with each spoken command.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:
@@ -116,7 +116,7 @@ class VoiceCommandsNode:
         rospy.logwarn_throttle(30.0, f"voice_commands: no sound: {sentence}")
 
     def _on_watch(self) -> None:
-        """Says when there is no sound: a muted or missing microphone looks like silence."""
+        """Publishes a notice if there is no sound, as from a muted microphone, or if speech is understood late."""
         missing = []
         if self._trouble:
             missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]

@@ -27,12 +27,12 @@ from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
 
-_PERIOD = 0.2  # [s] between two looks at what changed: an operator cannot follow more
+_PERIOD = 0.2  # [s] between two updates: an operator cannot follow more
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
 
 
 class WizardConsoleNode:
-    """Shows the interaction and sends commands; says when no state comes, and goes on when it comes again.
+    """Shows the interaction and sends commands; says when no state arrives, and continues when one does.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -67,7 +67,7 @@ class WizardConsoleNode:
         self._heard_at = time.monotonic()
         self._view.state = message
         before, self._answered = self._answered, message.last_answered
-        # the answer that was there before the console is not news
+        # an answer given before the console started is not news
         if message.last_command and before not in (None, message.last_answered):
             who = message.last_source or self._view.words("console_somebody")
             said = sentence_in(message, self._view.language, "last_")
@@ -76,10 +76,10 @@ class WizardConsoleNode:
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """Handles a pressed key; its command runs in a separate thread, so that the keyboard is read on. Others mean nothing.
+        """Handles a pressed key; its command runs in a separate thread, so that reading goes on. Other keys do nothing.
 
         Returns:
-            Whether the console is to be left.
+            Whether to leave the console.
         """
         if key in COMMAND_KEYS and not self._orders.put(COMMAND_KEYS[key]):
             self._say(self._view.words("console_too_many_keys"), BAD)
@@ -88,7 +88,7 @@ class WizardConsoleNode:
     def _on_answer(
         self, _request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
-        # the answer arrives with the state; these are not remembered there
+        # answers arrive with the state, except for these
         if error is not None:
             what = sentences.translate(error.code, error.values, self._view.language, error.message)
             self._say(self._view.words("console_try_again", what=what), BAD)
@@ -97,11 +97,11 @@ class WizardConsoleNode:
 
     # ------------------------------------------------------------------ screen
     def _say(self, text: str, style: str) -> None:
-        """Writes a line with the time of day above what holds now; from any thread."""
+        """Prints a line with the time of day above the current state; from any thread."""
         self._live.console.print(Text.assemble((time.strftime("%H:%M:%S "), "dim"), printable(text, style)))
 
     def run(self) -> None:
-        """Shows what happens until it is left."""
+        """Shows the interaction until the operator leaves the console."""
         keyboard = sys.stdin.fileno()
         before = termios.tcgetattr(keyboard)
         try:
@@ -122,7 +122,7 @@ class WizardConsoleNode:
             self._view.notices = tuple(self._notices.current())
             lines = Group(*self._view.lines(rospy.get_time()))
             looks = self._live.console.render_lines(lines)
-            if looks != shown:  # nothing flickers
+            if looks != shown:  # avoids flicker
                 shown = looks
                 self._live.update(lines, refresh=True)
             typed = ""
@@ -144,7 +144,7 @@ def main() -> None:
         sys.exit("wizard_console needs a terminal; for scripts there is the service /virtual_borders/command")
     if not rosgraph.is_master_online():
         sys.exit(f"the ROS master does not answer at {rosgraph.get_master_uri()}: start the lab first")
-    # messages of rospy itself would tear the screen
+    # rospy's own messages would garble the screen
     rospy.init_node("wizard_console", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
     WizardConsoleNode(chosen.source, chosen.language).run()
     sys.stdout.flush()

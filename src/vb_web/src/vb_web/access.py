@@ -1,8 +1,8 @@
 """Decides who may do what on the page, and how much of it: codes, roles, sessions, origins, places and limits.
 
-The idea: the page is closed unless the request proves otherwise. On the loopback interface the proof is a loopback name
-in the Host header; elsewhere it is the cookie of a session, which only the holder of a code gets. And whatever can run out
-is divided: each role has places of its own, and within a role the one that holds the most gives one up first.
+A request is refused unless it proves its rights: on the loopback interface by a loopback name in the Host header,
+elsewhere by the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
+its own places for connections, and within a role the client that holds the most gives one up first.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from vb_core.files import write_atomically
 
 COOKIE = "virtual_borders_page"
 COOKIE_DAYS = 30
-# without letters and digits that look alike; 8 of 31 are 40 bits: a thousand tries a second take 14 years
+# without letters and digits that look alike; 8 of 31 are 40 bits: 14 years on average at 1000 tries a second
 _ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
 _CODE_LENGTH = 8
-_MAX_SESSIONS = 100  # of each code: those with one code cannot log out those with the other
+_MAX_SESSIONS = 100  # per code, so that holders of one code cannot log out those of the other
 
 
 class Role(enum.IntEnum):
-    """Each role may do what those below it may."""
+    """Each role may also do what those below it may."""
 
     NOBODY = 0
-    VIEWER = 1  # looks
+    VIEWER = 1  # sees the page
     OPERATOR = 2  # commands, changes borders, sees the cameras' images
 
 
 def normalize(code: str) -> str:
-    """Drops case, spaces and dashes from a code as typed."""
+    """Removes case, spaces and dashes from a code as typed."""
     return "".join(letter for letter in code.lower() if letter.isalnum())
 
 
@@ -51,10 +51,10 @@ def _new_code() -> str:
 
 
 def load_codes(path: Path) -> Dict[str, str]:
-    """Reads the codes of "viewer" and "operator" from a file that only its owner can read; makes it if there is none.
+    """Reads the codes of "viewer" and "operator" from a file that only its owner can read; creates it if needed.
 
     Raises:
-        CodedError: "page_codes_bad" if it is unusable, "cannot_write".
+        CodedError: "page_codes_bad" if it is unusable, "cannot_write" if it cannot be created.
     """
     names = ("viewer", "operator")
     try:
@@ -79,14 +79,14 @@ def _digest(text: str) -> str:
 
 
 class Sessions:
-    """Who is logged in: without its entry here a cookie is worth nothing. Thread safe.
+    """The open sessions: a cookie without an entry here is worth nothing. Thread safe.
 
     Args:
         codes: as `load_codes` returns them.
-        path: the file, beside the codes; None: memory only.
-        on_fault: called with the error if the file cannot be written; the sessions in memory are right all the same.
+        path: the file of the sessions, beside that of the codes; None: memory only.
+        on_fault: called with the error if the file cannot be written; the sessions in memory stay valid.
 
-    The file names a session by its cookie's digest, and the code that opened it: a new code ends the old one's sessions.
+    The file has digests of each session's cookie and of the code that opened it: changing a code ends its sessions.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Sessions:
         self._path, self._on_fault = path, on_fault
         self._roles = {_digest(normalize(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
-        self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, since when [s]
+        self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, time of opening [s]
         try:
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
@@ -107,9 +107,9 @@ class Sessions:
             pass  # everybody logs in again
 
     def open(self, typed: str) -> Optional[str]:
-        """Opens a session with a code as typed, and returns its cookie's value; None if that is not a code.
+        """Opens a session with a code as typed, and returns its cookie's value; None if the code is wrong.
 
-        Digests are compared: how long that takes tells nothing of the code.
+        Digests are compared, so that the time it takes reveals nothing about the code.
         """
         code, cookie = _digest(normalize(typed)), secrets.token_urlsafe(24)
         if code not in self._roles:
@@ -119,7 +119,7 @@ class Sessions:
         return cookie
 
     def find(self, cookie: Optional[str]) -> Tuple[Role, str]:
-        """Returns (role, session's name) of a cookie's value; (NOBODY, "") if it has ended or never was."""
+        """Returns (role, session's name) of a cookie's value; (NOBODY, "") if there is no such session (any more)."""
         name = _digest(cookie or "")
         code, since = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
@@ -173,27 +173,27 @@ def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
 
 
 class Places:
-    """Places for connections. When they have run out, the one that holds the most gives one up for a newcomer.
+    """A number of places for connections. When all are taken, the holder of the most gives one up for a newcomer.
 
     Args:
-        size: how many there are.
-        yields: whether the oldest goes where all hold the same number; else the newcomer does.
+        size: the number of places.
+        yields: whether, if all hold the same number, the longest unused one goes; else one of the newcomer's own.
     """
 
     def __init__(self, size: int, yields: bool) -> None:
         self._size, self._yields = size, yields
-        self._held: Dict[Any, Tuple[str, ...]] = {}  # connection: whose it is; the longest unused first
+        self._held: Dict[Any, Tuple[str, ...]] = {}  # connection: its holders; the longest unused first
 
     def leave(self, connection: Any) -> None:
         """Gives up a connection's place, if it has one."""
         self._held.pop(connection, None)
 
     def take(self, connection: Any, *holders: str) -> Optional[Any]:
-        """Gives a connection a place; returns the one that has to go for it, which may be itself.
+        """Gives a connection a place; returns the connection that has to go for it, which may be the same one.
 
         Args:
             connection: anything with `closed()`; a closed one gives up its place.
-            holders: whose it is, for instance an address and a session: the one that holds more counts.
+            holders: who holds it, for instance an address and a session: the one that holds more places counts.
         """
         self.leave(connection)
         self._held[connection] = holders
@@ -211,7 +211,7 @@ class Places:
 
 
 def security_headers(secure: bool) -> Dict[str, str]:
-    """Returns headers for every answer: nothing from elsewhere runs in the page, and the page runs in no frame."""
+    """Returns the headers of every answer: nothing from elsewhere runs in the page, and the page runs in no frame."""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
         "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

@@ -1,6 +1,6 @@
-"""Parses what a browser may ask for: a closed list of actions, each with a closed list of fields.
+"""Parses browsers' requests: a closed list of actions, each with a closed list of fields.
 
-The idea: parsing is the only entry. What leaves this module are checked values in our own types; a field that is
+Nothing enters but through this parser. What leaves it are checked values in the project's own types; a field that is
 missing, unknown, of another type, too long, not finite or off the map makes the whole request fail.
 """
 
@@ -18,18 +18,18 @@ from vb_core.vocabulary import COMMANDS
 from vb_core.zones import ZONES
 
 KINDS = ("polygon", "curve", "wall")
-MAX_POINTS = 500  # a finger's line is thinned out to less than 100
+MAX_POINTS = 500  # a finger's line is thinned out to fewer than 100
 MAX_ROBOTS = 50
 MAX_BYTES = 64 * 1024
-MARGIN = 1.0  # [m] a line may leave the map by this much
+MARGIN = 1.0  # [m] by which a line may leave the map
 
-# categories of control characters, half surrogate pairs, and marks that turn a line's direction
+# categories of control characters, lone surrogates, and marks that change a line's direction
 _HIDDEN = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
 _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
 _ROBOT = re.compile(r"[A-Za-z][A-Za-z0-9_/]{0,63}")  # a namespace
 
 Bounds = Tuple[Sequence[float], Sequence[float]]  # [m] the map's lowest and highest x and y
-Check = Callable[[Any, str, Optional[Bounds]], Any]  # of a value: gives what it means, or fails with the field's name
+Check = Callable[[Any, str, Optional[Bounds]], Any]  # returns the value converted, or raises with the field's name
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class Request:
     """A checked request.
 
     Attributes:
-        id: chosen by the browser; a repeated request with the same one is carried out once.
+        id: chosen by the browser; a request repeated with the same id is carried out once.
         action: one of ACTIONS.
         values: by field, checked.
-        arrived: [s] of the monotonic clock: how long it has waited counts.
+        arrived: [s] time of arrival on the monotonic clock, which tells how long it has waited.
     """
 
     id: str
@@ -54,7 +54,7 @@ def _fail(field: str) -> CodedError:
 
 
 def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambda value: value) -> Check:
-    """Makes a check from a test of values, and from what converts those that pass."""
+    """Makes a check from a test of values, and a conversion of those that pass."""
 
     def check(value: Any, field: str, _bounds: Optional[Bounds] = None) -> Any:
         if not is_valid(value):
@@ -81,7 +81,7 @@ def _matching(pattern: "re.Pattern[str]", empty: bool = False) -> Check:
 
 
 def _number(low: float, high: float) -> Check:
-    # a bool, which to Python is an int, is refused; what is not finite is not between two numbers
+    # a bool, which to Python is an int, is refused; NaN and infinity fail the comparison
     return _valid(lambda value: type(value) in (int, float) and low <= value <= high, float)
 
 
@@ -108,18 +108,18 @@ def _draft(value: Any, field: str, bounds: Optional[Bounds]) -> Dict[str, Any]:
         raise _fail(field)
     checked = {name: check(value[name], name, bounds) for name, check in _BORDER.items()}
     if ZONES[checked["zone"]].limits_speed and checked["max_speed"] < 0.02:
-        raise _fail("max_speed")  # as slow as that is standing still: that is what keep_out is for
+        raise _fail("max_speed")  # slower amounts to standing still, for which there is keep_out
     return checked
 
 
 _FLAG = _valid(lambda value: isinstance(value, bool))
-_BORDER: Dict[str, Check] = {  # as drawn or edited on the page, a draft
+_BORDER: Dict[str, Check] = {  # a draft, as drawn or edited on the page
     "name": _text(60),
     "kind": _choice(*KINDS),
     "zone": _choice(*ZONES),
-    "max_speed": _number(0.0, 2.0),  # [m/s] if the zone limits that
+    "max_speed": _number(0.0, 2.0),  # [m/s] if the zone limits the speed
     "enabled": _FLAG,
-    "robots": _list_of(_matching(_ROBOT), 0, MAX_ROBOTS),  # that it is for; none: all
+    "robots": _list_of(_matching(_ROBOT), 0, MAX_ROBOTS),  # to which it applies; none: all
     "points": _list_of(_point, 2, MAX_POINTS),  # [m] map frame
     "seed": _point,  # [m] on the side to be restricted; ignored for a wall
 }
@@ -158,7 +158,7 @@ def read(text: Any) -> Tuple[str, Dict[str, Any]]:
 
 
 def check(request_id: str, found: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
-    """Checks a message that was read; `bounds`: of the map, None if there is none yet.
+    """Checks a message that was read; `bounds`: of the map, None until there is one.
 
     Raises:
         CodedError: "page_bad_request" with the field's name, "page_no_map".

@@ -1,6 +1,6 @@
-"""Carries out what the page asks for, by the services of interaction manager and map integrator. Needs a node.
+"""Carries out the page's requests by calling interaction manager, map integrator and robot monitor. Needs a node.
 
-The idea: one method for each action, of its name; it returns an answer with code and values, or raises a `CodedError`.
+Each action has a method of the same name, which returns an answer with code and values, or raises a `CodedError`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vb_web.view import answer, refusal, rounded
 _TIMEOUT = 20.0
 _INTEGRATOR = "$map_integrator"
 _MONITOR = "$robot_monitor"
-_CHANGES = {  # of a stored border: the services, whose fields have the names of the request's
+_CHANGES = {  # to a stored border: services whose fields have the same names as the request's
     "update": (names.UPDATE_BORDER, UpdateBorder),
     "rename": (names.RENAME_BORDER, RenameBorder),
     "enable": (names.SET_BORDER_ENABLED, SetBorderEnabled),
@@ -42,7 +42,7 @@ class ActionHandler:
 
     Args:
         borders: returns the stored border of an id, or None.
-        manager_there: whether there is an interaction manager.
+        manager_there: returns whether there is an interaction manager.
         invite: returns what a phone needs to log in.
     """
 
@@ -67,10 +67,10 @@ class ActionHandler:
 
     # ------------------------------------------------------------- commands
     def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
-        """Begins to carry out a command; returns its answer, for the loop of the calling thread."""
+        """Starts to carry out a command; returns a future of its answer in the calling thread's event loop."""
         command, answered = request.values["command"], asyncio.get_event_loop().create_future()
         alone = command in (UNDO, REDO) and not self._manager_there()
-        # the browser's id: a request repeated after the page was restarted is carried out once
+        # the browser's id, so that a request repeated after a restart of the page is carried out once
         if not self._orders.put(
             command,
             answered,
@@ -113,7 +113,7 @@ class ActionHandler:
 
     def _change(self, request: Request, source: str) -> Dict[str, Any]:
         fields = dict(request.values)
-        stored = self._stored(fields.pop("border"))  # only ids that are there get through
+        stored = self._stored(fields.pop("border"))  # only ids of stored borders get through
         if "draft" in fields:
             fields.update(border=apply_draft(fields.pop("draft"), stored), frame_id=names.MAP_FRAME)
         else:

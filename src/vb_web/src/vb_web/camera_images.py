@@ -20,14 +20,14 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import images
 
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
-_FLOOR_LIFETIME = 5.0  # [s] the same image for every browser that asks meanwhile, if all cameras are in it
+_FLOOR_LIFETIME = 5.0  # [s] for which every browser that asks gets the same image, if all cameras are in it
 
 
 def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
     """Converts an image message to (H, W, 3) bgr uint8.
 
     Raises:
-        CodedError: "bad_image", "unknown_encoding" for one that shows nothing.
+        CodedError: "bad_image", "unknown_encoding" for one that is no picture, such as depth.
     """
     return PixelReader().read(*decode(message)).bgr()
 
@@ -36,7 +36,7 @@ class CameraImages:
     """The detectors' debug images, and the floor as the ceiling cameras see it.
 
     Args:
-        detectors: returns each camera's detector, a node's name, from its status messages.
+        detectors: returns the name of each camera's detector node, from its status messages.
         cameras: names of the ceiling cameras.
         grid: returns the map.
     """
@@ -76,7 +76,7 @@ class CameraImages:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
                 self._floor = images.draw_floor(grid, views).data if grid is not None and views else None
-                # with a camera missing it is made again: that one may be starting
+                # with a camera missing, it is made anew next time: that camera may be starting
                 self._floor_at = time.monotonic() if len(views) == len(self._cameras) else -1e9
             return self._floor
 

@@ -1,7 +1,7 @@
 """Answers browsers: files and images by HTTP, and one WebSocket for everything else.
 
-The idea: browsers get the view's sections as they change and send requests that `action_requests` has to accept. No
-request names a file: dictionaries hold what can be fetched.
+Browsers get the view's sections as they change, and send requests that `action_requests` must accept. No request names
+a file on disk: dictionaries hold all that can be fetched.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from vb_web import access, action_requests
 from vb_web.access import Role
 from vb_web.view import as_message, refusal
 
-# [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
+# [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 _SEND_PERIOD = 0.04
 MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNDERWAY = 4  # requests of one browser
-_MAX_FAULTS = 20  # messages that are not requests; then the browser is disconnected
+_MAX_FAULTS = 20  # refused messages after which the browser is disconnected
 
 
 def routes(page: Any) -> List[Tuple]:
-    """Lists who answers what; `page` is the `server.PageServer`."""
+    """Lists the handler of each path; `page` is the `server.PageServer`."""
     given = {"page": page}
     return [
         (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
@@ -68,7 +68,7 @@ class _Guarded(web.RequestHandler):
             self.set_header("Connection", "close")
             raise web.HTTPError(503)
         if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
-            # also for this computer's own browsers: any page that they show could ask
+            # also for this computer's own browsers: any other page open in them could ask
             if not access.same_origin(request.headers.get("Origin"), request.protocol, request.host):
                 raise web.HTTPError(403)
         if self.role < self.NEEDS:
@@ -77,7 +77,7 @@ class _Guarded(web.RequestHandler):
     def _identify(self) -> Tuple[Role, str]:
         if self.page.sessions is not None:
             return self.page.sessions.find(self.get_cookie(access.COOKIE))
-        # another host's name that leads here, or a proxy on this computer, is not this computer
+        # a request by another host's name that leads here, or through a proxy here, is not from this computer
         headers = self.request.headers
         direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
         hosts = (access.host_of(self.request.host), self.request.remote_ip or "")
@@ -103,14 +103,14 @@ class _Handler(_Guarded):
             raise web.HTTPError(413)
 
     def send(self, data: bytes, kind: str, keep: str = "no-store") -> None:
-        """Answers with bytes; Tornado lets the browser ask whether they are still the same."""
+        """Answers with bytes; Tornado adds an ETag, by which the browser can ask whether they have changed."""
         self.set_header("Content-Type", kind)
         self.set_header("Cache-Control", keep)
         self.finish(data)
 
 
 class _FileHandler(_Handler):
-    NEEDS = Role.NOBODY  # the page itself says nothing about the house
+    NEEDS = Role.NOBODY  # the page's files reveal nothing about the house
 
     def get(self, name: str) -> None:
         found = self.page.files.get(name or "index.html")
@@ -128,7 +128,7 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
-    """Sends a camera's image, or the floor as all of them see it: both have to be made first."""
+    """Sends a camera's image, or the floor as all of them see it; both are made on request."""
 
     NEEDS = Role.OPERATOR
 
@@ -184,10 +184,10 @@ class _SessionHandler(_Handler):
 
 
 class _LinkHandler(_Guarded, WebSocketHandler):
-    """One browser."""
+    """The WebSocket of one browser."""
 
     def check_origin(self, origin: str) -> bool:
-        return True  # `prepare` has looked, also for one that is missing
+        return True  # `prepare` has checked it, and refused a missing one
 
     def open(self, *_args: str) -> None:
         self.set_nodelay(True)
@@ -202,9 +202,9 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         self.page.browsers.discard(self)
 
     async def _send_view(self) -> None:
-        """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid.
+        """Sends this browser what it has not received yet, as fast as it accepts it, but no faster than looks fluid.
 
-        Viewers get it at different moments within that time: otherwise an operator's answer would wait for all of them.
+        Viewers are served at random moments within that period: otherwise an operator's answer would wait for them all.
         """
         sent, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
@@ -226,7 +226,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
-        request_id = ""  # a refused request is named too, if it has a usable id
+        request_id = ""  # a refusal names its request too, if that has a usable id
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
@@ -244,7 +244,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             self._write_json({"re": request.id, **refusal(CodedError("page_too_fast"))})
             return
         self._underway += 1
-        # by callback: each await would be one more turn of the loop, in which all others come first
+        # by callback: each await would cost another turn of the loop, in which all others come first
         self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
 
     def _answer(self, request: action_requests.Request, answered: asyncio.Future) -> None:

@@ -1,4 +1,4 @@
-"""The images below the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
+"""The images under the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
 
 All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of an image
 is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall ever vanishes.
@@ -20,12 +20,12 @@ from vb_web.view import rounded
 
 MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
 FLOOR_SIDE = 1400  # [px] of the floor's image
-FLOOR_PIXEL = 0.01  # [m] a ceiling camera sees no more
+FLOOR_PIXEL = 0.01  # [m] a ceiling camera resolves nothing finer
 STRIPE_PERIOD = 0.2  # [m] period of the stripes
 _INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
 _UNKNOWN = (128, 128, 128, 70)
 FORBIDDEN = (0, 94, 213)  # bgr, vermilion, as on the smart display
-PLANNED = (0, 159, 230)  # bgr, orange: where saving now would restrict
+PLANNED = (0, 159, 230)  # bgr, orange: what saving now would restrict
 PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
 
 
@@ -55,12 +55,12 @@ class ImageCache:
         self._images[kind] = (image, *kept[:1])
 
     def get(self, kind: str, name: str) -> Optional[EncodedImage]:
-        """Returns an image by its name; None if it is not there (any more)."""
+        """Returns an image by its name; None if it is not (or no longer) there."""
         return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
-    """Reduces (H, W) to blocks' maxima, the last of which repeat the edge; returns the cells along a block's side too."""
+    """Reduces (H, W) to maxima of blocks, the last padded by the edge; also returns a block's side [cells]."""
     cells = max(1, -(-max(data.shape) // side))
     if cells == 1:
         return data, 1
@@ -89,7 +89,7 @@ def draw_map(grid: GridMap) -> EncodedImage:
 
 
 def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage], floor: bool) -> Dict[str, Any]:
-    """Describes the map for the page: its images and where they lie. `floor`: whether there is an image of the floor."""
+    """Describes the map's images and geometry for the page. `floor`: whether there is an image of the floor."""
     rows, columns = grid.shape
     return {
         "picture": base.name,
@@ -104,7 +104,7 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
 
 
 def draw_restricted(before: GridMap, after: GridMap) -> EncodedImage:
-    """Draws stripes where `after` is more occupied than `before`; fainter where it is softer."""
+    """Draws stripes where `after` is more occupied than `before`, fainter for lower occupancy."""
     return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
 
 
@@ -114,7 +114,7 @@ def draw_region(
     """Draws stripes over a region.
 
     Args:
-        region: (H, W) int8, 0 outside to 100; row 0 is the lowest y.
+        region: (H, W) int8, 0 (outside) to 100; row 0 is the lowest y.
         resolution: [m] edge of a cell.
         tint: bgr.
         side: [px] the largest side of the image.
@@ -149,9 +149,9 @@ def floor_cells(grid: GridMap) -> float:
 
 
 def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
-    """Draws the floor in the map's geometry, as all cameras together see it; clear where none does.
+    """Draws the floor in the map's geometry, as all cameras together see it; transparent where none does.
 
-    Where several see the same floor, each counts by how near to its image's centre it is: no hard seams.
+    Where several see the same floor, each is weighted by the pixel's distance to its image's edge: no hard seams.
     """
     cells = floor_cells(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)

@@ -34,9 +34,9 @@ from vb_web.view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
-_SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
+_SILENCE_TIMEOUT = 4.0  # [s] without a message; detectors publish every second, robots' drivers more often
 _SESSIONS = "page_sessions.json"  # beside the codes
-_UNDER_WAY = ("saving", "changing")  # answers that another one follows
+_UNDER_WAY = ("saving", "changing")  # answers that precede the final one
 _EVENTS = 100
 
 
@@ -49,13 +49,13 @@ class PageNode:
         /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
-        /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
+        /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, which decides what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
         <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
         /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): the same
         /<camera>/camera_info (sensor_msgs/CameraInfo): the same
     Published topics:
-        /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
+        /virtual_borders/stop (vb_msgs/Stop): on Stop; it reaches robots without any other node.
     Services called:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/confirm_map (vb_msgs/ConfirmMap)
         /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
@@ -78,7 +78,7 @@ class PageNode:
         self._borders: Optional[VirtualBorderArray] = None  # None: not known yet
         self._offer: Optional[Offer] = None  # None: it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
-        self._frames: Dict[str, str] = {}  # of the robots, by name
+        self._frames: Dict[str, str] = {}  # of the robots' bases, by name
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
         self._idle = True  # whether nobody draws
@@ -100,7 +100,7 @@ class PageNode:
         self._subscribe()
         self._robots = OfferListener()
         self._serve()
-        # wall time goes on when simulated time stops
+        # in wall time, which goes on when simulated time stops
         looks = (
             (node.WakeTimer(_POSE_PERIOD), self._look_at_robots),
             (node.WakeTimer(_HEALTH_PERIOD), self._look_at_health),
@@ -111,7 +111,7 @@ class PageNode:
             node.Worker(beat, lambda _woken, look=look: look())
 
     def _serve(self) -> None:
-        """Starts the server and says where the page is."""
+        """Starts the server and logs where the page is."""
         params = self._params
         local = access.is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
@@ -189,7 +189,7 @@ class PageNode:
         self._view.put("map", images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
     def _show_robots(self) -> None:
-        """Shows what is connected; when that is not known any more, browsers get an offer that is null."""
+        """Shows what is connected; when that is no longer known, browsers get a null offer."""
         message, found = self._robots.current() or (None, None)
         changed, self._offer = found != self._offer, found
         if message is not None and found is not None:
@@ -212,7 +212,7 @@ class PageNode:
             self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
-        """Shows the newest list; from several threads, of which none can bring back an older one."""
+        """Shows the newest borders; called from several threads, of which none can bring back an older list."""
         with self._showing:
             if self._borders is None:
                 return
@@ -232,7 +232,7 @@ class PageNode:
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
         if last["code"] in _UNDER_WAY:
-            return  # the history has what became of it
+            return  # the history shows only the final answer
         if self._answered is not None and answered != self._answered and last["command"]:
             self._log_event(
                 "page_event_command" if last["ok"] else "page_event_refused",
@@ -328,10 +328,10 @@ def _warn(error: CodedError) -> None:
 
 
 def _own_addresses() -> List[str]:
-    """This computer's address towards the network, and its name."""
+    """Returns this computer's address in the network, and its host name."""
     found: List[str] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
-        probe.connect(("192.0.2.1", 9))  # an address for documentation: a datagram socket sends nothing here
+        probe.connect(("192.0.2.1", 9))  # a documentation address; connecting a datagram socket sends nothing
         found.append(probe.getsockname()[0])
     return [*found, socket.gethostname()]
 

@@ -1,6 +1,6 @@
-"""Converts messages to sections of the page's view, and its drafts to messages. Needs the messages, no node.
+"""Converts messages to sections of the page's view, and the page's drafts to messages. Needs the messages, but no node.
 
-Lengths are metres. Chains and points travel as whole centimetres, [x0, y0, x1, y1, ...]: small, and finer than a spot.
+Lengths are metres. Chains and points are sent in whole centimetres, [x0, y0, x1, y1, ...]: compact, finer than a spot.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _KIND_NAMES = {value: key for key, value in KINDS.items()}
 
 
 def centimeters(points: Iterable[Point]) -> List[int]:
-    """Points as whole centimetres in one list; without those that are not finite."""
+    """Converts points to whole centimetres in one list, without points that are not finite."""
     found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
     found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
     return np.rint(found * 100.0).astype(int).ravel().tolist()
 
 
 def as_it_is(message: Any, fields: str) -> Dict[str, Any]:
-    """Returns those fields of a message that the page gets by the same name and as they are."""
+    """Returns fields of a message, given as names with spaces between, unchanged and under the same names."""
     return {field: getattr(message, field) for field in fields.split()}
 
 
@@ -81,7 +81,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
 
 
 def region_uri(region: Any) -> str:
-    """Draws a region (OccupancyGrid) as an image inside a message."""
+    """Draws a region (OccupancyGrid) as an image in a data URI; "" if its cells are invalid."""
     info = region.info
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
@@ -93,7 +93,7 @@ def region_uri(region: Any) -> str:
 
 
 def preview_section(message: BorderPreview) -> Dict[str, Any]:
-    """Converts what saving now would do."""
+    """Converts the preview of what saving now would do."""
     if not message.available:
         return {"available": False}
     return {
@@ -123,7 +123,7 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
 
 
 def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, Any]:
-    """Adds to a border's section who does not keep it, in `unkept`, if that is known."""
+    """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
     told = unkept(found, section["zone"], section["robots"]) if found is not None and section["in_force"] else None
     return {**section, "unkept": {"code": told[0], "values": told[1]} if told else None}
 
@@ -139,7 +139,7 @@ def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) 
 
 
 def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
-    """Converts what is offered and told of the robots; `more`: further commands to offer."""
+    """Converts what is offered, and what is said about the robots; `more`: further commands to offer."""
     return {
         **as_it_is(found, "state zones goes"),
         "interaction": message.interaction,
@@ -162,7 +162,7 @@ def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
 
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
-    """Converts a spot to [x, y, number]: [cm], and its track; None if it is not finite."""
+    """Converts a spot to [x, y, track], x and y in cm; None if it is not finite."""
     place = centimeters([message.position])
     return [*place, int(message.track)] if place else None
 
@@ -185,7 +185,7 @@ def driver_entry(message: DriverState) -> Dict[str, Any]:
 
 
 def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
-    """Converts the notices that people should know now."""
+    """Converts the notices that are now in effect."""
     return [
         {
             **as_it_is(notice, "code message robot camera"),

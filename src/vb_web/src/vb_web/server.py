@@ -1,8 +1,8 @@
-"""The web server: its thread, the places of its connections, and what carries requests out; `handlers` answers them.
+"""The web server: its thread, its connections' places, and the pools that carry out requests; `handlers` answers them.
 
-The idea: an attacker must not keep an operator from a *stop*. Connections have places by role (`access.Places`), slow work is
-done one piece at a time for each person, apart from quick work, and a connection that reads or writes too slowly is closed.
-No ROS here; `actions.ActionHandler` carries requests out.
+An attacker must not keep an operator from a *stop*. So connections have places by role (`access.Places`), slow work is
+done apart from quick work and one piece at a time for each person, and a connection that reads or writes too slowly is
+closed. No ROS here; `actions.ActionHandler` carries requests out.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _TYPES = {
 # connections: together below the usual limit of open files, with room for ROS
 _PLACES = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
 _PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
-_SEND_PATIENCE = 20  # [s] for a browser to take what is sent to it
+_SEND_PATIENCE = 20  # [s] for a browser to receive what is sent to it
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class PageParams(Parameters):
 
     @property
     def certificate(self) -> Optional[Tuple[Path, Path]]:
-        """The files page.crt and page.key beside the codes, for https towards a network; None if there are none.
+        """The files page.crt and page.key beside the codes, for https in a network; None if there are none.
 
         Raises:
             ParameterError: if there is only one of the two: a person who made one does not want http.
@@ -83,10 +83,10 @@ class PageServer:
     """Serves the page from its own thread.
 
     Args:
-        sessions: None only for loopback addresses: every user of this computer is an operator.
+        sessions: None only for loopback addresses, where every user of this computer is an operator.
         actions: carries requests out, an `actions.ActionHandler`; cameras: makes their images, a
-            `camera_images.CameraImages`. What is asked of both in threads may take seconds.
-        bounds: returns where points may be; None without a map.
+            `camera_images.CameraImages`. Their work in the pools' threads may take seconds.
+        bounds: returns the map's bounds, for checking points; None without a map.
         on_fault: called once with the error that ended the server's thread.
     """
 
@@ -123,7 +123,7 @@ class PageServer:
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
     def _hello(self, role: Role) -> str:
-        """Writes the first message to a browser: who it is, and the tables of what there is."""
+        """Writes the first message to a browser: its role, and the tables of the vocabulary and the zones."""
         hello = {
             "role": role.name.lower(),
             "languages": sentences.languages(),
@@ -149,7 +149,7 @@ class PageServer:
         self.view.on_change = lambda: self._loop.call_soon_threadsafe(self._announce)
 
     def close(self) -> None:
-        """Ends the thread and tells the browsers that the server shuts down."""
+        """Tells the browsers that the server shuts down, and ends the thread."""
         self.view.on_change = lambda: None
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._closing.set)
@@ -211,7 +211,7 @@ class PageServer:
 
     # ------------------------------------------------------------- browsers' requests
     def seat(self, stream: Any, role: Role, *holders: str) -> bool:
-        """Gives a connection a place of its role, and ends the one that has to go; returns whether it got one."""
+        """Gives a connection a place of its role, and closes the one that has to go; returns whether it got a place."""
         for places in self.places.values():
             places.leave(stream)
         gone = self.places[role].take(stream, *holders)
@@ -226,7 +226,7 @@ class PageServer:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
     def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
-        """Carries out a request and returns its answer; a repeated request gets the answer that it got before."""
+        """Carries out a request and returns its answer; a repeated request gets the same answer."""
         key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self.answers:
             if request.action == "command":
@@ -247,29 +247,29 @@ class PageServer:
 
 
 class _BoundedServer(HTTPServer):
-    """Gives each new connection a stranger's place, and closes those that come too fast or do not take what is sent."""
+    """Gives each new connection a place of `Role.NOBODY`, and closes those that come too fast or read too slowly."""
 
     def initialize(self, *args: Any, page: PageServer, **kwargs: Any) -> None:
         super().initialize(*args, **kwargs)
         self._page = page
 
     def accept(self, listening: socket.socket) -> None:
-        """Lets one newcomer in at each turn of the loop.
+        """Accepts one new connection at each turn of the event loop.
 
-        Tornado's own takes all that wait, up to 128, whose handshakes then come in one turn, and those who are there
-        wait for it: a handshake costs more than all the rest.
+        Tornado's own handler accepts all that wait, up to 128, whose TLS handshakes then come in one turn, while open
+        connections wait: a handshake costs more than all the rest.
         """
         try:
             connection, address = listening.accept()
         except (BlockingIOError, ConnectionError):
-            return  # it is gone again
+            return  # it has closed again
         if self._page.connections.allows(address[0], time.monotonic()):
             self._handle_connection(connection, address)
         else:
             connection.close()
 
     def handle_stream(self, stream: Any, address: Any) -> None:
-        # the system counts: also while a window of zero is confirmed again and again
+        # the kernel keeps the time, even while the peer keeps confirming a window of zero
         stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _SEND_PATIENCE * 1000)
         self._page.seat(stream, Role.NOBODY, address[0])
         super().handle_stream(stream, address)

@@ -1,7 +1,7 @@
 """What the page shows, as sections of JSON with a revision each.
 
-The idea: a section is written as text once, when it changes; a browser that knows revision N gets the sections that are
-newer, all browsers get the same text, and a slow one skips what was replaced meanwhile.
+A section is serialised once, when it changes. A browser that knows revision N gets the sections that are newer; all
+browsers get the same text, and a slow one skips what was replaced meanwhile.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from vb_core.errors import CodedError
 
 
 def rounded(value: float, digits: int = 3) -> Optional[float]:
-    """Rounds a number for JSON; None for one that is not finite."""
+    """Rounds a number for JSON; returns None if it is not finite."""
     return round(float(value), digits) if math.isfinite(value) else None
 
 
 def coarse_age(seconds: float) -> int:
-    """Rounds an age [s] for a sentence that is read out each time it changes: 0 below 3 s, then 3, 5, 10, 20 ... 60, 120 ..."""
+    """Rounds an age [s] down, for a sentence read out at each change: 0, 3, 5, 10, 20 ... 60, 120 ... 3600."""
     steps = (3, 5, *range(10, 60, 10), *range(60, 3600, 60), 3600)
     return max([step for step in steps if step <= seconds], default=0)
 
 
 def as_message(value: Any) -> str:
-    """Writes what a browser gets as JSON."""
+    """Serialises a message to a browser as JSON."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
@@ -43,7 +43,7 @@ def refusal(error: CodedError) -> Dict[str, Any]:
 
 
 class View:
-    """The sections. Thread safe.
+    """The page's sections. Thread safe.
 
     Args:
         on_change: called, from any thread, after a section has changed.
@@ -69,7 +69,7 @@ class View:
     def since(self, revision: int) -> Tuple[int, str]:
         """Returns (revision, message) with all sections newer than a revision.
 
-        Revision 0 returns all of them; an empty message means that there are none.
+        Revision 0 returns all of them; the message is empty if there are none.
         """
         with self._lock:
             if revision >= self._revision:
@@ -81,9 +81,9 @@ class View:
 
 
 def mark_borders(before: Dict[str, str], ids: List[str]) -> Dict[str, str]:
-    """Gives each border the mark that stands for it where its name has no room, and returns marks by border's id.
+    """Gives each border a mark that stands for it where its name has no room; returns the marks by border's id.
 
-    A border keeps its mark of `before` as long as it exists; a new one gets the first of A to Z, A1 to Z1, ... that is free.
+    A border keeps its mark of `before`; a new one gets the first of A to Z, A1 to Z1, ... that is free there.
     """
     marks = {key: before[key] for key in ids if key in before}
     every = (letter + str(turn or "") for turn in itertools.count() for letter in ascii_uppercase)

@@ -17,8 +17,8 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
         rectified: whether its images are already undistorted (image_rect, image_rect_color); then P describes them.
 
     Raises:
-        CodedError: "bad_camera_info" if it describes no camera; "unsupported_camera" for binning, a part of the image
-            or an unknown distortion model.
+        CodedError: "bad_camera_info" if it describes no possible camera; "unsupported_camera" for binning, a region of
+            interest or an unknown distortion model.
     """
     models = ("", "plumb_bob", "rational_polynomial", "equidistant", "fisheye")
     if info.distortion_model not in models and not rectified:

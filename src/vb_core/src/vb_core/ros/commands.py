@@ -1,11 +1,11 @@
-"""Sends commands to the interaction; every input method uses this.
+"""Sends commands to the interaction manager; every input method uses this.
 
-Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out, counted
-from when the person gave it: nobody expects a button of a minute ago to act. It names the newest stop that its sender
-knew of when it was given: a newer stop makes it void.
+Each command has an id, so that sending it again does no harm, and an expiry time, counted from when the person gave it:
+nobody expects a button pressed a minute ago to act. It names the newest stop that its sender knew of when it was given:
+a newer stop makes it void.
 
-A stop reaches the robots whether there is a manager or not. Where none answers it, they do: each reports which stops it
-holds.
+A stop reaches the robots with or without a manager. If no manager answers, the robots do: each reports the stops that
+it holds.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusA
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 MANAGER = "$interaction_manager"
-VALIDITY = 5.0  # [s] from when a command was given: if it waits longer for a busy manager, it surprises people
+VALIDITY = 5.0  # [s] from when a command was given: after a longer wait for a busy manager it would surprise people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
 _STOP_TIMEOUT = 5.0  # [s] a manager that has not answered a stop by then hangs: whoever stops a robot must not wait
 _REPORTED_WITHIN = 1.5  # [s] robots report the stops that they hold at once, and again every second
@@ -38,7 +38,7 @@ _MAX_WAITING = 10  # commands of one person
 def make_request(
     command: str, source: str, validity: float, uncertain: bool = False, seen_stop: str = ""
 ) -> CommandRequest:
-    """Makes the request for a command, with a unique id and a time at which it expires.
+    """Makes the request for a command, with a unique id and an expiry time.
 
     Args:
         source: the input method that sends it.
@@ -73,12 +73,12 @@ def send(
 
 
 class CommandSender:
-    """Sends what people command: each person's commands one after the other, `stop` at once; robots hear it directly.
+    """Sends people's commands: each person's one after the other, but `stop` at once, and directly to the robots too.
 
-    Nothing overtakes a stop: what the same person says next waits for its answer. People do not wait for each other.
+    Nothing overtakes a stop: the same person's next command waits for its answer. People do not wait for each other.
 
     Args:
-        source: who gives the commands, for the record, where `put` names nobody else.
+        source: who gives the commands, for the record, unless `put` names somebody else.
         on_answer: called from another thread with the command, its `context`, and either the answer or the error.
     """
 
@@ -91,13 +91,13 @@ class CommandSender:
         self._on_answer = on_answer
         self._lock = threading.Lock()
         self._unanswered: Dict[str, List[threading.Event]] = {}  # by person
-        # each with the time [s] since when it is known
+        # each with the time [s] at which it became known
         self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, "")], maxlen=64)
         self._held: Dict[str, Sequence[str]] = {}  # ids of the stops that each robot holds
         self._stop: Optional[rospy.Publisher] = None
 
     def connect(self) -> None:
-        """Listens to the state, reaches the robots and listens to them, once the node is registered."""
+        """Connects to the interaction's state and the robots, once the node is registered."""
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_robot, queue_size=20)
@@ -130,15 +130,15 @@ class CommandSender:
         identity: str = "",
         carry_out: Callable[[CommandRequest], Any] = send,
     ) -> bool:
-        """Sends a command when its turn comes; returns False if too many of this person wait and it is dropped.
+        """Sends a command when its turn comes; returns False, and drops it, if too many of this person's wait.
 
         Args:
             context: handed on to `on_answer`.
-            given: [s] of the monotonic clock: when the person gave it; now at the latest.
+            given: [s] of the monotonic clock, when the person gave it; by default, and at the latest, now.
             source: the person who gives it.
             seen_stop: number of the newest stop that the person was shown; None: the newest known here at `given`.
-            identity: id of this command, if it has one already and may come twice.
-            carry_out: returns the answer to anything but a stop or raises a `CodedError`; by default the manager answers.
+            identity: id of this command, if it has one already and may arrive twice.
+            carry_out: carries out any command but a stop; returns the answer or raises a `CodedError`.
         """
         given, source = min(given, time.monotonic()), source or self._source
         if seen_stop is None:
@@ -185,10 +185,10 @@ class CommandSender:
         self._on_answer(request, context, answer, error)
 
     def _send_stop(self, stop: CommandRequest) -> CommandResponse:
-        """Returns the manager's answer to a stop or, if none responds, which robots hold it.
+        """Sends a stop; returns the manager's answer or, if no manager responds, which robots hold the stop.
 
         Raises:
-            CodedError: "stop_unconfirmed" if no robot does, or as `send`.
+            CodedError: "stop_unconfirmed" if no robot holds it, or as `send`.
         """
         given = time.monotonic()
         try:
@@ -200,6 +200,6 @@ class CommandSender:
         robots = sorted(name for name, stops in list(self._held.items()) if stop.id in stops)
         if not robots:
             raise CodedError("stop_unconfirmed")
-        # they keep it, and tell the manager once it is running
+        # the robots keep the stop, and report it to the manager once that is running
         code, values = "stop_held", {"robots": ", ".join(map(sentences.robot_value, robots))}
         return CommandResponse(True, code, sentences.translate(code, values), values_from_mapping(values))

@@ -28,9 +28,9 @@ class Commanders:
     """The nodes that can command a base.
 
     Attributes:
-        others: running nodes that can command it past the driver.
+        others: running nodes that can command the base past the driver.
         allowed: the driver, its mux, and trusted nodes.
-        heard: whether any node listens to the driver's commands.
+        heard: whether any node subscribes to the driver's commands.
     """
 
     others: Set[str]

@@ -17,9 +17,9 @@ from vb_core.image_format import encoding_of
 
 
 def array_from_image(message: Image) -> np.ndarray:
-    """Returns an image's pixels as they are, (H, W) or (H, W, C); copies only where the byte order requires it.
+    """Returns an image's pixels, unconverted, (H, W) or (H, W, C); copies only where the byte order requires it.
 
-    Of nv12 and nv21 they are (3/2 H, W): colours are below the brightness.
+    Those of nv12 and nv21 are (3/2 H, W): chrominance is stored below the luminance.
 
     Raises:
         CodedError: "bad_image" for an empty image, an unknown encoding, or too few bytes.
@@ -67,7 +67,7 @@ def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
     if isinstance(message, Image):
         return array_from_image(message), message.encoding
     image = array_from_compressed_image(message)
-    # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
+    # "bayer_rggb8; jpeg compressed ..." if the driver says what it compressed
     of_driver = message.format.split(";")[0].strip()
     if image.ndim == 3:
         return image, "bgr8"

@@ -60,9 +60,9 @@ def run(name: str, build: Callable[[], Any]) -> None:
 def _log_without_registering() -> None:
     """Keeps rospy from asking the ROS master for a parameter at each logged line.
 
-    It does so by a subscription under the node's name, as long as the parameter is not set. If a node has been replaced
-    by another of the same name and logs one more line while it ends, the master takes it for the newer of the two and
-    stops the other one: about once in seventy replacements.
+    As long as the parameter is not set, rospy subscribes to it under the node's name. If a node that has been replaced
+    by another of the same name logs one more line while it ends, the master takes it for the newer of the two and stops
+    the other one: about once in seventy replacements.
     """
     name = "/rosout_disable_topics_generation"
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
@@ -71,8 +71,8 @@ def _log_without_registering() -> None:
 def _keep_for_good() -> None:
     """Excludes the objects made so far, which live as long as the node, from Python's garbage collection.
 
-    All threads stand still while it goes through them: 30 to 60 ms of processor time, several times as long on a busy computer.
-    During that time no stop was answered and no image searched.
+    The collector would halt all threads while it goes through them: 30 to 60 ms of processor time, several times as
+    long on a busy computer, during which no stop is answered and no image searched.
     """
     gc.collect()
     gc.freeze()
@@ -91,7 +91,7 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
 def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> None:
     """Waits until subscribers are connected to as many publishers as the master knows, `timeout` seconds at most.
 
-    A measurement of some seconds should begin after it: on a busy computer connections take their time.
+    To be called before a measurement of some seconds: on a busy computer it takes a while to connect.
     """
     published = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
     expected = [(subscriber, len(published.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
@@ -103,9 +103,9 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
 
 
 def is_gone(master: rosgraph.Master, name: str) -> bool:
-    """Returns whether nobody answers at a registered node's address: the master lists killed nodes too.
+    """Returns whether a registered node no longer answers at its address: the master lists killed nodes too.
 
-    A node that hangs is there: it may go on at any time.
+    A node that hangs is not gone: it may go on at any time.
     """
     try:
         host, port = rosgraph.network.parse_http_host_and_port(master.lookupNode(name))
@@ -148,9 +148,9 @@ def _tune_malloc(option: int, value: int) -> None:
 def _share_heap() -> None:
     """Makes all threads of this process use one heap.
 
-    rospy receives each connection in a separate thread, and by default glibc gives up to eight threads per core a heap
-    each, which keeps the largest messages that it ever held: a detector grew by 18 MiB each time that its camera's
-    driver was restarted. The threads hardly ever allocate at the same time: Python runs one of them at once.
+    rospy receives each connection in a separate thread. By default glibc gives up to eight threads per core a heap
+    each, which keeps the memory of the largest messages it ever held: a detector grew by 18 MiB each time its camera's
+    driver was restarted. The threads hardly ever allocate at the same time: Python runs only one of them at a time.
     """
     _tune_malloc(_M_ARENA_MAX, 1)
 
@@ -159,7 +159,7 @@ def disable_heap_trimming() -> None:
     """Makes this process keep the memory of an image for the next one; for nodes that handle many images.
 
     By default glibc returns blocks of that size to the system, which then clears the next image's pages one by one:
-    three quarters of the time that it takes to receive 1080p images.
+    three quarters of the time needed to receive 1080p images.
     """
     # the largest glibc accepts; rospy receives into buffers of half that size
     _tune_malloc(_M_MMAP_THRESHOLD, 32 << 20)
@@ -167,7 +167,7 @@ def disable_heap_trimming() -> None:
 
 
 class Queue(Generic[T]):
-    """A queue for a worker: no item is skipped, order is kept, the number is limited."""
+    """A bounded queue for a worker: no item is skipped, order is kept."""
 
     def __init__(self, size: int = 1000) -> None:
         self._condition = threading.Condition()
@@ -211,7 +211,7 @@ class Mailbox(Queue[T]):
         self.dropped = 0
 
     def put(self, item: T) -> bool:
-        """Puts an item in place of one that is still there."""
+        """Stores an item, in place of one that is still there."""
         with self._condition:
             self.received += 1
             self.dropped += len(self._items)
@@ -230,35 +230,35 @@ class Mailbox(Queue[T]):
             super().close()
 
 
-MIN_POLL_PERIOD = 0.002  # [s] of wall time between two looks at simulated time
-MAX_PACE = 20.0  # simulated seconds per second
+MIN_POLL_PERIOD = 0.002  # [s] of wall time between two readings of simulated time
+MAX_PACE = 20.0  # simulated seconds per second of wall time
 
 
 class WakeTimer:
-    """Wakes a worker when something was announced, or after a period of wall or simulated time, whichever ends first.
+    """Wakes a worker when it is notified, or after a period of wall or simulated time, whichever ends first.
 
-    A rospy.Timer follows simulated time, which may pause, and work that must not pause uses this; where simulated time
-    runs faster than real time, other nodes expect the work as often in their time.
+    For work that must not pause: a rospy.Timer follows simulated time, which may. Where simulated time runs faster than
+    wall time, other nodes expect the work as often in simulated time.
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self._due = 0.0  # [s] of simulated time
-        self._pace = 1.0  # simulated seconds per second, as the last wait found it
+        self._pace = 1.0  # simulated seconds per second of wall time, as measured in the last wait
         self._wake = threading.Event()
         self._closed = False
 
     def set(self) -> None:
-        """Announces something: the worker stops waiting."""
+        """Notifies the worker, which stops waiting."""
         self._wake.set()
 
     def get(self) -> Optional[bool]:
-        """Waits; returns whether something was announced, or None once closed."""
+        """Waits; returns whether it was notified, or None once closed."""
         if rospy.rostime.is_wallclock():
             woken = not self._closed and self._wake.wait(self._period)
         else:
             woken = self._get_simulated()
-        if woken:  # an announcement that comes just now is for the next wait
+        if woken:  # after a timeout, a notification that arrives just now is left for the next wait
             self._wake.clear()
         return None if self._closed else woken
 
@@ -283,7 +283,7 @@ class WakeTimer:
 
 
 def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
-    """Runs work in a separate thread. A fault ends the node, with a traceback; roslaunch then restarts it.
+    """Runs work in a separate thread. An exception ends the node, with a traceback; roslaunch then restarts it.
 
     Otherwise the node would run on without doing its work.
     """
@@ -303,8 +303,8 @@ def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
-    A `CodedError` is a faulty item, and is logged. What topics raise as they close during shutdown is ignored. Anything else
-    is a fault of the node, which ends.
+    A `CodedError` means a faulty item, and is logged. Exceptions of topics that close during shutdown are ignored. Any
+    other exception is a fault of the node, which ends.
     """
 
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
@@ -327,7 +327,7 @@ class Worker:
                     raise
 
 
-LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and the next
+LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and before the second
 INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 

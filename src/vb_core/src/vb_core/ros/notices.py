@@ -1,4 +1,4 @@
-"""Notices to and from messages, a publisher that repeats them, and a listener that keeps those that apply."""
+"""Converts notices to and from messages; a publisher that repeats them, and a listener that keeps the current ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
 from vb_msgs.msg import NoticeArray
 
-LOG_PERIOD = 60.0  # [s] before what comes and goes is logged again
+LOG_PERIOD = 60.0  # [s] before an intermittent notice is logged again
 
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
@@ -53,7 +53,7 @@ def notice_from_message(message: NoticeMessage) -> Notice:
 class NoticeListener:
     """Keeps the notices of all nodes; its methods may be called from any thread.
 
-    They are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
+    Notices are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
 
     Args:
         on_change: is called after each message, from the subscriber's thread.
@@ -79,7 +79,7 @@ class NoticeListener:
 class NoticePublisher:
     """Publishes this node's notices on /virtual_borders/notices, at once and again every second.
 
-    Warnings and errors are also logged, once as long as they hold: roslaunch's terminal shows nothing else.
+    Warnings and errors are also logged, once while they hold: roslaunch's terminal shows only the log.
     """
 
     def __init__(self) -> None:
@@ -116,7 +116,7 @@ class NoticePublisher:
             log("%s: %s [%s]", rospy.get_name(), notice.sentence(), notice.code)
 
     def _find_new(self) -> List[Notice]:
-        """Returns the warnings and errors that did not hold a moment ago: what flickers is logged once."""
+        """Returns the warnings and errors that did not hold within LOG_PERIOD: an intermittent one is logged once."""
         now, new = time.monotonic(), []
         for notice in self._notices:
             # a warning that becomes an error is news

@@ -19,7 +19,7 @@ def read(cls: Type[P], namespace: str = "~") -> P:
         namespace: "~" for the node's private parameters, or for instance "~stationary".
 
     Raises:
-        ParameterError: names the full key of what is unknown, of a wrong type or out of range.
+        ParameterError: names the full key that is unknown, of a wrong type or out of range.
     """
     where = rospy.resolve_name(namespace).rstrip("/")
     params = cls.from_mapping(rospy.get_param(where, {}), where)

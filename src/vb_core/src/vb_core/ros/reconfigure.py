@@ -61,9 +61,9 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
 class ReconfigureServer(Generic[P]):
     """Serves the numbers and switches of a parameter class for reconfiguration.
 
-    dynamic_reconfigure clamps single values to their limits. What the class itself then refuses, for instance a
-    smallest size above the largest one, changes nothing: the old values stay and are sent back, with one warning that
-    says why.
+    dynamic_reconfigure clamps single values to their limits. A combination that the class itself then refuses, for
+    instance a smallest size above the largest one, changes nothing: the old values stay and are sent back, and one
+    warning says why.
 
     Services:
         <namespace>/set_parameters (dynamic_reconfigure/Reconfigure)
@@ -73,7 +73,7 @@ class ReconfigureServer(Generic[P]):
     Args:
         params: the values at the start.
         namespace: where `vb_core.ros.parameters.read` read them, for instance "~detector".
-        apply: adopts the new parameters, in a service's thread; its CodedError refuses them.
+        apply: adopts the new parameters, in a service's thread; a CodedError from it refuses them.
         fixed: names of fields that cannot be changed while the node runs.
     """
 
@@ -82,7 +82,7 @@ class ReconfigureServer(Generic[P]):
         self._apply = apply
         self._where = rospy.resolve_name(namespace)
         description = describe(params, fixed)
-        # the server takes its values from the parameter server, as they are there: a 3 for a 3.0 would change its type
+        # the server adopts values from the parameter server unconverted: a 3 for a 3.0 would change the type
         for name, value in description.defaults.items():
             rospy.set_param(f"{namespace}/{name}", value)
         self._server = Server(description, self._change, namespace)

@@ -1,4 +1,4 @@
-"""What is connected, from robot_monitor's messages: page, display, hub and check_lab derive the offer from it."""
+"""Reads from robot_monitor's messages what is connected; page, display, hub and check_lab derive the offer from it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from vb_core import names
 from vb_core.offer import ConnectedRobot, Connections, Offer, offer
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
-_SILENCE = 4.0  # [s] ROS time; robot_monitor says something every second
+_SILENCE = 4.0  # [s] ROS time; robot_monitor publishes every second
 
 
 def robot_from_status(message: RobotStatus) -> ConnectedRobot:
-    """Converts what is connected to one robot."""
+    """Converts the message about one robot."""
     return ConnectedRobot(
         name=message.robot,
         navigation=bool(message.move_base),
@@ -30,12 +30,12 @@ def robot_from_status(message: RobotStatus) -> ConnectedRobot:
 
 
 def connections_from_message(message: RobotStatusArray) -> Connections:
-    """Converts what is connected to a lab."""
+    """Converts the message about a whole lab."""
     return Connections(tuple(map(robot_from_status, message.robots)), bool(message.cameras), message.interaction)
 
 
 class OfferListener:
-    """Hears from robot_monitor what is connected, and forgets it once robot_monitor is silent.
+    """Keeps the offer made from robot_monitor's newest message, until robot_monitor falls silent.
 
     Args:
         on_message: called from rospy's thread after each message.

@@ -10,7 +10,7 @@ import rospy
 
 from vb_core.errors import CodedError
 
-UNANSWERED = ("no_service", "no_response")  # codes of an absent service; any other is its own error
+UNANSWERED = ("no_service", "no_response")  # codes for a service that does not answer; any other code is its own
 
 
 def call(

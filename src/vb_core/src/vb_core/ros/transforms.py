@@ -25,7 +25,7 @@ class TransformLookup:
         """Looks up T_target_source (4, 4) at a time.
 
         Args:
-            stamp: when; rospy.Time(0) is the newest there is.
+            stamp: the time; rospy.Time(0) for the newest transform.
             timeout: [s] how long to wait for a transform that is still under way.
 
         Raises:
@@ -42,7 +42,7 @@ class TransformLookup:
         return transform_from_message(stamped.transform)
 
     def pose_on_map(self, frame: str, silence: float) -> Optional[Pose]:
-        """Returns where a frame is on the map, (x, y, yaw) [m, m, rad]; None if the newest pose is older than `silence` [s]."""
+        """Returns a frame's pose on the map, (x, y, yaw) [m, m, rad]; None if none is newer than `silence` [s]."""
         stamp = self.newest(names.MAP_FRAME, frame)
         if not stamp.is_zero() and abs((rospy.Time.now() - stamp).to_sec()) > silence:
             return None
@@ -53,7 +53,7 @@ class TransformLookup:
         return pose if np.isfinite(pose).all() else None
 
     def newest(self, target: str, source: str) -> rospy.Time:
-        """Returns the time of the newest transform; zero for a fixed one, and if there is none."""
+        """Returns the time of the newest transform; zero for a static one, and if there is none."""
         try:
             return self._buffer.get_latest_common_time(target, source)
         except (tf2_ros.TransformException, rospy.ROSException):

@@ -1,7 +1,7 @@
-"""Answers a study's questions by rules that are written down before it is run; its published page is made of them.
+"""Answers a study's questions by rules that are written down before it is run; the answers make up its published page.
 
-What is between two marks of a Markdown page is replaced by the answers, their tables, and every run that was not
-completed. So no figure is copied by hand, and a test finds a page that is not of its rows.
+The text between two marks in a Markdown page is replaced by the answers, their tables, and every run that was not
+completed. No figure is copied by hand, and a test finds a page that does not match its rows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vb_evaluation.report.page import SECTIONS
 from vb_evaluation.report.paper import METHODS
 
 BEGIN, END = "<!-- what follows is written by study_kit report --page -->", "<!-- end of what is written -->"
-# of the report's tables, in this order
+# titles of the report's tables that are written, in this order
 TABLES = {
     "summary": "Network robot system against robot alone, by person",
     "not_worse": "Not worse by a margin",
@@ -35,7 +35,7 @@ EFFECTS = {"carpet": 0.077, "corner": -0.028}
 
 
 def answers(study: StudyResults) -> List[str]:
-    """Writes the answers as paragraphs and tables of Markdown; questions on what was not run are left out.
+    """Formats the answers as Markdown paragraphs and tables; leaves out questions about what was not run.
 
     Raises:
         CodedError: "no_comparison" if only one method was run.

@@ -1,4 +1,4 @@
-"""Writes the sections on what is behind the figures: people, the runs."""
+"""Writes the sections on the background of the figures: participants and runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vb_evaluation.report.data import SHEETS, WARNINGS, StudyResults, read_sheet
 
 
 def participants_section(study: StudyResults) -> List[Block]:
-    """Says who took part and what they answered; empty for simulated people."""
+    """Reports who took part and what they answered; empty for simulated people."""
     path, about = (study.folder / name for name in SHEETS)
     blocks: List[Block] = []
     if study.people and about.is_file():
@@ -64,7 +64,7 @@ def _summary(answers: pandas.Series) -> str:
 
 
 def runs_section(study: StudyResults) -> List[Block]:
-    """Says what measuring warned of."""
+    """Lists the warnings from measuring the recordings."""
     if not (study.folder / WARNINGS).is_file():
         return []
     found = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)

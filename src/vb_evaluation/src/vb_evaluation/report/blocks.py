@@ -16,7 +16,7 @@ class Figure:
     images: Sequence[Tuple[str, str]]
 
 
-# headings that are not the column's key with a capital
+# headings other than the capitalised key
 HEADINGS = {
     "n": "Pairs",
     "nrs": "Network robot system",
@@ -30,7 +30,7 @@ HEADINGS = {
 
 
 def columns(*keys: str, **headings: str) -> Dict[str, str]:
-    """Returns a table's columns with their headings: those given here, those of HEADINGS, or the key with a capital."""
+    """Returns a table's columns with their headings: those given here, those of HEADINGS, or the capitalised key."""
     known = {**HEADINGS, **headings}
     return {key: known.get(key, key.replace("_", " ").capitalize()) for key in keys}
 
@@ -67,12 +67,12 @@ class Grid:
 
     @staticmethod
     def is_text(row: Dict[str, Any], key: str) -> bool:
-        """Returns whether a cell is words, which begin at the left."""
+        """Returns whether a cell holds words, which are left-aligned."""
         value = row.get(key, "")
         return isinstance(value, str) and not value.lstrip("+-\N{MINUS SIGN}")[:1].isdigit()
 
     def plain(self, row: Dict[str, Any]) -> Dict[str, Any]:
-        """Returns a row as the file has it."""
+        """Returns a row as it is written to the file."""
         cells: Dict[str, Any] = {}
         for key in self.columns:
             value = row.get(key, "")
@@ -80,7 +80,7 @@ class Grid:
                 cells.update({key: value.estimate, f"{key}_low": value.low, f"{key}_high": value.high})
             else:
                 cells[key] = value
-        # what floating point adds behind the seventh digit is left out
+        # floating-point noise beyond the seventh digit is left out
         return {
             key: (f"{cell:.7g}" if math.isfinite(cell) else "") if isinstance(cell, float) else cell
             for key, cell in cells.items()

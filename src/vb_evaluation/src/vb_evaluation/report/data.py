@@ -1,6 +1,6 @@
 """Reads the files in a study's folder as pandas tables. Only runs.csv must be there; nothing here knows a simulator.
 
-A table's index is the line number in its file. What is measured is a number, nan where it is unknown; all else is text.
+A table's index is the line number in its file. Measures are numbers, nan where unknown; everything else is text.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from vb_evaluation.report import paper
 
 RUNS, WORLDS = "runs.csv", "worlds.csv"
 DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
-SHEETS = ("questionnaire.csv", "demographics.csv")  # that people fill in
+SHEETS = ("questionnaire.csv", "demographics.csv")  # filled in by people
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
 # the paper's measures come first and in this order: other programs read them
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
 MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
-# the columns that name a row beside KEY, by file
+# by file, the columns that identify a row besides KEY
 CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), WORLDS: ("draw",)}
 BASELINE = "robot_only"
 _FURTHER = ("jaccard_enclosed", "too_bright", "helped", "problems", "seed_is_right", "pointed_right")
@@ -37,7 +37,7 @@ _FLAGS = {
 }
 
 
-# of the runs of one scenario with one method, and the paper's Jaccard index and completeness, or nan
+# measures the runs of one scenario with one method; also gets the paper's Jaccard index and completeness, or nan
 Measure = Callable[[pandas.DataFrame, float, float], Mapping[str, Any]]
 
 
@@ -77,21 +77,21 @@ class StudyResults:
 
     @property
     def methods(self) -> List[str]:
-        """Those of runs.csv; the baseline comes last."""
+        """The methods in runs.csv; the baseline comes last."""
         return sorted(self.runs.method.unique(), key=lambda name: (name == BASELINE, name != "nrs", name))
 
     @property
     def comparison(self) -> Tuple[str, str]:
-        """(method, baseline) that are compared; the same one twice if there is no other."""
+        """The (method, baseline) to compare; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
 
     def by_scenario(self, runs: Optional[pandas.DataFrame] = None) -> Iterator[Tuple[str, pandas.DataFrame]]:
-        """Yields each scenario's title and runs, all or of these."""
+        """Yields each scenario's title and its runs among `runs`, by default all."""
         for scenario in self.scenarios:
             yield self.scenario_title(scenario), select(self.runs if runs is None else runs, scenario=scenario)
 
     def rows(self, measure: Measure, **where: object) -> List[Dict[str, Any]]:
-        """Makes a table's rows, one for each scenario and method: both titles, and what is measured of its runs.
+        """Makes a table's rows, one for each scenario and method: both titles, and the measures of its runs.
 
         Args:
             where: only the runs with these values are measured.
@@ -110,7 +110,7 @@ class StudyResults:
 
     @property
     def missing(self) -> List[str]:
-        """Runs that others have and this participant has not, in words."""
+        """The runs that a participant lacks and others have, in words."""
         there = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
         return [
             f"{person}, {self.scenario_title(scenario)}, {paper.method_title(method)}"
@@ -137,7 +137,7 @@ def pairs(
     """Returns two (N,) samples of a column, one for each method, paired by participant: means over each one's rows.
 
     Args:
-        completed: uses only those who completed both.
+        completed: uses only completed runs.
     """
     rows = table[table[column].notna() & ((table.completed == 1) | (not completed))]
     wide = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
@@ -169,7 +169,7 @@ def read_study(folder: Path) -> StudyResults:
 
 
 def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:
-    """Reads a CSV file with a header as text, comma or semicolon between the columns, as spreadsheets write it; no empty rows.
+    """Reads a CSV file with a header as text, with commas or semicolons, as spreadsheets write it; skips empty rows.
 
     Raises:
         CodedError: `code` if it cannot be read or a column is missing.
@@ -221,7 +221,7 @@ def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
 
 
 def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
-    """Reads what a person noted; None for nothing."""
+    """Parses a person's yes or no; None if the cell is empty."""
     if text and text.lower() not in _FLAGS:
         raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
     return _FLAGS.get(text.lower())

@@ -1,4 +1,4 @@
-"""Computes what sections compare: differences and ratios of two methods, paired by participant."""
+"""Computes the effects that sections report: differences and ratios of two methods, paired by participant."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def ratio(table: pandas.DataFrame, methods: Tuple[str, str]) -> Interval:
 def completed_more(
     table: pandas.DataFrame, methods: Tuple[str, str], confidence: float = statistics.CONFIDENCE
 ) -> Interval:
-    """Computes how many more of the first method's runs were completed [percentage points], of all its runs."""
+    """Computes by how much the first method's share of completed runs is larger [percentage points]."""
     return statistics.difference_of_shares(
         *(known(select(table, method=method), "completed") for method in methods), confidence
     ).scaled(100.0)
 
 
 def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:
-    """Reports the paper's Wilcoxon test; of people only."""
+    """Reports the paper's Wilcoxon test, for studies with people only."""
     if not study.people or len(study.methods) < 2:
         return []
     rows = []
@@ -62,7 +62,7 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
 
 
 def test_row(found: statistics.PairedComparison) -> dict:
-    """Writes a Wilcoxon test's cells."""
+    """Returns the cells of a Wilcoxon test's row."""
     return {
         "n": found.n,
         "z": found.test.z,
@@ -75,6 +75,6 @@ def test_row(found: statistics.PairedComparison) -> dict:
 
 
 def add_holm(rows: List[dict]) -> None:
-    """Adds to the rows of one family of tests, each with its `p_value`, what Holm's method makes of it."""
+    """Adds the p corrected by Holm's method to the rows of one family of tests, each with its `p_value`."""
     for row, p in zip(rows, statistics.holm([row["p_value"] for row in rows])):
         row["holm"] = statistics.format_p(p)

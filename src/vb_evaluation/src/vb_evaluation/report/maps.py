@@ -1,4 +1,4 @@
-"""Writes a study's maps, and draws representative ones as in the paper's figure of the accuracy (Sect. 5.8.4)."""
+"""Writes a study's maps, and draws representative ones as in the paper's accuracy figure (Sect. 5.8.4)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vb_evaluation.report.paper import method_title
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
 FREE, OCCUPIED, UNKNOWN = (255, 255, 255), (0, 0, 0), (176, 176, 176)
 MIN_WIDTH_PX = 640
-HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go round the feet of furniture
+HOLE = np.ones((7, 7), np.uint8)  # [cells] closes holes: the union's outline does not go round the feet of furniture
 
 
 def write_truths(folder: Path, physical: GridMap, truths: Mapping[str, np.ndarray]) -> None:
@@ -41,7 +41,7 @@ def draw_map(
     Args:
         prior: the physical map.
         truth: (H, W) bool.
-        drawn: (H, W) bool, what was restricted; None draws the ground truth in yellow.
+        drawn: (H, W) bool, the restricted cells; None draws the ground truth in yellow.
         start: the robot's start pose [m, m, rad], a red arrow.
     """
     colors = np.full((*prior.shape, 3), UNKNOWN, np.uint8)
@@ -57,7 +57,7 @@ def draw_map(
     if drawn is not None:
         closed = cv2.morphologyEx((truth | drawn).astype(np.uint8), cv2.MORPH_CLOSE, HOLE)
         union = cv2.resize(closed, size, interpolation=cv2.INTER_NEAREST)
-        # outside of the union: what was drawn wrongly is often one cell wide and must not be hidden
+        # outside the union: a wrongly restricted part is often one cell wide and must not be hidden
         image[(cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)] = UNION
     if start is not None:
         tip = (start[0] + 0.55 * np.cos(start[2]), start[1] + 0.55 * np.sin(start[2]))
@@ -106,7 +106,7 @@ def _uri(png: bytes) -> str:
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
-    """Finds the completed run with a map whose Jaccard index is nearest to the median, by its line; None if there is none."""
+    """Finds the row of the completed run, with a map, nearest to the median Jaccard index; None if there is none."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
     there = runs[
         [bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]

@@ -16,12 +16,12 @@ ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest
 # measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
 # that the paper calls not notable in practice
 MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
-POINTS = 10  # of completeness [percentage points]
+POINTS = 10  # margin of completeness [percentage points]
 _WHY = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
 def summary_section(study: StudyResults) -> List[Block]:
-    """Effects of the method, each with its interval; with people, also without the runs that had help or a problem."""
+    """Reports the method's effects with their intervals; with people, also without runs that had help or a problem."""
     if len(study.methods) < 2:
         return []
     names = [paper.method_title(method).lower() for method in study.comparison]
@@ -64,7 +64,7 @@ def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str)
 
 
 def not_worse_blocks(study: StudyResults) -> List[Block]:
-    """Says whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
+    """Reports whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
     rows: List[Dict[str, Any]] = []
     for title, here in study.by_scenario():
         for column, (words, margin, sign, digits) in MARGINS.items():
@@ -94,7 +94,7 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
 
 
 def _beside_margin(gain: statistics.Interval, margin: float, digits: int) -> Dict[str, str]:
-    """Says what the 90 % interval of a gain means for a margin."""
+    """Compares the 90 % interval of a gain with a margin."""
     not_worse = gain.low > -margin
     return {
         "gain": gain.text(digits),
@@ -204,7 +204,7 @@ def completeness_section(study: StudyResults) -> List[Block]:
 
 
 def _who_completed(study: StudyResults) -> List[Block]:
-    """Compares who completed with which method, in each scenario."""
+    """Counts, for each scenario, who completed it with which method."""
     if len(study.methods) < 2:
         return []
     rows: List[Dict[str, Any]] = []
@@ -221,7 +221,7 @@ def _who_completed(study: StudyResults) -> List[Block]:
 
 
 def _what_became(study: StudyResults) -> List[Block]:
-    """Counts what became of the runs; help and problems are those that the experimenter noted."""
+    """Counts the outcomes, and the help and problems that the experimenter noted; lists the runs not completed."""
     if "outcome" not in study.runs:
         return []
     there = list(dict.fromkeys(study.runs.outcome))

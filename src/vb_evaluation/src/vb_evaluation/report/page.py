@@ -1,8 +1,8 @@
 """Writes the report: one page without external resources, and each of its tables as CSV.
 
-Sections are in the order of importance: how far the border is from where it was wanted, then time, then the paper's
-Jaccard index; every figure comes with what limits it. For simulated people, effects have intervals and no p: their
-number is free, so that any effect can be made significant. For real people, the paper's tests are reported too.
+Sections come in order of importance: how far the border is from the intended one, then time, then the paper's
+Jaccard index; every figure comes with its limits. For simulated people, effects have intervals but no p: as
+their number is arbitrary, any effect can be made significant. For real people, the paper's tests are reported too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vb_evaluation.report.blocks import Block, Grid
 from vb_evaluation.report.data import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
-# id, title and what makes it; one without blocks is left out
+# id, title, and the function that makes the blocks; a section without blocks is left out
 SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
     ("summary", "Findings", outcomes.summary_section),
     ("error", "Boundary error", outcomes.error_section),
@@ -69,7 +69,7 @@ def write_report(folder: Path) -> Path:
 
 
 def notices(study: StudyResults) -> List[str]:
-    """Says what readers must know before any figure."""
+    """Returns what readers must know before any figure."""
     count = study.runs.participant.nunique()
     found = [
         f"{count} people, {len(study.runs)} runs."

@@ -1,4 +1,4 @@
-"""What the paper measured with 15 people (Sect. 5.8), for its three scenarios. "nrs" against "robot_only"."""
+"""The paper's results with 15 people (Sect. 5.8), for its three scenarios and its methods "nrs" and "robot_only"."""
 
 from __future__ import annotations
 

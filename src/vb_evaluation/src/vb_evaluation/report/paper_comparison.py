@@ -1,4 +1,4 @@
-"""Writes the section that puts each figure of the paper beside ours, in both directions."""
+"""Writes the section that compares each figure of the paper with ours, in both directions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vb_evaluation.statistics import Interval
 
 
 def paper_comparison_section(study: StudyResults) -> List[Block]:
-    """Puts each figure of the paper beside ours, in both directions: being better does not count as agreement."""
+    """Compares each figure of the paper with ours, in both directions: being better does not count as agreement."""
     rows = [
         _compare(study, scenario, *figure)
         for scenario in (PAPER if set(METHODS) <= set(study.methods) else ())
@@ -45,7 +45,7 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
 
 
 def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, Interval, int, float]]:
-    """Yields (quantity, the paper's figure, ours, digits, to what the paper rounds) of a scenario, if it was run."""
+    """Yields (quantity, the paper's figure, ours, digits, the paper's rounding step) of a scenario, if it was run."""
     here, published = select(study.runs, scenario=scenario), PAPER[scenario]
     if not len(here):
         return

@@ -56,7 +56,7 @@ UEQ_COLUMNS = [f"u{number}_{method}" for number in range(1, len(UEQ_S) + 1) for 
 
 
 class Answers(NamedTuple):
-    """The answers of one statement or scale, of those who answered for both methods.
+    """The answers to one statement or scale, by those who answered for both methods.
 
     Attributes:
         first, second: (N,) for METHODS[0] and METHODS[1]; the higher, the better.

@@ -1,4 +1,4 @@
-"""Writes the sections on what would change the findings: plausible worlds."""
+"""Writes the section on what would change the findings: plausible worlds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vb_evaluation.report import paper
 from vb_evaluation.report.blocks import Block, Grid, columns
 from vb_evaluation.report.data import DRAWS, WORLDS, StudyResults, read_sheet, select
 
-TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exactly
+TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more exactly
 
 
 def plausible_worlds_section(study: StudyResults) -> List[Block]:
@@ -50,7 +50,7 @@ def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pand
 
 
 def conclusions(study: StudyResults, both: pandas.DataFrame) -> List[Dict[str, Any]]:
-    """Counts in which share of worlds a conclusion holds, in all and in those without a camera that is too bright."""
+    """Computes the share of worlds in which each conclusion holds: of all, and of those with no camera too bright."""
     (time, time_base), (error, error_base) = (_completed(both, column) for column in ("time_total_s", "error_mean_cm"))
     claims = {
         "faster, whether completed or not": (both.time_total_s < both.time_total_s_base, both.completed.notna()),

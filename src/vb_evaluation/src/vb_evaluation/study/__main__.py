@@ -1,4 +1,4 @@
-"""The simulated study: every run that has not been done yet, or of these only those that are asked for; see `make study`."""
+"""Runs the simulated study: all runs not done yet, or only those of them that are asked for; see `make study`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ONLY = {"participant": int, "scenario": str, "method": str, "draw": int}
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs the study; 0 if all went well, 1 if runs failed, 2 for a mistake (one line), 130 after an interruption."""
+    """Runs the study; returns 0 if all went well, 1 if runs failed, 2 for an error (one line), 130 if interrupted."""
     given = _parser().parse_args(arguments)
     console = Console(highlight=False, soft_wrap=True)
     try:
@@ -46,7 +46,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _interrupt(_number: int, _frame: object) -> None:
-    """Interrupts once: from then on workers are being ended."""
+    """Interrupts once; ignores further signals while the workers end."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
@@ -54,7 +54,7 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 def _run(given: argparse.Namespace, console: Console) -> int:
     for number in SIGNALS:
-        # a shell starts what runs in the background with interruptions switched off, and Python leaves them so
+        # a shell starts background jobs with interrupts ignored, and Python leaves that so
         signal.signal(number, _interrupt)
     study = config.load(given.config, given.seed)
     jobs = plan.select(plan.jobs(study, given.quick), **{name: getattr(given, name) for name in ONLY})

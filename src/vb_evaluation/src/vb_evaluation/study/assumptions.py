@@ -1,4 +1,4 @@
-"""What the simulation assumes, read as data (config/assumptions.yaml), and worlds in which all of it varies at once."""
+"""Reads the simulation's assumptions (config/assumptions.yaml), and draws worlds in which all of them vary at once."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ class Assumption(Parameters):
 
 @lru_cache(maxsize=1)
 def load_assumptions() -> Mapping[str, Assumption]:
-    """Returns all figures by their key, as `Study.changed` calls them."""
+    """Returns all assumptions by the keys that `Study.changed` uses."""
     document = yaml.safe_load((PACKAGE / "config" / "assumptions.yaml").read_text(encoding="utf-8"))
     return {key: Assumption.from_mapping(entry, key) for key, entry in document.items()}
 
 
 def varied_assumptions(study: Study) -> Dict[str, Assumption]:
-    """Selects those that have a plausible range, and a value in this study."""
+    """Selects the assumptions that have a plausible range, and a value in this study."""
     return {key: entry for key, entry in load_assumptions().items() if entry.range and _get(study, key) is not None}
 
 
 def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
     """Draws a Latin hypercube: for each of `count` worlds a factor for each assumption, even on a logarithmic scale.
 
-    Worlds that were drawn for another count are other worlds.
+    Another count gives different worlds.
     """
-    # imported here: it takes as long as everything else that a worker imports, which never draws worlds
+    # imported here: it takes as long as all other imports of a worker, which never draws worlds
     from scipy.stats import qmc
 
     found = varied_assumptions(study)
@@ -68,7 +68,7 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
 
 
 def changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
-    """Returns what `Study.changed` needs for a world."""
+    """Returns a world's changes, for `Study.changed`."""
     return {key: scaled(_get(study, key), factor) for key, factor in factors.items()}
 
 

@@ -1,7 +1,7 @@
 """Carries out the runs of a study, and can be interrupted at any time.
 
-Every run is a function of its job alone: it is computed by one worker, which gets the configuration with it and returns
-the row and the map. So neither the number of workers nor their order nor an interruption changes a row.
+Every run depends on its job and the configuration alone: one worker gets both, and returns the row and the map.
+Neither the number of workers nor their order nor an interruption therefore changes a row.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Outcome:
 
 
 def columns(file: str) -> Tuple[str, ...]:
-    """Lists the columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
+    """Lists the columns of one of a study's CSV files; what was varied comes first, where readers look for it."""
     order = ("order", "map") if file == RUNS else ()
     return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
@@ -60,7 +60,7 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
 
     Raises:
         CodedError: "other_study".
-        KeyboardInterrupt: after it was said what is done.
+        KeyboardInterrupt: after printing what is done.
     """
     facts = about(study)
     open_folder(folder, configuration(study), facts)
@@ -104,12 +104,12 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
 
 
 def _row(folder: Path, job: Job) -> Path:
-    """Returns the file of a run's row: there is one once the run is done, so that nothing is ever half written."""
+    """Returns the file of a run's row; it exists only once the run is done, so that nothing is ever half written."""
     return folder / ROWS / f"{job.name}.json"
 
 
 def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
-    """Carries out one run, of the study of a document and the files that it names."""
+    """Carries out one run of the study that a document and the files named in it describe."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         # only running needs ROS: reading a study does not
@@ -149,9 +149,9 @@ def open_folder(folder: Path, configuration: str, facts: Mapping[str, Any]) -> N
 
 
 def configuration(study: Study) -> str:
-    """Identifies studies whose rows must not be mixed: by configuration and program, without its tests.
+    """Returns a hash of configuration and program, without its tests: rows with different hashes must not be mixed.
 
-    Rows of some participants are rows of all.
+    It does not depend on which of the study's runs are asked for.
     """
     digest = hashlib.sha256(study.hash.encode())
     for folder in ("src", "launch", "robots"):
@@ -162,7 +162,7 @@ def configuration(study: Study) -> str:
 
 
 def about(study: Study) -> Dict[str, Any]:
-    """Facts that a study's rows lack: what it is, and what it is made by."""
+    """Returns facts that a study's rows lack: what it is, and what produced it."""
     return {
         "seed": study.design.seed,
         "world": study.world.name,
@@ -176,9 +176,9 @@ def about(study: Study) -> Dict[str, Any]:
 
 
 def pack_areas(folder: Path) -> None:
-    """Writes areas.npz: (H, W) bool by name, the free floor, each truth, and what each main run restricted.
+    """Writes areas.npz: the free floor, each ground truth, and each main run's restricted cells, (H, W) bool by name.
 
-    Small enough to be published beside the rows, so that others recompute every index without this program.
+    It is small enough to publish beside the rows, so that others can recompute every index without this program.
     """
     physical = read_map(folder / "maps" / "physical.yaml")
     others = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")

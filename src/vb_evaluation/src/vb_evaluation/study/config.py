@@ -22,7 +22,7 @@ from vb_sim.models import Models, read_document
 from vb_sim.room.world import World, world_from_mapping
 
 
-# which ceiling cameras look with each method: all of them with the paper's, none with its baseline
+# the ceiling cameras that a method uses: the paper's uses all of them, its baseline none
 METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
     "nrs": lambda world: tuple(camera.name for camera in world.cameras),
     "robot_only": lambda world: (),
@@ -61,7 +61,7 @@ class Study:
     Attributes:
         document: the YAML document with all defaults filled in; what is hashed.
         sources: YAML documents of the files that it names, by their name in the document; do not change them.
-        models: what people have in common; what they differ in comes from the population.
+        models: of sensors, robot and people; traits in which people differ are drawn by `traits`.
     """
 
     document: Mapping[str, Any]
@@ -78,8 +78,8 @@ class Study:
     def marks(self, participant: int, scenario: str) -> Tuple[float, float, float]:
         """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map.
 
-        They are laid again for each participant, so that intervals over participants contain their chance too; both
-        methods have the same.
+        They are laid anew for each participant, so that intervals over participants include this variation; both
+        methods have the same marks.
         """
         settings = self.document.get("marks") or {}
         rng = self.streams(participant)(f"marks {scenario}")
@@ -87,7 +87,7 @@ class Study:
         return dx, dy, math.radians(turn)
 
     def streams(self, participant: int) -> Streams:
-        """Sources of random numbers of one participant."""
+        """Returns the random generators of one participant, by name."""
         return lambda name: np.random.default_rng([self.design.seed, participant, zlib.crc32(name.encode())])
 
     def run_seed(self, participant: int) -> int:
@@ -96,7 +96,7 @@ class Study:
 
     @property
     def hash(self) -> str:
-        """Identifies a configuration: the same for the same content of all files."""
+        """Identifies the configuration: the same for the same content of all files."""
         text = json.dumps([self.document, self.sources], sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -104,8 +104,8 @@ class Study:
         """Returns the same study with other values.
 
         Args:
-            changes: "design/seed", "timing/save_s", "participants/traits/tremor", "models/optics/exposure_ms" or
-                "world/cameras" to a value.
+            changes: new values by key, such as "design/seed", "timing/save_s", "participants/traits/tremor",
+                "models/optics/exposure_ms" or "world/cameras".
 
         Raises:
             ParameterError: names the key that is wrong.
@@ -131,7 +131,7 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
         seed: instead of the file's.
 
     Raises:
-        CodedError: "no_study" or "bad_study" for a file that is none.
+        CodedError: "no_study" or "bad_study" if the file is missing or malformed.
         ParameterError: names the key that is wrong.
     """
     document = _read(DEFAULT)
@@ -147,7 +147,7 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
 
 
 def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
-    """Makes the study of a document and of the files that it names, checked; see `Study`."""
+    """Builds and checks the study that a document and the files named in it describe; see `Study`."""
     known = ("design", "timing", "participants", "marks")
     for key in document:
         if key not in known:
@@ -182,7 +182,7 @@ def _read(path: Path) -> Dict[str, Any]:
 
 
 def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
-    """Sections are merged key by key; a distribution, a list or a number is replaced as a whole."""
+    """Merges sections key by key; replaces a distribution, a list or a number as a whole."""
     result = dict(base)
     for key, value in over.items():
         inner = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not KINDS & set(value)
@@ -191,7 +191,7 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
 
 
 def _found(name: str, folder: Path) -> Path:
-    """Finds a file beside the configuration, in the current folder, or of vb_sim."""
+    """Finds a file beside the configuration, in the current folder, in the repository or in vb_sim."""
     for path in (folder / name, Path(name), repository_top() / name, repository_top() / "src" / "vb_sim" / name):
         if path.is_file():
             return path

@@ -27,13 +27,13 @@ _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may s
 
 
 class RenderCache:
-    """Keeps what all runs of a process share and is expensive to make: the room as it is drawn.
+    """Keeps the rendered room, which is expensive to make and shared by all runs of a process.
 
-    Views are kept for one set of worlds and models; other ones replace them.
+    It holds views for one set of worlds and models at a time.
     """
 
     def __init__(self) -> None:
-        # threads within a process would only fight with the other processes, and do not survive a fork
+        # threads within a process would only compete with the other processes, and do not survive a fork
         cv2.setNumThreads(1)
         self._floor: Optional[FloorTexture] = None
         self._mesh: Optional[Mesh] = None
@@ -41,7 +41,7 @@ class RenderCache:
         self._floor_key: object = None
 
     def enter(self, world: World, models: Models) -> None:
-        """Prepares for runs in a world; the participant's body may be another one each time."""
+        """Prepares for runs in a world; the participant's body may differ each time."""
         floor_key = repr((world.room, world.floor, world.walls, world.furniture, world.patches, world.lights))
         if floor_key != self._floor_key:
             self._floor, self._mesh = render_floor(world, FLOOR_SEED), world_mesh(world)
@@ -50,8 +50,8 @@ class RenderCache:
         self.world, self.models = world, models
 
     def view(self, kind: Type[View], whose: Any) -> View:
-        """Returns the view of a ceiling camera, or of a robot's, before anything moved."""
-        # the pointer's height differs with each body and is nothing that was drawn
+        """Returns the view of a ceiling camera, or of a robot's, before anything has moved."""
+        # without the body: the pointer's height depends on it, but nothing that was rendered does
         models, radii = self.models, self.world.robot_radii()
         key = repr((whose, models.optics, models.camera_noise, models.robot_camera, sorted(radii.items())))
         name = f"{kind.__name__} {whose.name}"
@@ -63,16 +63,16 @@ class RenderCache:
 
 
 def frame_generator(seed: int, camera: str, stamp: float) -> np.random.Generator:
-    """Makes the generator of one frame's noise, the same whatever was rendered before it."""
+    """Makes the random generator of one frame's noise, independent of what was rendered before."""
     return np.random.default_rng([seed, zlib.crc32(camera.encode()), int(round(stamp * 1e4))])
 
 
 class StudyCameras(CameraNode):
-    """Cameras whose frames do not depend on those before, and that skip most images in which no spot can be.
+    """Cameras whose frames do not depend on those before, and that skip most images in which there can be no spot.
 
     Args:
         seed: of the frames' noise.
-        idle_every: of the others they send every n-th; 1 sends every image.
+        idle_every: of images without a spot, at most every n-th is sent; 1 sends every image.
     """
 
     def __init__(self, cameras: List[SimulatedCamera], latency_ms: float, seed: int, idle_every: int) -> None:
@@ -95,10 +95,10 @@ class StudyCameras(CameraNode):
 
 
 class StudyCeilingCameras(StudyCameras):
-    """Skips images without spot, people and robots; sends every n-th without a spot, by which the detector learns the floor.
+    """Skips images of the bare floor; sends every n-th with bodies but no spot, for the detector to learn the floor.
 
     Attributes:
-        too_bright: whether a camera's image of the empty room is one that the lab's own check would have darkened.
+        too_bright: whether a camera's image of the empty room is too bright by the lab's own check of exposure.
     """
 
     def __init__(self, cache: RenderCache, cameras: List[CeilingCamera], seed: int, idle_every: int) -> None:
@@ -119,12 +119,12 @@ class StudyCeilingCameras(StudyCameras):
             return True
         bodies = [(pose, 0.45, 2.1) for pose in [snapshot.person] if pose is not None]
         bodies += [(pose, 0.25, 0.5) for pose in snapshot.robots.values()]
-        # a body's corners, and points between them: it may be larger than the image
+        # by the bounding box of a body's corners: the body may be larger than the image
         return any(_shows(camera, snapshot, _hull(*body), 0.0) for body in bodies) and self._is_due(camera)
 
 
 class StudyRobotCamera(StudyCameras):
-    """Sends every n-th image, as many as the detector needs to know the floor and how the camera moved."""
+    """Sends images that may show the spot, and every n-th one, for the detector to learn floor and camera motion."""
 
     def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, idle_every: int) -> None:
         models = cache.models
@@ -139,11 +139,11 @@ class StudyRobotCamera(StudyCameras):
 
 
 def _shows(camera: SimulatedCamera, snapshot: Snapshot, points: np.ndarray, margin: float, behind: bool = True) -> bool:
-    """Returns whether a camera may show any of points (N, 3) [m] that belong together.
+    """Returns whether a camera may show any part of what points (N, 3) [m] enclose.
 
     Args:
         margin: [px] around the image that counts too.
-        behind: the answer where some of them are behind the camera.
+        behind: the answer if some of the points are behind the camera.
     """
     in_camera = geometry.apply(geometry.invert(camera.view.camera_pose(snapshot)), points)
     if (in_camera[:, 2] < 0.05).any():

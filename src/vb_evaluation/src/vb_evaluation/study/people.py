@@ -1,4 +1,4 @@
-"""Draws what differs between people from the distributions of the configuration."""
+"""Draws people's individual traits from the distributions in the configuration."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ _KINDS: Dict[str, Callable[[np.random.Generator, float, float], float]] = {
     "lognormal": lambda rng, median, spread: median * math.exp(spread * float(rng.standard_normal())),
 }
 
-# what makes a mapping a distribution
+# the keys that make a mapping a distribution
 KINDS = {"mixture", "scaled", *_KINDS}
 
 
@@ -79,8 +79,8 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     """Draws a participant, each trait from its own distribution; the same for the same streams.
 
     Args:
-        settings: the section `participants` of the configuration. `traits` and `body`: a key of that section of
-            vb_sim's models.yaml to its distribution; `stand_offset`, `margin`: distributions [m].
+        settings: the section `participants` of the configuration. `traits` and `body` map keys of vb_sim's
+            models.yaml to distributions; `stand_offset` and `margin` are distributions [m].
         model: what all participants have in common.
 
     Raises:
@@ -115,7 +115,7 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
 
 
 def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:
-    """Values within the limits of a parameter class: no person is 4 m tall, whatever was drawn and scaled."""
+    """Clips values to the limits of a parameter class: no person is 4 m tall, whatever was drawn and scaled."""
     limits = {field.name: field.metadata for field in fields(cls)}
     kept = dict(values)
     for key, value in values.items():

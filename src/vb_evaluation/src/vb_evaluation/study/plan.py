@@ -24,12 +24,12 @@ from vb_evaluation.study.config import Study
 
 @dataclass(frozen=True)
 class Job:
-    """One run; with the study it is all that the run depends on.
+    """One run; its result depends on this and the study alone.
 
     Attributes:
         draw: the plausible world that it is in, from 1; 0 for a main run.
         changes: of the configuration, for worlds; see `Study.changed`.
-        order: the run's place among its participant's runs, from 1; 0 if there is no such order.
+        order: the run's position among its participant's runs, from 1; 0 if there is no such order.
     """
 
     participant: int
@@ -45,19 +45,19 @@ class Job:
         return WORLDS if self.draw else RUNS
 
     def columns(self, seed: int) -> Dict[str, Any]:
-        """Returns the columns that say which run it is."""
+        """Returns the columns that identify the run."""
         key = dict(zip(KEY, (self.participant, self.scenario, self.method, seed)))
         return {**key, "draw": self.draw} if self.draw else key
 
     @property
     def name(self) -> str:
-        """Names it among its file's runs; the names' order is that of the rows."""
+        """Its name among its file's runs; names sort in the order of the rows."""
         place = f"d{self.draw:04d}" if self.draw else f"p{self.participant:04d}_{self.order}"
         return f"{self.file[: -len('.csv')]}_{place}_{self.scenario}_{self.method}"
 
 
 def jobs(study: Study, quick: bool = False) -> List[Job]:
-    """Lists all runs of a study; or only those of its first participant, which show that all works."""
+    """Lists all runs of a study or, if `quick`, only those of its first participant, which show that all works."""
     if quick:
         return main_jobs(study, 1)
     return main_jobs(study, study.design.participants) + world_jobs(study)
@@ -76,7 +76,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
 
 
 def world_jobs(study: Study) -> List[Job]:
-    """Lists both methods in each world, each world with a different person; scenarios take turns."""
+    """Lists a run of each method in each world, each world with a different person; scenarios take turns."""
     scenarios = study.design.scenarios
     return [
         Job(draw, scenarios[draw % len(scenarios)], method, draw, assumptions.changes(study, factors))

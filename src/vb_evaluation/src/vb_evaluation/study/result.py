@@ -1,4 +1,4 @@
-"""A run's measures (paper, Sect. 5.5), and what explains them."""
+"""Computes a run's measures (paper, Sect. 5.5), and columns that explain them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ COLUMNS = (*MEASURES, *FURTHER)
 
 
 def measure(run: LiveRun) -> Dict[str, object]:
-    """Measures all columns of a run but those that say which run it was."""
+    """Computes all columns of a run except those that identify it."""
     restricted, floor = metrics.restricted_cells(run.prior, run.posterior), run.prior.data == FREE
-    # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides their drawing
+    # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides the drawing's errors
     enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in STATES]

@@ -1,4 +1,4 @@
-"""One run: one participant, one scenario, one method, with the live system's own nodes (vb_evaluation/virtual_ros)."""
+"""Carries out one run (participant, scenario, method) with the live system's own nodes (vb_evaluation/virtual_ros)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from vb_sim.robot.planner import Planner
 from vb_sim.room.world import Scenario, World
 
 OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
-START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
+START_NS = 1_000_000_000_000  # keeps every timestamp away from zero, which would mean none
 WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
 # nothing acts on what these publish or store
 WITHOUT = ("display_markers", "feedback", "camera_poses")
@@ -52,17 +52,17 @@ LAUNCH = "launch/simulation.launch"
 
 
 class LiveRun:
-    """A lab with one participant, and the live system in it; what is measured once `run` has ended.
+    """A lab with one participant, and the live system in it; its attributes are complete once `run` has ended.
 
     Attributes:
-        scenario: as it is with this person's place to stand.
+        scenario: as this person sees it, by `personal_scenario`.
         truth: (H, W) bool, the cells to restrict.
         prior, posterior: the map without and with borders.
         seed: (x, y) [m] of the border that was saved; None if none was.
         spots: every spot that a camera reported.
-        script: what the person does and meant; an idle one until the person has come.
-        records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
-        too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
+        script: the person's actions and intention; an idle one until the person has come.
+        records: the interaction manager's log of all interactions of the run, cancelled ones included.
+        too_bright: whether a ceiling camera was too bright, by the lab's own check, before anybody came.
     """
 
     def __init__(self, study: Study, job: Job) -> None:
@@ -89,7 +89,7 @@ class LiveRun:
         self._cache = _kept_cache()
 
     def _watch(self) -> None:
-        """Subscribes to what a run is measured by."""
+        """Subscribes to the topics from which a run is measured."""
         rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
         rospy.Subscriber(names.SPOTS, LaserSpot, self.spots.append)
@@ -138,7 +138,7 @@ class LiveRun:
             graph.start(Node("/participant", {}), self._participant_comes)
             until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
             scheduler.run(lambda: self.script.outcome != "", until)
-            # what has been saved arrives; what has not been ended is, so that its time is in the log
+            # a saved border arrives; an unfinished interaction is cancelled, so that its time is in the log
             over: List[bool] = []
             graph.start(Node("/study", {}), lambda: over.append(self._end()))
             scheduler.run(lambda: bool(over), scheduler.now_ns + _LONGEST_END_NS)
@@ -154,7 +154,7 @@ class LiveRun:
         return True
 
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
-        """Returns what runs instead of the scripts of the simulated lab's nodes."""
+        """Returns, by type of node, what runs instead of the simulated lab's scripts."""
         idle_every = self._study.timing.idle_every
 
         def ceiling_cameras() -> None:
@@ -184,7 +184,7 @@ def personal_scenario(
 ) -> Scenario:
     """Returns the scenario as this person sees it: the border by the marks on the floor, and where the person stands.
 
-    The place is near the common one, on free floor, off the border. The ground truth stays the map's.
+    The person's position is near the common one, on free floor, off the border. The ground truth stays the map's.
 
     Args:
         marks: (dx, dy) [m], turn [rad] by which the marks are off the map.
@@ -207,5 +207,5 @@ def _kept_cache() -> RenderCache:
 
 
 def run(study: Study, job: Job) -> LiveRun:
-    """Carries out one run; the same result for the same arguments, whatever was run before."""
+    """Carries out one run; the result depends on the arguments alone, not on earlier runs."""
     return LiveRun(study, job).run()

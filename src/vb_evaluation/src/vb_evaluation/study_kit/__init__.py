@@ -1,1 +1,1 @@
-"""For a study with people: plan, record, measure, questionnaire (docs/how-to/run-a-study.md)."""
+"""The kit for a study with people: plan, record, measure, questionnaire (docs/how-to/run-a-study.md)."""

@@ -17,7 +17,7 @@ from vb_evaluation.report.page import write_report
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs a command and prints what it says; 0 if it worked, 2 with one line if not."""
+    """Runs a command and prints its output; returns 0 if it worked, 2 and one line on stderr if not."""
     given = _parser().parse_args(arguments)
     try:
         for line in given.run(given):

@@ -27,7 +27,7 @@ def write(study: Path, results: Path) -> Path:
     """
     rows = read_sheet(results / RUNS, ("recording", "scenario", "map"))
     rows = rows[rows["map"] != ""]
-    # a spreadsheet takes zeros off the front of a number
+    # from 100: a spreadsheet strips leading zeros
     codes = [str(code) for code in secrets.SystemRandom().sample(range(100, 1000), len(rows))]
     physical, key = read_map(results / "maps" / "physical.yaml"), []
     try:
@@ -48,7 +48,7 @@ def write(study: Path, results: Path) -> Path:
 
 
 def read(study: Path) -> Dict[str, bool]:
-    """Reads what the judge said, by recording; empty if nobody has judged.
+    """Reads the judgements by recording; empty if nobody has judged.
 
     Raises:
         CodedError: "bad_judgement" naming the line.

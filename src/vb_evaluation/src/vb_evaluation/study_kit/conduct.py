@@ -1,7 +1,7 @@
-"""Conducts one run of a study with people: the right condition, in the planned order, with notes.
+"""Conducts one run of a study with people: in the right condition, in the planned order, with notes.
 
-The experimenter says who is there; which run comes next and how the system is started for it follow from the protocol
-and from kit.yaml beside it. Nothing is typed twice, and nothing is overwritten: a repeated run gets a separate folder.
+The experimenter names the participant; which run comes next, and how the system is started for it, follow from the
+protocol and kit.yaml beside it. Nothing is typed twice or overwritten: a repeated run gets a separate folder.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class NextRun:
         folder: for its recording; does not exist yet.
         command: starts the system.
         cameras: ceiling cameras of this condition.
-        last: whether it is the participant's last one.
+        last: whether it is the participant's last run.
         questionnaire: the method that the participant began with; the questionnaire begins with it too, so that its order
             is as balanced as that of the methods.
     """
@@ -114,7 +114,7 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
 
 
 def _settings(path: Path, method: str) -> Tuple[List[str], Dict[str, str]]:
-    """Reads from kit.yaml what is launched, and with which arguments for a method."""
+    """Reads from kit.yaml the launch file, and its arguments for a method."""
     try:
         settings = yaml.safe_load(path.read_text(encoding="utf-8"))
         chosen = {**(settings.get("arguments") or {}), **settings["methods"][method]}
@@ -139,7 +139,7 @@ def conduct_run(
         keys: what the experimenter types; a note is a separate line after "n". If they end, the run stays unfinished.
 
     Returns:
-        What run.yaml says.
+        The content of run.yaml.
     """
     planned.folder.mkdir(parents=True)
     entry = planned.entry
@@ -166,7 +166,7 @@ def conduct_run(
                 break
     finally:
         stop()
-        # a system that did not start, or started otherwise, is reported now and not by the analysis a week later
+        # a system that did not start, or not as planned, is reported now and not by the analysis a week later
         run["recorded"] = any((planned.folder / BAGS).glob("*.bag*"))
         _write(planned.folder, run)
     if not run["recorded"]:
@@ -185,7 +185,7 @@ def _write(folder: Path, run: Mapping[str, Any]) -> None:
 
 
 def read_keys() -> Iterator[str]:
-    """Yields key presses of a terminal, without Return; a line after "n". Of anything else than a terminal, lines."""
+    """Yields a terminal's key presses, without Return, and a line after "n"; if stdin is no terminal, its lines."""
     import sys
     import termios
     import tty

@@ -65,7 +65,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     physical = physical or _physical(folders)
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
-    if (out / RUNS).exists():  # the map of a run that is gone, since its participant asked for that, must not stay
+    if (out / RUNS).exists():  # a map of a run that was deleted at its participant's request must not stay
         for name in filter(None, read_sheet(out / RUNS, ("map",))["map"]):
             for suffix in (".yaml", ".pgm"):
                 (out / name).with_suffix(suffix).unlink(missing_ok=True)
@@ -97,7 +97,7 @@ def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
     """Reads which free cells of the physical map a ground truth marks: (H, W) bool.
 
     Args:
-        path: a PNG as large as the map's image, in which an area has any strong colour.
+        path: a PNG as large as the map's image, in which the area is filled with any strong colour.
         physical: the map that it was drawn over.
 
     Raises:
@@ -114,7 +114,7 @@ def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
             "draw over the map's own picture and do not scale it",
         )
     chroma = np.ptp(image.astype(int), axis=2)[::-1]
-    # half of the strongest colour: cuts the soft edge that an editor gives an area in its middle
+    # half of the strongest colour: cuts the soft edge that an editor draws in its middle
     marked = (chroma >= max(MIN_COLOR, chroma.max() / 2.0)) & metrics.free_cells(physical)
     if not marked.any():
         raise CodedError("bad_ground_truth", f"{path}: no free floor is marked: fill the area with a strong colour")
@@ -143,7 +143,7 @@ def last_attempt(folder: Path) -> Path:
 
 
 def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
-    """Says how the condition in which a recording was made differs from the planned one; empty if it does not."""
+    """Lists how the condition in which a recording was made differs from the planned one; empty if it does not."""
     found = []
     run = recording.run
     for name, planned in (("participant", entry.participant), ("scenario", entry.scenario), ("method", entry.method)):
@@ -160,9 +160,9 @@ def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
 
 
 def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted: Optional[bool]) -> str:
-    """Says what became of a run; every table is made from this.
+    """Returns a run's outcome, from which every table is made.
 
-    unreadable      its recording is damaged or incomplete: the system's failure too (not by this function)
+    unreadable      its recording is damaged or incomplete: the system's failure too (not returned here)
     not_started     no interaction was begun: the system's failure, nobody's result
     not_as_planned  in another condition than planned: left out
     completed       saved, the seed in the ground truth, and nobody who judged it said otherwise
@@ -188,7 +188,7 @@ def _where(entry: protocol.Entry) -> str:
 
 
 def _head(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
-    """Makes the row of a run of which nothing is known but what the protocol says."""
+    """Makes the row of a run of which only the protocol's entry is known."""
     row = {name: getattr(entry, name) for name in ("participant", "scenario", "method", "recording", "note")}
     return {**row, "order": entry.order or "", "as_planned": 1, "outcome": outcome, "saved": 0, "seed_is_right": 0}
 

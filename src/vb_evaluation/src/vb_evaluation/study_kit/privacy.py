@@ -1,4 +1,4 @@
-"""What people are owed: a copy of the data that nobody can be found in, and deletion on request."""
+"""Protects participants: a copy of the data in which nobody can be identified, and deletion on request."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vb_evaluation.report.data import RUNS, SHEETS, read_sheet
 from vb_evaluation.study_kit import blind, protocol
 from vb_evaluation.study_kit.measure import attempts
 
-# free text, dates, folders and versions may tell who it was
+# free text, dates, folders and versions may reveal who it was
 IDENTIFYING = ("note", "recording", "interaction", "map", "revision")
 AGE_BAND = 10  # [years]
 
@@ -52,10 +52,10 @@ def _age_band(text: str) -> str:
 
 
 def delete(path: Path, participant: str) -> List[str]:
-    """Deletes a participant's recordings, answers and judged pictures for good; returns what went.
+    """Deletes a participant's recordings, answers and judged pictures for good; returns what was deleted.
 
-    The protocol keeps the lines, without recording and note, so that the plan of the others stays. Results must be
-    measured again.
+    The protocol keeps the lines, without recording, completion and note, so that the others' plan stays. Results must
+    be measured again.
 
     Raises:
         CodedError: "no_participant".
@@ -82,7 +82,7 @@ def delete(path: Path, participant: str) -> List[str]:
 
 
 def _write(table: pandas.DataFrame, path: Path) -> None:
-    """Writes a table in place of the only copy there is."""
+    """Replaces the only copy of a table, atomically."""
     write_atomically(path, table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
 
 

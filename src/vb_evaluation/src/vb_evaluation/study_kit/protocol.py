@@ -21,7 +21,7 @@ class Entry:
         participant: a number or a pseudonym.
         recording: folder of the recording, as the file has it; no other run has the same.
         completed: what the experimenter noted; None leaves it to the seed point.
-        order: the run's place among its participant's, from 1; 0 if the file does not say.
+        order: the run's position among its participant's, from 1; 0 if the file does not say.
     """
 
     participant: str
@@ -38,7 +38,7 @@ class Entry:
 
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
-    """Rows of a protocol to fill in: see `order_runs`."""
+    """Returns the rows of a protocol to fill in; see `order_runs`."""
     return [
         {
             "participant": f"p{number:02d}",

@@ -24,8 +24,8 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 
 LOG, BAGS, RUN, EVENTS = "interactions.jsonl", "bags", "run.yaml", "events.jsonl"
-TOPICS = [names.MAP_WITH_BORDERS, names.BORDERS, names.DETECTORS]  # what is read of a bag
-WITHOUT = ".*(image|compressed|points|projector).*"  # what is not recorded: it is a thousand times as large
+TOPICS = [names.MAP_WITH_BORDERS, names.BORDERS, names.DETECTORS]  # read from a bag
+WITHOUT = ".*(image|compressed|points|projector).*"  # not recorded: a thousand times as large as the rest
 Row = TypeVar("Row")
 
 
@@ -58,7 +58,7 @@ class Recording:
 
     @cached_property
     def _bags(self) -> Tuple[Dict[float, Dict[str, Any]], Optional[Set[str]]]:
-        """Reads messages by topic of each state, by its stamp [s], and the cameras, once somebody asks for them."""
+        """The messages of each state by topic, by its stamp [s], and the cameras; read on first use."""
         states: Dict[float, Dict[str, Any]] = defaultdict(dict)
         cameras: Set[str] = set()
         paths = sorted((self.folder / BAGS).glob("*.bag"))
@@ -125,7 +125,7 @@ def _read_bag(path: Path, states: Dict[float, Dict[str, Any]], cameras: Set[str]
                     states[message.header.stamp.to_sec()][topic] = grid_from_message(message) if is_map else message
                 elif not message.mobile:
                     cameras.add(message.camera)
-    except Exception as error:  # a torn file fails in many ways
+    except Exception as error:  # a damaged file fails in many ways
         raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
 
 
@@ -144,7 +144,7 @@ def _read(path: Path, read: Callable[[str], Any]) -> Any:
 
 
 def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
-    """Makes something of each line of JSON of a file; nothing if there is none."""
+    """Makes a row of each line of JSON in a file; empty if there is no file."""
     found = []
     for number, line in enumerate((_read(path, str) or "").splitlines(), 1):
         try:
@@ -155,7 +155,7 @@ def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
 
 
 def record() -> None:
-    """Becomes rosbag's recorder, into the folder that is the first argument; a restarted one goes on in another file."""
+    """Becomes rosbag's recorder, which records into the folder of the first argument; a restart begins another file."""
     from roslib.packages import find_node
 
     bags = Path(sys.argv[1]).expanduser() / BAGS

@@ -1,4 +1,4 @@
-"""What nodes are connected by, with the interfaces that rospy's have: topics, services and timers of a `Graph`."""
+"""The connections between the nodes of a `Graph`, with rospy's interfaces: topics, services and timers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Delivery:
-    """A message on its way: packed once, and unpacked once for each type that is wanted."""
+    """A message in transit: serialised once, and deserialised once for each type that is asked for."""
 
     def __init__(self, message: Any, header: Dict[str, str]) -> None:
         buffer = io.BytesIO()
@@ -27,7 +27,7 @@ class Delivery:
         self._messages: Dict[type, Any] = {}
 
     def message(self, kind: type) -> Any:
-        """Returns the message as one of this type."""
+        """Returns the message, deserialised as this type."""
         found = self._messages.get(kind)
         if found is None:
             found = self._messages[kind] = kind()
@@ -37,7 +37,7 @@ class Delivery:
 
 
 class Topic:
-    """Who publishes and who subscribes."""
+    """The publishers and subscribers of one topic."""
 
     def __init__(self) -> None:
         self.subscribers: List[Subscriber] = []
@@ -45,7 +45,7 @@ class Topic:
 
 
 class Publisher:
-    """rospy.Publisher."""
+    """Replaces rospy.Publisher."""
 
     def __init__(self, graph: Graph, name: str, data_class: type, *_: Any, latch: bool = False, **__: Any) -> None:
         self._graph, self.node = graph, graph.node
@@ -60,7 +60,7 @@ class Publisher:
         self._delay = graph.delay_of(self.resolved_name)
 
     def publish(self, *given: Any, **named: Any) -> None:
-        """Packs the message and sends it to everybody."""
+        """Serialises the message and sends it to all subscribers."""
         message = rospy.msg.args_kwds_to_message(self.data_class, given, named)
         if message._has_header:
             self._sequence += 1
@@ -84,17 +84,17 @@ class Publisher:
             subscriber.put(delivery)
 
     def get_num_connections(self) -> int:
-        """Returns how many listen."""
+        """Returns the number of subscribers."""
         return len(self._topic.subscribers)
 
     def unregister(self) -> None:
-        """Ends it."""
+        """Ends publishing."""
         if self in self._topic.publishers:
             self._topic.publishers.remove(self)
 
 
 class Subscriber:
-    """rospy.Subscriber: its own task calls the callback for one message after the other."""
+    """Replaces rospy.Subscriber: its own task calls the callback for one message after the other."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class Subscriber:
                 publisher.send(self, publisher.latched)
 
     def put(self, delivery: Delivery) -> None:
-        """Queues a message; if there are too many, the oldest ones are lost, as in rospy."""
+        """Queues a message; a full queue drops its oldest one, as in rospy."""
         if not self._over:
             self._queue.append(delivery)
             self._line.wake()
@@ -136,19 +136,19 @@ class Subscriber:
                 self._callback(message, *([] if self._extra is None else [self._extra]))
 
     def unregister(self) -> None:
-        """Ends it."""
+        """Ends the subscription."""
         self._over = True
         if self in self._topic.subscribers:
             self._topic.subscribers.remove(self)
         self._line.wake()
 
     def get_num_connections(self) -> int:
-        """Returns how many publish."""
+        """Returns the number of publishers."""
         return len(self._topic.publishers)
 
 
 class Service:
-    """rospy.Service."""
+    """Replaces rospy.Service."""
 
     def __init__(self, graph: Graph, name: str, service_class: Any, handler: Callable[[Any], Any], **_: Any) -> None:
         self._graph, self.node = graph, graph.node
@@ -157,12 +157,12 @@ class Service:
         graph.services[self.resolved_name] = self
 
     def shutdown(self, reason: str = "") -> None:
-        """Ends it."""
+        """Withdraws the service."""
         self._graph.services.pop(self.resolved_name, None)
 
 
 class ServiceProxy:
-    """rospy.ServiceProxy."""
+    """Replaces rospy.ServiceProxy."""
 
     def __init__(self, graph: Graph, name: str, service_class: Any, **_: Any) -> None:
         self._graph = graph
@@ -204,11 +204,11 @@ class ServiceProxy:
     __call__ = call
 
     def close(self) -> None:
-        """Ends it."""
+        """Does nothing: there is no connection to close."""
 
 
 class Timer(rospy.Timer):
-    """rospy.Timer, whose thread is a task."""
+    """Replaces rospy.Timer: its thread is a task."""
 
     def __init__(self, graph: Graph, *given: Any, **named: Any) -> None:
         self.start = lambda: graph.scheduler.spawn(self.run)

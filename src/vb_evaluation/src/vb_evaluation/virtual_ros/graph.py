@@ -40,20 +40,20 @@ class Node:
         }
 
     def resolve(self, name: str) -> str:
-        """Resolves a name as the node means it."""
+        """Resolves a name in the node's namespace, and remaps it."""
         full = rosgraph.names.resolve_name(name, self.name)
         return self.remappings.get(full, full)
 
 
 class Graph:
-    """All nodes of one run; `installed` makes rospy answer for it. What nodes say about connections has no meaning here.
+    """All nodes of one run; `installed` makes rospy act on it. Transport options, such as tcp_nodelay, have no effect.
 
     Args:
-        scheduler: of its tasks.
-        delays: resolved topic or service to seconds that its messages or answers take.
+        scheduler: runs its tasks.
+        delays: for a resolved topic or service, the seconds that its messages or answers take.
 
     Attributes:
-        parameters: the ROS master's own server of parameters; takes resolved names.
+        parameters: the ROS master's own parameter server; takes resolved names.
     """
 
     def __init__(self, scheduler: Scheduler, delays: Mapping[str, float]) -> None:
@@ -67,12 +67,12 @@ class Graph:
 
     # ------------------------------------------------------------- for a run
     def start(self, node: Node, main: Callable[[], Any]) -> None:
-        """Begins a node: what its executable would do."""
+        """Starts a node; `main` does what its executable would do."""
         self.scheduler.spawn(main, node)
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
-        """Replaces rospy, and threading and time in all nodes' modules, by this graph's."""
+        """Replaces rospy, and threading and time in all nodes' modules, with this graph's."""
         before = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
         with replaced(self._replacements()):
             rospy.rostime.set_rostime_initialized(True)
@@ -115,7 +115,7 @@ class Graph:
             self.scheduler.wait()
 
     def _rospy(self) -> Dict[str, Any]:
-        """Returns what replaces rospy's names."""
+        """Returns the replacements of rospy's names."""
         functions = _Rospy(self, self._stand_ins)
         names = {name: getattr(functions, name) for name in dir(functions) if not name.startswith("_")}
         names.update({kind.__name__: partial(kind, self) for kind in _CONNECTIONS})
@@ -138,14 +138,14 @@ _NOBODY = Node("/study", {})
 
 
 class _Rospy:
-    """rospy's functions, as the node whose task is running means them: each method replaces the one of its name."""
+    """rospy's functions for the node whose task is running: each method replaces the function of the same name."""
 
     def __init__(self, graph: Graph, stand_ins: StandIns) -> None:
         self._graph, self._scheduler, self._stand_ins = graph, graph.scheduler, stand_ins
         self.sleep = graph.sleep
 
     def init_node(self, *_: Any, **__: Any) -> None:
-        # what the node has imported since
+        # in modules that the node has imported since
         self._stand_ins.replace()
 
     # ------------------------------------------------------------- names
@@ -181,7 +181,7 @@ class _Rospy:
     def search_param(self, name: str) -> Any:
         return self._graph.parameters.search_param(self.get_name(), name)
 
-    # ------------------------------------------------------------- waiting and the end
+    # ------------------------------------------------------------- waiting and shutdown
     def spin(self) -> None:
         self._scheduler.wait()
 
@@ -202,9 +202,9 @@ class _Rospy:
             self._scheduler.fault(RuntimeError(f"{self.get_name()} ended: {reason}"))
 
     def on_shutdown(self, _closer: Any) -> None:
-        """A run that is over leaves nothing to close."""
+        """Does nothing: a run that is over leaves nothing to close."""
 
-    # ------------------------------------------------------------- what a node says
+    # ------------------------------------------------------------- logging
     def log(self, level: int, text: Any, *values: Any, **_: Any) -> None:
         if not self._scheduler.closed:
             LOG.log(level, text, *values)

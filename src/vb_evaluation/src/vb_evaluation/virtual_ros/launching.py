@@ -27,10 +27,10 @@ def read_launch(path: str, arguments: Tuple[str, ...]) -> Any:
 
 
 def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[str] = ()) -> None:
-    """Imports the modules of a launch file's nodes; to be called before anything is replaced.
+    """Imports the modules of a launch file's nodes; must be called before anything is replaced.
 
-    A module that is imported during a run takes the names it imports as they are then: what replaces them for this run
-    would stay in it, and the next run in this process would call into one that is over.
+    A module that is imported during a run would bind this run's replacements for good, and the next run in this
+    process would call into one that is over.
     """
     for launched in read_launch(str(path), _given(arguments)).nodes:
         if launched.type not in without:
@@ -51,7 +51,7 @@ def start_launch(
     Args:
         arguments: of the launch file; "state" is this run's folder.
         without: types of nodes to omit.
-        instead: type of a node to what is called for it, instead of its script; it gets the node's name.
+        instead: for a type of node, what is called instead of its script, under the node's name.
     """
     config = read_launch(str(path), _given(arguments))
     for key, parameter in config.params.items():
@@ -66,7 +66,7 @@ def start_launch(
 
 
 def _given(arguments: Mapping[str, str]) -> Tuple[str, ...]:
-    # each run has its own folder, and would have the file read again if it were among the arguments
+    # a placeholder: with each run's own folder among the arguments, the file would be read again for each run
     return tuple(f"{name}:={_STATE if name == 'state' else value}" for name, value in sorted(arguments.items()))
 
 
@@ -78,6 +78,6 @@ def _path(package: str, kind: str) -> Path:
 def _script(package: str, kind: str) -> Callable[[], Any]:
     path = _path(package, kind)
     code = compile(path.read_text(encoding="utf-8"), str(path), "exec")
-    # not runpy: it puts the script in the place of this process's own __main__, until the node ends, and what
+    # not runpy: it replaces this process's own __main__ by the script until the node ends, and a process that
     # multiprocessing starts meanwhile would start the node once more
     return lambda: exec(code, {"__name__": "__main__", "__file__": str(path)})

@@ -8,8 +8,8 @@ from typing import Any, Callable, Deque, List, Optional, Tuple
 
 import greenlet
 
-# [ns] no wait is shorter. A thread that waits for what rounding left of its last wait (2e-13 s) would otherwise do so
-# for ever: simulated time goes on only when all wait.
+# [ns] the shortest wait. A thread that waits for what rounding left of its last wait (2e-13 s) would otherwise do so
+# for ever: simulated time advances only when all wait.
 MIN_TIMEOUT_NS = 1000
 
 
@@ -18,8 +18,8 @@ class Task(greenlet.greenlet):
 
     Attributes:
         scheduler: of the run that it belongs to.
-        owner: whose it is; what it starts belongs to the same.
-        waits: counts its waits: a wake-up for an earlier one has no effect.
+        owner: the node that it belongs to; tasks that it starts inherit it.
+        waits: number of its waits; a wake-up for an earlier one has no effect.
     """
 
     scheduler: Any = None
@@ -40,14 +40,14 @@ class Scheduler:
         self.closed = False
         self._hub = greenlet.getcurrent()
         self._ready: Deque[Tuple[Task, int]] = deque()
-        # (when [ns], in which order, a task, the wait of it that ends then), or (when, in which order, None, what is done)
+        # (time [ns], sequence number, task, number of its wait that ends), or (time, sequence number, None, function)
         self._due: List[Tuple[int, int, Optional[Task], Any]] = []
         self._count = 0
         self._tasks: List[Task] = []
         self._fault: Optional[BaseException] = None
 
     def spawn(self, work: Callable[[], Any], owner: Any = None) -> Task:
-        """Begins a task at the next turn. A fault of it is a fault of the run."""
+        """Starts a task at the next turn; an exception in it ends the run."""
         task = Task(lambda *_: self._guarded(work), parent=self._hub)
         task.scheduler = self
         task.owner = owner if owner is not None else getattr(greenlet.getcurrent(), "owner", None)
@@ -66,7 +66,7 @@ class Scheduler:
             self.fault(error)
 
     def fault(self, error: BaseException) -> None:
-        """Ends the run with an error: the first one, unless an interruption caused it."""
+        """Ends the run with an error: the first one, which only an interruption replaces."""
         if not self.closed and (self._fault is None or not isinstance(error, Exception)):
             self._fault = error
 
@@ -76,7 +76,7 @@ class Scheduler:
         if not isinstance(task, Task):
             raise RuntimeError("only a node can wait in a run within one process")
         if task.scheduler is not self:
-            # it would end as if its own run were over, and the reason why it does not answer would be lost
+            # otherwise it would end as if its own run were over, and the reason why it does not answer would be lost
             raise RuntimeError("something was kept from an earlier run in this process: a lock, a queue or a function")
         if self.closed:
             raise greenlet.GreenletExit
@@ -90,7 +90,7 @@ class Scheduler:
         self._ready.append((task, task.waits))
 
     def later(self, delay_ns: int, work: Callable[[], None]) -> None:
-        """Does something short after a time [ns]; it must not wait."""
+        """Calls a short function after a time [ns]; it must not wait."""
         self._push(delay_ns, None, work)
 
     def _push(self, delay_ns: int, task: Optional[Task], what: Any) -> None:
@@ -98,7 +98,7 @@ class Scheduler:
         heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, what))
 
     def run(self, over: Callable[[], bool], until_ns: int) -> None:
-        """Runs the tasks until something is over or a time [ns] is reached.
+        """Runs the tasks until `over` returns true, a time [ns] is reached or nothing is left to do.
 
         Raises:
             what a task raised.

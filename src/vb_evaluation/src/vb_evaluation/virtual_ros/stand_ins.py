@@ -21,18 +21,18 @@ _REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
 
 
 def _ns(seconds: Optional[float]) -> Optional[int]:
-    # however short, a wait is one: see MIN_TIMEOUT_NS
+    # even the shortest wait must be one: see MIN_TIMEOUT_NS
     return None if seconds is None or seconds < 0 else max(int(round(seconds * 1e9)), 1)
 
 
 class StandIns:
-    """The three modules, as far as nodes use them; everything else is the real one's.
+    """Stand-ins for the three modules, as far as nodes use them; all other names are the real ones.
 
     Args:
-        scheduler: whose time and tasks they are.
+        scheduler: provides time and tasks.
 
     Attributes:
-        modules: the three, by their names.
+        modules: the stand-ins, by module name.
         restore: restores the modules' original contents.
     """
 
@@ -41,7 +41,7 @@ class StandIns:
         self.restore = self._undone.close
 
     def replace(self) -> None:
-        """Puts them into every module of nodes that has been imported so far."""
+        """Puts the stand-ins into all modules of nodes that have been imported so far."""
         for name, module in list(sys.modules.items()):
             package = name.split(".")[0]
             if package not in _LIBRARIES and (not package.startswith("vb_") or package == "vb_evaluation"):
@@ -86,7 +86,7 @@ def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
 
 
 def _made_of(kind: type, **others: Any) -> type:
-    """Makes a class of Python's own once more, whose methods find others in place of their module's locks and clock."""
+    """Copies a standard-library class; the copy's methods use `others` instead of their module's locks and clock."""
     world = {**vars(sys.modules[kind.__module__]), **others}
     members = {name: value for name, value in vars(kind).items() if name not in ("__dict__", "__weakref__")}
     for name, value in members.items():
@@ -96,9 +96,9 @@ def _made_of(kind: type, **others: Any) -> type:
 
 
 class WaitQueue:
-    """Tasks that wait for something, first come first served: what locks are made of.
+    """A first-in, first-out queue of waiting tasks, from which locks are built.
 
-    Tasks take turns and lose their turn only where they wait, so that nothing else needs protection.
+    Tasks take turns and yield only where they wait, so that nothing else needs protection.
     """
 
     def __init__(self, scheduler: Scheduler) -> None:
@@ -106,18 +106,18 @@ class WaitQueue:
         self._tasks: Deque[Task] = deque()
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:
-        """Waits; returns whether it was woken within a time [ns]."""
+        """Suspends the current task; returns whether it was woken within a time [ns]."""
         task = greenlet.getcurrent()
         self._tasks.append(task)
         try:
             return self._scheduler.wait(timeout_ns)
         finally:
-            # `wake` would wake one that no longer waits, and the next one would wait for ever
+            # otherwise `wake` would wake a task that no longer waits, and the next one would wait for ever
             if task in self._tasks:
                 self._tasks.remove(task)
 
     def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
-        """Waits until a condition holds or a time [ns] has passed; returns whether it holds. Looks at each wake-up."""
+        """Waits until a condition holds or a time [ns] has passed; returns whether it holds. Checks at each wake-up."""
         end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
         while not predicate() and (end is None or self._scheduler.now_ns < end):
             self.wait(None if end is None else end - self._scheduler.now_ns)
@@ -130,7 +130,7 @@ class WaitQueue:
 
 
 class Lock:
-    """threading.Lock, or RLock; Python's own conditions, events and queues are made of it."""
+    """Replaces threading.Lock or, with `again`, RLock; Python's own conditions, events and queues are built on it."""
 
     def __init__(self, scheduler: Scheduler, again: bool = False) -> None:
         self._line, self._again = WaitQueue(scheduler), again
@@ -143,7 +143,7 @@ class Lock:
         if self._again and self._holder is current:
             self._depth += 1
             return True
-        # free almost always: one task is at work at a time
+        # almost always free: one task runs at a time
         if self._holder is not None and not self._line.wait_for(
             lambda: self._holder is None, _ns(timeout) if blocking else 0
         ):
@@ -152,7 +152,7 @@ class Lock:
         return True
 
     def release(self) -> None:
-        """Hands it to the next one."""
+        """Releases the lock to the task that has waited longest."""
         self._depth -= 1
         if self._depth <= 0:
             self._holder = None
@@ -179,7 +179,7 @@ class Lock:
 
 
 class Thread(real_threading.Thread):
-    """threading.Thread, as a task."""
+    """Replaces threading.Thread by a task."""
 
     def __init__(self, scheduler: Scheduler, over: Any, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
@@ -197,12 +197,12 @@ class Thread(real_threading.Thread):
             self._over.set()
 
     def join(self, timeout: Optional[float] = None) -> None:
-        """Waits for its end."""
+        """Waits until the thread has ended."""
         if not self._scheduler.closed:
             self._over.wait(timeout)
 
     def is_alive(self) -> bool:
-        """Returns whether it has begun and not ended."""
+        """Returns whether the thread has started and not ended."""
         return self._task is not None and not self._over.is_set()
 
 
@@ -218,7 +218,7 @@ def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
 
 
 def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> Dict[str, Callable[..., Any]]:
-    """Returns what a ROS master's proxy answers; the real one, if there is one, knows another graph.
+    """Returns stand-ins for a ROS master proxy's methods; a real master, if there is one, knows another graph.
 
     Args:
         topics: by name, with `publishers` and `subscribers`; services: by name. All of them know their `node`.
@@ -236,7 +236,7 @@ def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> 
     def topic_types(_master: Any) -> List[Tuple[str, str]]:
         return [(name, topic.publishers[0].type) for name, topic in topics.items() if topic.publishers]
 
-    def no_address(*_: Any) -> str:  # which is_gone takes for "there"; tf2_ros asks for a service that helps to debug
+    def no_address(*_: Any) -> str:  # is_gone takes this for "there"; tf2_ros looks up a debugging service
         return ""
 
     return {

@@ -1,4 +1,4 @@
-"""Colours that people with any kind of colour vision tell apart (the set of Okabe and Ito, 2008)."""
+"""Colours that people with any kind of colour vision can tell apart (Okabe and Ito, 2008)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Color = Tuple[float, float, float]
 
 
 def rgb(red: int, green: int, blue: int) -> Color:
-    """Scales 0 .. 255 to 0 .. 1."""
+    """Converts components 0 .. 255 to 0 .. 1."""
     return red / 255.0, green / 255.0, blue / 255.0
 
 
@@ -27,16 +27,16 @@ GRAY = rgb(150, 150, 150)
 PALE = rgb(200, 205, 212)
 CRIMSON = rgb(150, 10, 20)
 
-# the LED alone, and it means the same everywhere
+# for the LED only; it means the same everywhere
 STOPPED = rgb(255, 0, 0)
 
-# the lab names its cameras by colours: each gets the one of the set that is nearest to its name
+# the lab's cameras are named after colours: each gets the colour of the set that is closest to its name
 _NAMED: Dict[str, Color] = {"red": VERMILION, "green": GREEN, "blue": BLUE, "robot": PURPLE}
 _OTHERS: Sequence[Color] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERMILION)
 
 
 def state_color(name: str) -> Color:
-    """Returns the colour of a state by its name; grey for a state that is not known."""
+    """Returns the colour of a state by its name; grey for an unknown state."""
     return rgb(*bytes.fromhex(STATES[name].color[1:])) if name in STATES else GRAY
 
 
@@ -48,6 +48,6 @@ def camera_color(name: str) -> Color:
 
 
 def blend(color: Color, towards: Color, share: float) -> Color:
-    """Mixes two colours; share 0 is the first, 1 the second."""
+    """Mixes two colours; share 0 gives the first, 1 the second."""
     share = min(1.0, max(0.0, share))
     return tuple((1.0 - share) * a + share * b for a, b in zip(color, towards))  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""Converts messages to the display's contents, and these to markers."""
+"""Converts messages to the display's content, and shapes to markers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from visualization_msgs.msg import Marker
 from vb_feedback.display import scene
 from vb_feedback.display.text_panel import PanelNotice, PanelContent
 
-# more sentences cannot be read from across the room, and letters would get too small
+# with more sentences, the letters would be too small to read from across the room
 _MAX_NOTICES = 3
 _KINDS = {
     scene.LINES: Marker.LINE_LIST,
@@ -29,7 +29,7 @@ _KINDS = {
 
 
 def marker_from_shape(shape: scene.Shape) -> Marker:
-    """Converts a shape to a marker; its stamp stays zero: "wherever the frame is now"."""
+    """Converts a shape to a marker; its stamp stays zero, so RViz uses the latest transform of the frame."""
     marker = Marker()
     marker.header.frame_id = shape.frame or names.MAP_FRAME
     marker.frame_locked = bool(shape.frame)
@@ -62,7 +62,7 @@ def panel_from_state(
     has_map: bool,
     language: str,
 ) -> PanelContent:
-    """Converts the state to what the panel shows; without a map that is only whether robots are stopped."""
+    """Converts the state to the panel's content; without a map that is only whether robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
         return PanelContent(
@@ -72,7 +72,7 @@ def panel_from_state(
         return PanelContent(language=language)
     return PanelContent(
         state.name,
-        # whole seconds, as they are shown: less is not a change
+        # whole seconds, as displayed: a fraction is no change
         int(state.guide_s + state.border_s + state.seed_s),
         tuple(state.available_commands),
         state.last_success,
@@ -85,7 +85,7 @@ def panel_from_state(
 
 
 def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
-    """Converts a progress message to plain values; points whose camera is unknown get the name ""."""
+    """Converts a progress message to plain values; points of an unknown camera get the name ""."""
     known = dict(enumerate(progress.cameras))
     indices = bytes(progress.point_cameras)[: len(progress.points)]
     return scene.Drawing(
@@ -113,7 +113,7 @@ def shown_border_from_message(border: VirtualBorder, language: str = sentences.E
 
 
 def select_notices(held: Sequence[Notice], language: str) -> List[PanelNotice]:
-    """Selects other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
+    """Selects the first of other nodes' notices, the most severe, each sentence once, and no more than can be read."""
     found: List[PanelNotice] = []
     for notice in held:
         shown = PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING)
@@ -123,7 +123,7 @@ def select_notices(held: Sequence[Notice], language: str) -> List[PanelNotice]:
 
 
 def preview_notices(preview: Optional[BorderPreview], language: str) -> List[PanelNotice]:
-    """Returns why saving would fail, or what it would restrict and what to note."""
+    """Returns notices that say why saving would fail, or how much it would restrict and the first warning."""
     if preview is None:
         return []
     errors = [issue for issue in preview.issues if issue.severity == BorderIssue.ERROR]

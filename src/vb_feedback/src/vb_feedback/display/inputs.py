@@ -1,4 +1,4 @@
-"""What both displays, screen and projector, hear of the interaction, as one moment of it."""
+"""The inputs of both displays, screen and projector, as one consistent snapshot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_core.ros.messages import BorderPreviewArray, grid_from_message
 from vb_feedback.display.scene import TrailPoint
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
 
-_TRAIL = 60  # spots kept, all cameras together: 1.5 s at 25 frames/s from one to two cameras
+_TRAIL = 60  # spots kept, of all cameras together: 1.5 s at 25 frames/s of one to two cameras
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Inputs:
     """The newest messages; progress and preview only if they belong to the current interaction.
 
     Attributes:
-        region: what saving would restrict, by the preview; None if that says nothing.
+        region: what saving would restrict, from the preview; None if it has no region.
     """
 
     state: Optional[InteractionState] = None
@@ -40,7 +40,7 @@ class InputListener:
     """Keeps the newest messages; its methods may be called from any thread.
 
     Args:
-        on_change: is called after each message, from the subscriber's thread.
+        on_change: called after each message, in the subscriber's thread.
     """
 
     def __init__(self, on_change: Callable[[], None]) -> None:
@@ -55,7 +55,7 @@ class InputListener:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
     def current(self) -> Inputs:
-        """Returns what holds now; what belongs to an interaction that has ended is left out."""
+        """Returns the current inputs, without those of an interaction that has ended."""
         with self._lock:
             newest, spots = self._newest, tuple(self._spots)
         interaction = newest.state.interaction_id if newest.state is not None else ""

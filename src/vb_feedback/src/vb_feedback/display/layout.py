@@ -1,7 +1,7 @@
 """The layout of the smart display: the map, a panel to its right, a strip below it.
 
-The view is a rectangle in the map frame with the screen's aspect. Sizes of letters are shares of its
-height, so that the same share is the same size on the screen whatever the map's size.
+The view is a rectangle in the map frame with the screen's aspect ratio. Letter sizes are shares of its height, so the
+same share gives the same size on the screen, whatever the map's size.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from vb_core.errors import CodedError
 PANEL = 0.5  # shares of the view's height: width of the panel, ...
 STRIP = 0.23  # ... height of the strip, ...
 MARGIN = 0.015  # ... and the free margin around the map
-MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens that are hardly wider than high
-LINE = 1.2  # distance of lines, in heights of a line's letters
-_GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: usual, and where room is scarce
+MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens hardly wider than they are high
+LINE = 1.2  # line spacing, in letter heights
+_GAP, _TOUCHING = 0.1, 1e-6  # gaps between labels, in heights of the moved one: usual, and where space is scarce
 # Latin with all accents, Greek and Cyrillic, dashes, quotation marks and the ellipsis, the euro sign
 DRAWN_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
 
@@ -69,7 +69,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Layout:
-    """The parts of the view; none overlaps another."""
+    """The parts of the view, which do not overlap."""
 
     view: Box
     map: Box
@@ -78,19 +78,19 @@ class Layout:
 
     @property
     def unit(self) -> float:
-        """[m] the view's height, of which letters' heights are shares."""
+        """[m] the view's height, the unit of letter sizes."""
         return self.view.height
 
 
 def fit_view(extent: Box, aspect: float) -> Layout:
-    """Finds the smallest view that shows the whole map beside panel and strip.
+    """Returns the smallest view that shows the whole map beside panel and strip.
 
     Args:
-        extent: of the map.
-        aspect: width by height of the screen.
+        extent: the map's.
+        aspect: the screen's width divided by its height.
 
     Raises:
-        CodedError: "bad_layout" for an empty map or a screen that leaves no room for the map.
+        CodedError: "bad_layout" for an empty map, or an aspect not in 0.5 .. 5.
     """
     panel = min(PANEL / aspect, MAX_PANEL_WIDTH)
     across = (1.0 - panel) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
@@ -111,10 +111,10 @@ def fit_view(extent: Box, aspect: float) -> Layout:
 
 
 # ----------------------------------------------------------------- letters
-_FONT_FILE = "LiberationSans-Regular.ttf"  # RViz's font; on a computer without RViz Pillow's is about as wide
-_FINENESS = 1000  # [px] size in which letters are measured
-_SPACE = 0.31  # [sizes] RViz's own is wider than the font's, see `place_words`
-# the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
+_FONT_FILE = "LiberationSans-Regular.ttf"  # RViz's font; without RViz Pillow's default, which is about as wide
+_FINENESS = 1000  # [px] font size at which letters are measured
+_SPACE = 0.31  # [font sizes] width of a space; RViz's own is too wide, see `place_words`
+# font size, as a share of the height of an RViz text marker: 0.83 to 0.84 on words of 4 to 11 letters
 _FONT = 0.84
 
 
@@ -124,7 +124,7 @@ def is_drawn(character: str) -> bool:
 
 
 def transliterate(text: str) -> str:
-    """Writes a text in characters that RViz can show: its font's as they are, all others transliterated (anyascii)."""
+    """Converts a text to characters that RViz can draw: other characters are transliterated (anyascii)."""
     composed = unicodedata.normalize("NFC", text)
     shown = "".join(letter if is_drawn(letter) else _transliterated(letter) for letter in composed)
     return " ".join(shown.split())
@@ -147,7 +147,7 @@ def _font() -> ImageFont.FreeTypeFont:
 
 @lru_cache(maxsize=2000)
 def _width(letter: str) -> float:
-    """Measures a letter's advance in sizes of the font; RViz sets each alone, without kerning."""
+    """Measures a letter's advance in font sizes; RViz places letters without kerning."""
     return _SPACE if letter == " " else _font().getlength(letter) / _FINENESS
 
 
@@ -157,7 +157,7 @@ def text_width(text: str, size: float) -> float:
 
 
 def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:
-    """Places the words of a text, lines parted by newlines and centred at (x, y) [m], each with its own centre.
+    """Returns each word of a text centred at (x, y) [m], with the word's own centre; newlines separate lines.
 
     RViz makes spaces more than twice as wide as they should be, so each word is placed alone.
     """
@@ -175,13 +175,13 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 
 
 def text_box(text: str, x: float, y: float, size: float) -> Box:
-    """Returns the box of a text centred at (x, y) [m]; lines are parted by newlines."""
+    """Returns the box of a text centred at (x, y) [m]; newlines separate lines."""
     lines = text.count("\n") + 1
     return Box.centered(x, y, text_width(text, size), text_height(lines, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
-    """Breaks a sentence into lines no wider than `width` [m]; a word that is wider alone is cut."""
+    """Breaks a sentence into lines no wider than `width` [m]; a word wider than that is split."""
     lines: List[str] = []
     for word in text.split():
         while text_width(word, size) > width and len(word) > 1:
@@ -198,10 +198,10 @@ def wrap(text: str, size: float, width: float) -> List[str]:
 
 
 def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height: float) -> Tuple[List[str], float]:
-    """Sentences below each other in the largest of the sizes [m] in which all fit a box, wrapped, and that size.
+    """Wraps sentences, one below the other, at the largest of the sizes [m] at which all fit a box; returns both.
 
-    In the smallest size what does not fit is left out, with an ellipsis at its end: of the longest first, each keeps
-    at least one line.
+    At the smallest size, sentences that do not fit are cut, with an ellipsis: the longest ones first; each keeps at
+    least one line.
     """
     for size in sizes:
         wrapped = [wrap(text, size, width) for text in texts]
@@ -229,7 +229,7 @@ def _cut(lines: List[str], count: int, size: float, width: float) -> str:
 
 
 def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
-    """Moves labels up or down, as little as needed to be within a box and, if there is room, not on each other."""
+    """Moves labels up or down, as little as needed to be inside a box and, if there is room, not to overlap."""
     placed: List[Box] = []
     for box in wanted:
         wanted_x, wanted_y = box.center
@@ -239,7 +239,7 @@ def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
         unmoved = Box.centered(x, min(max(wanted_y, low), high), box.width, box.height)
         free: List[Box] = []
         for gap in (_GAP, _TOUCHING):
-            # if there is room, there is some beside the edge or another label: no other heights need be tried
+            # if there is room, there is some at an edge or next to a label, so no other heights need to be tried
             away = [(other.center[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
             heights = [wanted_y, low, high] + [y + side * step for y, step in away for side in (1, -1)]
             options = [Box.centered(x, min(max(y, low), high), box.width, box.height) for y in heights]

@@ -16,13 +16,13 @@ PREVIEW = 200 - 256
 def draw_restrictions(
     physical: np.ndarray, map_with_borders: np.ndarray, stripe: int = 4, preview: Optional[np.ndarray] = None
 ) -> np.ndarray:
-    """Stripes where borders restrict the map: any eye can tell a pattern from walls.
+    """Draws stripes where borders restrict the map: with any colour vision, a pattern differs from walls.
 
-    Hard borders get stripes as broad as the gaps between them, soft ones narrower stripes. What saving now would
-    restrict is orange, and its stripes run the other way, so that it is not mistaken for what is saved.
+    Hard borders get stripes as wide as the gaps between them, soft ones narrower stripes. What saving now would
+    restrict is orange, with stripes in the other direction, so that it is not mistaken for saved borders.
 
     Args:
-        physical, map_with_borders: (H, W) int8, without and with the virtual borders.
+        physical, map_with_borders: (H, W) int8, the map without and with the virtual borders.
         stripe: [cells] width of a stripe.
         preview: (H, W), above 0 where saving now would restrict the map; None: nowhere.
 
@@ -42,6 +42,6 @@ def draw_restrictions(
 
 
 def _edge(area: np.ndarray) -> np.ndarray:
-    """Returns the outermost cells of an area: an edge all round makes small ones visible too."""
+    """Returns the outermost cells of an area: with an edge all round, small areas are visible too."""
     cross = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
     return area & (cv2.erode(area.astype(np.uint8), cross) == 0)

@@ -1,4 +1,4 @@
-"""Fits RViz to a map, a screen and a language: its config, and the letters that it draws. No ROS."""
+"""Fits RViz to a map, a screen and a language: its config, and the characters that it can draw. No ROS."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from vb_feedback.display.layout import DRAWN_RANGES, Box, fit_view
 def write_fitted(
     source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None
 ) -> None:
-    """Reads an RViz config, and writes it so that its view from above shows the whole display on a screen.
+    """Copies an RViz config, with its view from above changed to show the whole display on a screen.
 
-    The view is the one for which display_markers lays its words out, see `layout.fit_view`.
+    The view is the one that display_markers lays its words out for, see `layout.fit_view`.
 
     Args:
         source: an RViz config with a TopDownOrtho view.
-        extent: of the map [m].
-        width, height: of the screen [px].
-        aspect: width by height for which display_markers lays out; the screen's own if None. On a screen of another
-            one there is a margin, and nothing is cut.
+        extent: the map's [m].
+        width, height: the screen's [px].
+        aspect: the aspect ratio (width / height) of display_markers' layout; None: the screen's own. If the screen's
+            differs, there is a margin, and nothing is cut off.
 
     Raises:
-        CodedError: "bad_config" if the source cannot be read or has no such view; "bad_layout" if screen or map have no
+        CodedError: "bad_config" if the source cannot be read or has no such view; "bad_layout" if screen or map has no
             sensible size.
     """
     if width < 320 or height < 240:
@@ -59,15 +59,15 @@ def screen_size(description: str) -> Optional[Tuple[int, int]]:
 
 
 def overlay_fonts(rviz: Path, folder: Path) -> Path:
-    """Makes a folder that replaces RViz's package; returns what to put before it in ROS_PACKAGE_PATH.
+    """Makes a folder that overlays RViz's package; returns it, to be put before the package in ROS_PACKAGE_PATH.
 
-    RViz draws texts with Liberation Sans, but asks its font for the characters up to 166 alone (OGRE's default), and a text
-    with another one is not drawn at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a folder of
-    links to everything in its package, and one font definition that asks for all of them.
+    RViz draws text in Liberation Sans, but requests only the font's characters up to 166 (OGRE's default), and does not
+    draw a text with any other one at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a
+    folder of links to everything in its package, but with font definitions that request all of DRAWN_RANGES.
 
     Args:
         rviz: the package's own folder.
-        folder: is replaced.
+        folder: the folder to make; an existing one is replaced.
     """
     shutil.rmtree(str(folder), ignore_errors=True)
     definitions = shutil.ignore_patterns("*.fontdef")

@@ -1,7 +1,7 @@
-"""Makes what the smart display shows, as plain shapes in the map frame; no ROS.
+"""Makes the smart display's content as plain shapes; no ROS.
 
 Each function makes the shapes of one part of the display from plain values. Shapes are compared with the
-ones shown before, so that only what changed is sent.
+ones shown before, so that only changed shapes are sent.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ PLATE = "plate"
 TEXT = "text"
 
 
-# heights in the scene [m]: seen from above, the higher one hides the lower one. A label hides no outline, and what is
-# being drawn hides names.
+# heights in the scene [m]: seen from above, higher shapes hide lower ones. A label hides no outline, and the drawing in
+# progress hides names.
 _LEVELS = tuple(0.06 * step for step in range(1, 11))
 Z_LABEL, Z_BORDER, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 
@@ -33,12 +33,12 @@ class Shape:
     """One marker. Shapes with the same namespace and number replace each other.
 
     Attributes:
-        kind: LINES between pairs of points, POINTS at all; DISC, PLATE (size is width, height), TEXT at the first one.
+        kind: LINES between pairs of points, POINTS at all points; DISC, PLATE or TEXT at the first point.
         points: (x, y) [m] each.
         size: [m] width of a line, diameter of points and disc, (width, height) of a plate, height of letters.
-        colors: one, or one per point.
-        frame: "" is the map frame; a shape in another frame moves with it.
-        lifetime: [s] 0 is for ever.
+        colors: one for all points, or one per point.
+        frame: "" for the map frame; a shape in another frame moves with it.
+        lifetime: [s] 0: unlimited.
     """
 
     namespace: str
@@ -60,7 +60,7 @@ class Shape:
 
 
 def compare(before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]) -> Tuple[List[Shape], List[Tuple[str, int]]]:
-    """Compares two scenes: the shapes that are new or differ, and the keys of those that are gone.
+    """Compares two scenes; returns the shapes that are new or differ, and the keys of those that are gone.
 
     A shape with a lifetime counts as new each time, since it would expire otherwise.
     """
@@ -88,7 +88,7 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
 
 
 def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
-    """Splits a closed outline into dashes: pairs of points, four of a line's widths long and as far apart."""
+    """Splits a closed outline into dashes: pairs of points, about four line widths long and as far apart."""
     points = np.asarray(outline, dtype=float).reshape(-1, 2)
     if len(points) < 2:
         return ()
@@ -112,7 +112,7 @@ def write(
 # ----------------------------------------------------------------- borders
 @dataclass(frozen=True)
 class Border:
-    """A border in the store; `before` and `after` are outlines of what it closed off and will, while it waits for a person."""
+    """A stored border; while it waits for a person, `before` and `after` outline what it closed off and will."""
 
     name: str
     points: Tuple[Tuple[float, float], ...]
@@ -126,15 +126,15 @@ class Border:
 
 
 def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[Shape]:
-    """Draws outline, name and area of each border: soft ones lighter, disabled ones grey and called `off`.
+    """Draws outline, name and area of each border: soft ones lighter, disabled ones grey and labelled `off`.
 
-    Of a border that waits for a person what it closed off is dashed and grey, and what it will close off solid.
+    For a border that waits for a person, what it closed off is dashed and grey, and what it will close off is solid.
     """
     unit, shapes = layout.unit, []
     size = 0.055 * unit
     texts, wanted = [], []
     for border in stored:
-        # a name too long for the map's smaller half goes over two lines, and is cut at the end of the second
+        # a name wider than 0.45 of the map is wrapped onto two lines, and cut at the end of the second
         (text,), _ = fit_texts([transliterate(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
         if not border.enabled:
             text += f"\n{off}"
@@ -163,7 +163,7 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
 
 
 def border_color(border: Border) -> Color:
-    """Returns dark red, the lighter the softer the border is; grey if it is disabled."""
+    """Returns dark red, lighter for softer borders; grey for a disabled one."""
     if not border.enabled:
         return colors.GRAY
     return colors.blend(colors.CRIMSON, colors.WHITE, 0.55 * (1.0 - border.occupancy))
@@ -182,7 +182,7 @@ class Drawing:
 
 
 def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
-    """Points by camera, the chain as it grows, the seed."""
+    """Draws the points in their cameras' colours, the chain as it grows, and the seed."""
     unit, shapes = layout.unit, []
     if drawn.points:
         tints = tuple(colors.blend(colors.camera_color(name), colors.WHITE, 0.25) for name in drawn.point_cameras)
@@ -217,14 +217,14 @@ class TrailPoint:
 
 
 FADE_TIME = 1.5  # [s] how long a spot stays visible: long enough to follow with the eye
-_LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes it by itself, should this node have ended
+_LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes it by itself, in case this node has ended
 
 
 def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
-    """Draws for each camera a disc where it saw the spot last, and a trail that fades into the floor's white.
+    """Draws for each camera a disc where it last saw the spot, and a trail that fades into the floor's white.
 
     Args:
-        seen: the newest last; those older than FADE_TIME, or from the future by more than that, are left out.
+        seen: the newest last; spots more than FADE_TIME in the past or the future are left out.
     """
     by_camera: Dict[str, List[TrailPoint]] = {}
     for spot in seen:

@@ -13,10 +13,10 @@ from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
 from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
 
-# heights of letters as RViz counts them, in shares of the screen's height;
+# letter heights as RViz counts them, as shares of the screen's height;
 # docs/explanation/display.md has them in minutes of arc
 TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
-# of the strip's sentences: the largest in which they all fit
+# of the strip's sentences: the largest size at which all of them fit is used
 TEXT_SIZES = (0.088, 0.08, 0.074, 0.068, 0.062, 0.056, 0.05, 0.045)
 
 MAX_COMMANDS = 4
@@ -33,7 +33,7 @@ class PanelNotice:
 
 @dataclass(frozen=True)
 class PanelContent:
-    """What the text on the display depends on."""
+    """All that the text on the display depends on."""
 
     state: str = ""  # "": no state is known yet
     elapsed_s: int = 0
@@ -51,7 +51,7 @@ class PanelContent:
 
 
 def words(layout: Layout, content: PanelContent) -> List[Shape]:
-    """Writes the panel: state, time, available commands, who sees the spot; the last answer and other notices."""
+    """Writes state, time, available commands and the cameras that see the spot; the last answer and other notices."""
     return _panel(layout, content) + _strip(layout, content)
 
 
@@ -62,7 +62,7 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
 
     def line(name: str, text: str, down: float, share: float, *tints: Color) -> None:
         size = share * unit
-        # text that is too wide, for instance a camera's long name, is shrunk
+        # text that is too wide, for instance a long camera name, is shrunk
         text = transliterate(text)
         size *= min(1.0, room / max(text_width(text, size), 1e-9))
         shapes.extend(write(f"words/{name}", text, center, panel.y1 - down * unit, size, tints))
@@ -82,7 +82,7 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
     if content.commands:
         line("say", content.words("display_say"), 0.253, LABEL, colors.PALE)
         rows = [spelled_out(command) for command in content.commands]
-        rows[MAX_COMMANDS - 1 :] = [", ".join(rows[MAX_COMMANDS - 1 :])]  # the last of them is "stop": never left out
+        rows[MAX_COMMANDS - 1 :] = [", ".join(rows[MAX_COMMANDS - 1 :])]  # the last one is "stop": never left out
         for number, text in enumerate(filter(None, rows)):
             line(f"say/{number}", text, 0.333 + 0.089 * number, COMMAND, colors.WHITE)
     if content.cameras_seeing_spot:
@@ -100,9 +100,7 @@ def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
     start = content.words("display_start" if content.state else "display_waiting_system")
     answer = PanelNotice(transliterate(content.message or start), warning=not content.success)
     shown = [PanelNotice(transliterate(notice.text), notice.warning) for notice in content.notices]
-    if all(
-        notice.text != answer.text for notice in shown
-    ):  # else it stands as a notice, which stays as long as it holds
+    if all(notice.text != answer.text for notice in shown):  # else it is shown as a notice, for as long as that holds
         shown.insert(0, answer)
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit
@@ -115,7 +113,7 @@ def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
         middle = top - text_height(lines, size) / 2.0
         top -= LINE * lines * size
         name = "words/answer" if number == 0 else f"words/notice/{number}"
-        # bright ground and black letters: a warning is one for eyes without colours too
+        # black on a bright background: a warning is recognisable without colour vision too
         tint = colors.BLACK if notice.warning else colors.WHITE if number == 0 else colors.SKY_BLUE
         if notice.warning:
             plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE - 1.0) * size)

@@ -1,8 +1,8 @@
-"""What the projector shows on the floor: borders, the drawing as it grows, what save would restrict. No ROS.
+"""The projector's image on the floor: borders, the drawing as it grows, what saving would restrict. No ROS.
 
-A projector adds light. Two things follow. Dark colours cannot be seen, so the palette is the display's brighter half.
-And the cameras see the light too: nothing here looks like a laser spot. Lines are long, the seed is a ring, nothing is
-as bright as a spot, and near the spot itself nothing changes: the drawing's newest piece waits until the spot moves on.
+A projector adds light. Dark colours cannot be seen, so the palette is the brighter half of the display's. The cameras
+see the light too, so nothing here looks like a laser spot: lines are long, the seed is a ring, nothing is as bright as
+a spot. Near the spot nothing changes: the drawing's newest piece is shown only once the spot has moved on.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from vb_feedback.display.colors import Color
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
 from vb_feedback.display.scene import Border, Drawing
 
-# [m] edge of a pixel of the drawing, before it becomes the projector's image
+# [m] edge of a canvas pixel; the canvas is then warped into the projector's image
 _RESOLUTION = 0.005
 _LINE, _SEED_RADIUS, _STRIPE = 0.03, 0.15, 0.10  # [m]
-# [m] the drawing's newest end is left out: light growing beside the spot would disturb the detectors
+# [m] the drawing is left out this near the spot: light that grows beside it would disturb the detectors
 _GAP = 0.35
 _SHIFT = 4
 
@@ -34,8 +34,8 @@ class FloorContent:
 
     Attributes:
         state: name of the interaction's state; active ones get a frame in their colour.
-        spot: (x, y) [m] where the laser spot is; None: no camera sees one.
-        region: what save would restrict, above 0; None: nothing. Ignored when contents are compared.
+        spot: (x, y) [m] position of the laser spot; None: no camera sees one.
+        region: above 0 where saving would restrict the map; None: nowhere. Ignored when contents are compared.
     """
 
     state: str = DEFAULT.name
@@ -49,8 +49,8 @@ class FloorImage:
     """Renders a projector's image.
 
     Args:
-        calibration: of the projector.
-        brightness: 0 .. 1, of the full light.
+        calibration: the projector's.
+        brightness: 0 .. 1, share of the full light.
     """
 
     def __init__(self, calibration: ProjectorCalibration, brightness: float = 1.0) -> None:
@@ -59,7 +59,7 @@ class FloorImage:
         footprint = calibration.footprint()
         self._low = footprint.min(axis=0)
         columns, rows = np.maximum(2, np.ceil((footprint.max(axis=0) - self._low) / _RESOLUTION)).astype(int)
-        # an image that spans a hall is drawn no finer than the projector can show it
+        # an image that spans a hall is drawn more coarsely: no finer than the projector can show it
         self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))
         self._thickness = max(1, int(round(_LINE * self._scale)))
         self._shape = (int(rows * self._scale * _RESOLUTION) + 1, int(columns * self._scale * _RESOLUTION) + 1)
@@ -67,7 +67,7 @@ class FloorImage:
         self._to_image = calibration.matrix @ to_floor
 
     def render(self, content: FloorContent) -> np.ndarray:
-        """Draws the image: (height, width, 3) uint8 rgb."""
+        """Renders the image: (height, width, 3) uint8 rgb."""
         canvas = np.zeros((*self._shape, 3), np.uint8)
         if content.region is not None:
             self._stripes(canvas, content.region, colors.ORANGE, 0.45)
@@ -84,7 +84,7 @@ class FloorImage:
 
     # ------------------------------------------------------------- parts
     def _drawing(self, content: FloorContent) -> np.ndarray:
-        """Draws what changes during drawing; only this is left out around the spot: a border there stays lit."""
+        """Draws chain and seed; only these are left out round the spot: a border there stays lit."""
         canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
         if len(drawn.chain) > 1:
             self._line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)
@@ -99,7 +99,7 @@ class FloorImage:
         return tuple(int(round(255.0 * level * self._brightness * share)) for share in color)  # type: ignore[return-value]
 
     def _fixed(self, points: Sequence[Sequence[float]]) -> np.ndarray:
-        """Converts map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
+        """Converts map coordinates to canvas pixels in OpenCV's fixed-point format."""
         pixels = (np.asarray(points, dtype=float).reshape(-1, 2) - self._low) * self._scale
         return np.clip(np.rint(pixels * (1 << _SHIFT)), -(2**26), 2**26).astype(np.int32)
 
@@ -123,7 +123,7 @@ class FloorImage:
 
 
 def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
-    """Draws the marker that is to be clicked now (0 .. 3) as a cross and the others dim: (height, width, 3) uint8 rgb."""
+    """Draws the marker to be clicked now (0 .. 3) bright, the others dim: (height, width, 3) uint8 rgb."""
     image = np.zeros((height, width, 3), np.uint8)
     reach, thick = int(0.06 * height), max(2, int(0.006 * height))
     for index, (x, y) in enumerate(np.rint(markers(width, height)).astype(int).tolist()):

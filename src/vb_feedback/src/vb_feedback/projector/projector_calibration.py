@@ -1,4 +1,4 @@
-"""Where on the floor each pixel of a projector's image falls: a homography, from clicked points."""
+"""A projector's calibration: the homography between the floor and its image, from clicked points."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-# the markers' distance from the image's edges, as a share of its sides: near the corners, where they weigh most
+# the markers' distance from the image's edges, as a share of its sides: near the corners, where they constrain most
 _INSET = 0.12
 MARKERS = 4
-# [m] a marker nearer than this to the line through its neighbours is a mistake: they are decimetres apart
+# [m] a click nearer than this to the line through its neighbours is a mistake: markers are decimetres apart
 _MIN_DISTANCE = 0.10
 
 
@@ -26,8 +26,8 @@ class ProjectorCalibration:
     """A projector over the floor.
 
     Attributes:
-        width, height: [px] of its image.
-        matrix: (3, 3) homogeneous map coordinates [m] to (column, row) [px] of its image.
+        width, height: [px] its image's.
+        matrix: (3, 3) homography from map coordinates [m] to (column, row) [px] of its image.
 
     Raises:
         CodedError: "bad_calibration" if size or matrix cannot be a projector's.
@@ -72,18 +72,18 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
         floor: (4, 2) [m], finite, where each marker was seen, in the markers' order.
 
     Raises:
-        CodedError: "bad_click" if they cannot be the markers' places.
+        CodedError: "bad_click" if these cannot be the markers' positions.
     """
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
     # twice the area [m^2] of the triangle at each corner, above 0 if it turns counter-clockwise
     sides = np.roll(points, -1, axis=0) - points
     following = np.roll(sides, -1, axis=0)
     turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
-    # seen along its longest side, each corner stands out: no two clicks are one, no three on a line
+    # each corner stands out from the line through its neighbours: no clicks coincide, no three are on a line
     longest = max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
     if np.abs(turns).min() < _MIN_DISTANCE * longest or turns.min() < 0 < turns.max():
         raise CodedError("bad_click", reason="$clicks_out_of_order")
-    # large coordinates would cost digits: the homography is found about the points' middle
+    # large coordinates would cost precision: the homography is found relative to the points' centroid
     middle = points.mean(axis=0)
     matrix = cv2.getPerspectiveTransform(
         (points - middle).astype(np.float32), markers(width, height).astype(np.float32)
@@ -107,7 +107,7 @@ def load(path: Path) -> ProjectorCalibration:
     """Reads a calibration's YAML file.
 
     Raises:
-        CodedError: "no_calibration" if it cannot be read, "bad_calibration" if it is none.
+        CodedError: "no_calibration" if it cannot be read, "bad_calibration" if it is not a calibration.
     """
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))

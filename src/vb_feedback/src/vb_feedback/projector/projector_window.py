@@ -1,4 +1,4 @@
-"""Shows an image on a projector's full screen, by Tk: part of Python itself; OpenCV's headless build has no window."""
+"""Shows an image full-screen on a projector, with Python's own Tk: OpenCV's headless build has no windows."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_LOOK = 0.04  # [s] how often the window checks for a newer image; a still image costs nothing else
+_LOOK = 0.04  # [s] period at which the window checks for a new image; a still image costs nothing else
 
 
 class ProjectorWindow:
-    """A window without frame, title and pointer. It has its own thread, since Tk wants one thread.
+    """A window without frame, title and pointer. It has its own thread: Tk must be used from one thread.
 
     Args:
-        x, y: [px] place on the desktop: where the projector's screen begins.
+        x, y: [px] position on the desktop: the upper left corner of the projector's screen.
         width, height: [px].
-        start: starts a thread and handles its faults.
+        start: starts a thread, and handles its exceptions.
 
     Raises:
         CodedError: "no_window" if Tk is not installed or there is no screen.
@@ -40,9 +40,9 @@ class ProjectorWindow:
             raise CodedError("no_window", self._trouble)
 
     def show(self, image: np.ndarray) -> None:
-        """Shows (H, W, 3) uint8 rgb, as soon as the window looks for it."""
+        """Shows an image (H, W, 3) uint8 rgb, at the window's next check."""
         height, width = image.shape[:2]
-        # PPM is what Tk reads without any other library
+        # Tk reads PPM without any other library
         data = b"P6 %d %d 255\n" % (width, height) + np.ascontiguousarray(image).tobytes()
         with self._lock:
             self._next = data
@@ -57,7 +57,7 @@ class ProjectorWindow:
             import tkinter
 
             root = tkinter.Tk()
-        except Exception as error:  # Tk is not installed, or says that there is no screen
+        except Exception as error:  # Tk is not installed, or finds no screen
             self._trouble = f"the projector's window needs a screen and Tk (apt-get install python3-tk): {error}"
             self._ready.set()
             return
@@ -76,6 +76,6 @@ class ProjectorWindow:
                 label.configure(image=shown)
             root.update()
             time.sleep(_LOOK)
-        # Tk's objects must die in the thread that made them
+        # Tk's objects must be destroyed in the thread that made them
         root.destroy()
         shown = label = root = None  # noqa: F841

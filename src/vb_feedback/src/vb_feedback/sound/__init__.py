@@ -1,1 +1,1 @@
-"""The sounds: which one, when, and how it is played."""
+"""Sounds: which one to play when, their synthesis, and playback."""

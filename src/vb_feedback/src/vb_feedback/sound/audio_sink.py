@@ -1,4 +1,4 @@
-"""Plays samples through ALSA's aplay, the counterpart of the voice recognition's arecord."""
+"""Plays samples through ALSA's aplay, the counterpart of arecord, which voice recognition uses."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_feedback.sound.tone_synthesis import RATE
 
-# [s] beyond a sound's own length, then the device counts as stuck
+# [s] beyond a sound's own length, after which the device counts as stuck
 _TIMEOUT = 3.0
 
 
 def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
-    """Plays (N,) int16 at `tone_synthesis.RATE` to its end.
+    """Plays samples (N,) int16 at `tone_synthesis.RATE`, and waits until they have been played.
 
     Args:
-        device: ALSA's name of it, as `aplay -L` lists them.
-        program: aplay, or one with the same arguments.
+        device: the device's ALSA name, as listed by `aplay -L`.
+        program: aplay, or a program with the same arguments.
 
     Raises:
         CodedError: "no_audio" with the program's own reason.

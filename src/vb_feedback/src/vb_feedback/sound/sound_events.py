@@ -1,4 +1,4 @@
-"""Decides which sound to make when."""
+"""Decides when to play which sound."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
 from vb_core.vocabulary import DEFAULT, QUESTIONS, state_of
 from vb_msgs.msg import InteractionState
 
-TICK_PERIOD = 0.5  # [s] at 25 spots a second one tick for each would be a buzz
+TICK_PERIOD = 0.5  # [s] at 25 spots a second, a tick for each would be a buzz
 
 
 class SoundEvents:
     """Turns states and spots into the names of sounds.
 
-    A tone per change of state, one for a save that worked, one for an error, one for a question and for a drawing that
-    is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every TICK_PERIOD.
-    Time may jump back.
+    There is one sound per new state, one for a successful save, one for an error, one for a question or a drawing about
+    to be dropped, one for a stop, and a soft tick per accepted spot, at most one every TICK_PERIOD. Time may jump back.
     """
 
     def __init__(self) -> None:
@@ -26,8 +25,7 @@ class SoundEvents:
     def on_state(self, state: InteractionState) -> List[str]:
         """Returns the names of the sounds that a state message calls for, in playing order.
 
-        The first message makes none: it tells the state of the interaction, not that something happened; nor does one that
-        is only repeated.
+        The first message causes none: it reports the current state, not an event. Nor does a repeated message.
         """
         before, self._state = self._state, state
         if before is None:
@@ -46,7 +44,7 @@ class SoundEvents:
         return sounds
 
     def on_spot(self, now: float) -> List[str]:
-        """Returns a tick for a spot at a time [s], if spots are wanted and the last tick is long enough ago."""
+        """Returns a tick for a spot at a time [s], if the state collects spots and the last tick is long enough ago."""
         if self._state is None or not state_of(self._state.name).collects:
             return []
         if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD:

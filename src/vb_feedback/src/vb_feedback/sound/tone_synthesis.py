@@ -1,4 +1,4 @@
-"""Synthesises the sounds: notes to samples. No files, no ROS."""
+"""Synthesises the sounds, from notes to samples. No files, no ROS."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from vb_core.sounds import PITCHES, SOUNDS, Note
 
-RATE = 48000  # [1/s] samples; native to sound cards
+RATE = 48000  # [1/s] sampling rate; native to sound cards
 
-# share of full scale of the loudest note: leaves room for other programs' sounds
+# peak of the loudest note, as a share of full scale: leaves headroom for other programs' sounds
 _PEAK = 0.6
-# [s] over which a note swells and fades: shorter clicks
+# [s] fade-in and fade-out of a note: with shorter ones it clicks
 _FADE = 0.005
 
 
-# overtones, as shares of the fundamental: small speakers do not reproduce the low ones' fundamental
+# partials, as shares of the fundamental: small speakers do not reproduce the fundamental of low notes
 _OVERTONES = (1.0, 0.3, 0.12)
 
 
@@ -35,7 +35,7 @@ def _tone(note: Note) -> np.ndarray:
         return np.zeros(len(time))
     turns = PITCHES[note.pitch] * time
     wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * turns) for order, share in enumerate(_OVERTONES))
-    # swells at once, then fades like a struck bar
+    # a sharp attack, then a decay like a struck bar's
     envelope = np.minimum(1.0, time / _FADE) * np.minimum(1.0, (note.seconds - time) / _FADE)
     envelope = envelope * np.exp(-2.0 * time / note.seconds)
     return note.loudness * envelope * wave / sum(_OVERTONES)

@@ -2,10 +2,10 @@
 
 People close a line to enclose floor. So the opening between the ends is compared with the mean width of the floor
 that would be enclosed, which is twice its area over the line's length. The opening of a U is always wider than that,
-however deep the U is: parallel ends that are farther apart lie side by side on purpose. The less the line would have
-to turn from its end to its start, the more likely it is that a side was left unfinished, and the wider the opening may
-be, as long as the end came back by more than half of the figure's size. A wave encloses next to nothing however near
-its ends are. Ends that cross or run past each other are cut there; what is cut off counts half as opening.
+however deep the U is: parallel ends that far apart were drawn on purpose. The less the line would have to turn from its
+end to its start, the more likely it is that a side was left unfinished, and the wider the opening may be, up to half of
+the figure's size. A wave encloses next to nothing however near its ends are. Ends that cross or run past each other are
+cut there; half of the length cut off counts as opening.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vb_core import geometry
 from vb_fusion.stroke.observations import TREMOR
 
 CURLED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
-MAX_OPENING_RATIO = 0.5  # opening in widths of the figure: the end is nearer to the start than to the figure's far side
+MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer to the start than to the far side
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Closure:
     """The decision on one line.
 
     Attributes:
-        closed: polygon or separating curve.
-        code: why, with the values that its sentence names.
+        closed: polygon (True) or separating curve (False).
+        code: why; `values` has the values that its sentence names.
         gap: [m] between the ends.
-        first, last: the outermost points that belong to the line; what hangs over a closing point does not.
+        first, last: indices of outermost points that belong to the line, without an overhang past the closing point.
     """
 
     closed: bool
@@ -49,7 +49,7 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
 
     Args:
         points: (M, 2) [m], the line as drawn, M >= 2.
-        tremor: [m] what is narrower encloses nothing.
+        tremor: [m] a narrower figure encloses nothing.
     """
     points = np.asarray(points, dtype=float)
     end = len(points) - 1
@@ -61,7 +61,7 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
     length_within = geometry.chain_length(cut)
-    # what is enclosed, also where the line crosses itself
+    # mean width of the enclosed area, also where the line crosses itself
     width = 2.0 * make_valid(Polygon(cut)).area / (length_within + gap) if len(cut) > 2 else 0.0
     if opening > MAX_OPENING_RATIO * pdist(cut).max():
         code = "open_apart"
@@ -82,9 +82,9 @@ def _values(gap: float, length: float) -> Dict[str, str]:
 
 
 def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
-    """Finds the points, in the first and the last third of the line, between which it closes, and the opening [m] there.
+    """Finds the points in the first and the last third of the line between which it closes, and the opening [m] there.
 
-    What is cut off must bring the ends nearer by at least half of its own length; otherwise the ends stay.
+    An overhang is cut off only if this brings the ends nearer by at least half of its length.
     """
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     head = np.flatnonzero(arc <= length / 3.0)
@@ -96,9 +96,9 @@ def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, floa
 
 
 def _closing_turn(points: np.ndarray, lever: float) -> float:
-    """Returns the angle [deg] by which the line turns from its end to its start.
+    """Returns the angle [deg] by which the line would turn if closed from its end to its start.
 
-    Its directions there are those over a lever [m].
+    Its directions at both ends are taken over `lever` [m].
     """
     line = points @ [1.0, 1.0j]
     arc = np.append(0.0, np.cumsum(np.abs(np.diff(line))))

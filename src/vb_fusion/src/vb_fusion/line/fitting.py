@@ -1,8 +1,8 @@
 """Stage 5: the line through the stroke, with the fewest straight sides that explain it.
 
-The samples are divided into sides, exactly, by dynamic programming: a corner is worth it if leaving it out would lose
-a detail larger than the hand's tremor, and sooner where the pointer stopped. Then the corners are moved to where the
-sides fit all samples best (least squares), which puts them where the sides meet, even where no camera saw them.
+The samples are divided into sides, optimally, by dynamic programming: a corner is kept if leaving it out would lose a
+detail larger than the hand's tremor, or a smaller one where the pointer stopped. Least squares then moves the corners
+so that the sides fit all samples best, which puts them where the sides meet, even where no camera saw them.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import numpy as np
 from vb_fusion.line.resampling import ResampledStroke
 
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
-MAX_BEND = 1.5  # chords: no curved side is longer; half a circle is 1.57
+MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
 MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
-HELD = 0.3  # tremors of line that hold a vertex where it is; where its sides turn, the samples outweigh it
+HELD = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh it
 
 
 def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     """Fits straight sides to a stroke.
 
     Args:
-        stroke: what is fitted.
+        stroke: the samples to fit.
         joined: whether the line continues from its last vertex to the first.
 
     Returns:
@@ -38,8 +38,8 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
     """Divides a stroke into sides; returns the first sample of each."""
     x, y = stroke.points.T
     count = len(x)
-    # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do;
-    # what is usual is rounded, so that it seldom changes while a line grows
+    # people mark corners by stopping: where the spot was seen more than twice as long as usual, a smaller
+    # detail suffices; the usual value is rounded, so that it seldom changes while a line grows
     usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
@@ -49,13 +49,13 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
     for end in range(1, count + 1):
         starts = np.append(starts, end - 1)
         explained = best[starts] + _misfit(sums[:, end, None] - sums[:, starts])
-        # what goes back over itself is two sides
+        # a line that goes back over itself is two sides
         chord = np.hypot(x[starts] - x[end - 1], y[starts] - y[end - 1])
         back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
         cost = np.where(back, np.inf, explained)
         start = int(cost.argmin())
         best[end], before[end] = cost[start] + corner[end - 1], starts[start]
-        # a side that explains less than a corner here begins where no later one does (PELT, Killick et al. 2012)
+        # a start that is worse than a corner here will never be the best one (PELT, Killick et al. 2012)
         starts = starts[explained <= best[end] + 1e-9]
     firsts = [int(before[count])]
     while firsts[-1] > 0:
@@ -67,7 +67,7 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
     """Returns the squared distance from the best straight line, times the length [m^3].
 
     Args:
-        sums: (6, ...) of 1, x, y, xx, yy and xy.
+        sums: (6, ...) weighted sums of 1, x, y, xx, yy and xy.
     """
     w, x, y, xx, yy, xy = sums
     xx, yy, xy = xx - x * x / w, yy - y * y / w, xy - x * y / w
@@ -81,7 +81,7 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     if not joined:
         vertices = np.vstack([at[:1], vertices[1:], at[-1:]])
     count = len(vertices)
-    # what comes before the first side belongs to the last
+    # samples before the first side belong to the last side
     side = (np.searchsorted(starts, np.arange(len(at)), side="right") - 1) % count
     ends = np.column_stack([side, (side + 1) % count])
     along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
@@ -94,7 +94,7 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     rows[every, ends[:, 1]] += share[:, None] * normal
     rows = rows.reshape(len(at), -1)
     off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
-    # a corner that the samples leave open, between sides that hardly turn, stays where it is
+    # a corner that the samples do not determine, between nearly collinear sides, stays in place
     scaled = rows * stroke.weights[:, None]
     move = np.linalg.solve(scaled.T @ rows + HELD * stroke.tremor * np.eye(2 * count), scaled.T @ off)
     return vertices + move.reshape(-1, 2)

@@ -1,7 +1,7 @@
 """Stage 3: the samples of the stroke.
 
-The observations, in the order in which they were drawn, become samples a tremor apart: a spot held still is
-one sample, however long. What is drawn again over the end of the stroke is merged into it.
+The observations, in the order in which they were drawn, become samples a tremor apart; a spot held still is
+one sample, however long. A piece drawn again at the end of the stroke is merged into it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class ResampledStroke:
 
     Attributes:
         points: (K, 2) [m].
-        trust: (K,) how many spots each was made of, and how good they are.
+        trust: (K,) the total weight of the observations in each sample.
         tremor: [m] smaller details are noise.
     """
 
@@ -28,20 +28,20 @@ class ResampledStroke:
 
     @property
     def weights(self) -> np.ndarray:
-        """(K,) [m] of the line that each sample represents."""
+        """(K,) [m] length of the line that each sample represents."""
         steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * self.tremor)
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * self.tremor
 
 
 def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) -> ResampledStroke:
-    """Resamples observations evenly along the stroke; what was drawn twice at the end is merged.
+    """Resamples observations evenly along the stroke; a piece drawn again at the end is merged.
 
     Args:
         observations: (N, 2) [m], N >= 3, in order.
         trust: (N,) their weights.
-        tremor: [m] between samples.
+        tremor: [m] distance between samples.
     """
-    # what two cameras see in turn is not a movement: a mean over three observations
+    # a mean over three observations, as two cameras that see the spot in turn do not make a movement
     wide = np.pad(np.column_stack([observations * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
@@ -69,7 +69,7 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     at = stroke.points
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
     earlier, later = cKDTree(at).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
-    # the way between them is more than what a bend makes of it
+    # the stroke between them is longer than a mere bend would make it
     again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + stroke.tremor
     new = np.ones(len(at), dtype=bool)
     new[later[again]] = False

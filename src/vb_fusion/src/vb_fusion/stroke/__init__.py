@@ -1,1 +1,1 @@
-"""From spots to the stroke: which are the pointer's, in which order, and where it really was."""
+"""From spots to the stroke: which spots are the pointer's, in which order, and the pointer's true positions."""

@@ -1,7 +1,7 @@
-"""Stage 0: the spots as they came, checked and put in the order of time.
+"""Stage 0: the spots, checked and put in order of time.
 
-Everything after this works on observations. An observation is what one camera saw of one place within a time bin: some
-ten a second from a camera that sees a hand draw, and more only where the pointer is quick. A million spots become a few
+All later stages work on observations. An observation is what one camera saw at one position within a time bin: about
+ten a second from a camera that sees a hand draw, more only where the pointer is quick. A million spots become a few
 thousand.
 """
 
@@ -12,11 +12,11 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-TREMOR = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
+TREMOR = 0.05  # [m] a hand held still stays within it, and cameras agree within it
 LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently every second
-BIN_PHASE = 0.031  # of a bin: images come at round intervals, so no bin begins at a round time
-TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
-MAX_DROPOUTS = 3.0  # usual intervals between time bins within which a moving pointer is seen again
+BIN_PHASE = 0.031  # of a bin: no bin should begin at a round time, as images come at round intervals
+TIME_BIN = 0.1  # [s] within it a hand moves the pointer by centimetres, and a camera with 10 images/s sees it
+MAX_DROPOUTS = 3.0  # median intervals between occupied time bins, within which a moving pointer is seen again
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
 
@@ -27,11 +27,11 @@ class Observations:
     Attributes:
         points: (N, 2) [m].
         stamps: (N,) [s] since the drawing began; zeros for bare points.
-        cameras: (N,) int, index of the camera; of a cluster, that of one of them.
-        weights: (N,) > 0: how many spots, how confident, seen by which kind of camera.
-        mobile: (N,) bool, seen only by cameras that move.
-        spots: (N,) how many spots each is made of.
-        witnesses: (N,) int, how many cameras saw it.
+        cameras: (N,) int, index of the camera; for merged observations, of one of their cameras.
+        weights: (N,) > 0, from the number of spots, their confidence and the kind of camera.
+        mobile: (N,) bool, whether seen by mobile cameras only.
+        spots: (N,) number of spots merged into each.
+        witnesses: (N,) int, number of cameras that saw it.
     """
 
     points: np.ndarray
@@ -43,11 +43,11 @@ class Observations:
     witnesses: np.ndarray
 
     def select(self, rows) -> "Observations":
-        """Returns the observations where rows (N,) is true, or those with these indices."""
+        """Returns the observations that `rows` selects: a mask (N,) or indices."""
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def merge(self, group: np.ndarray) -> "Observations":
-        """Merges the observations of each group (N,), numbers from 0, into one at their weighted mean, of one of their cameras."""
+        """Merges the observations of each group (N,), numbered from 0, into one at their weighted mean."""
         weights = np.bincount(group, self.weights)
         x, y, times = (np.bincount(group, self.weights * one) / weights for one in (*self.points.T, self.stamps))
         cameras = np.empty(len(weights), dtype=int)
@@ -70,7 +70,7 @@ def time_bins(stamps: np.ndarray) -> np.ndarray:
 
 
 def find_dropout(stamps: np.ndarray) -> float:
-    """Finds the time [s] within which a moving pointer is seen again: a few of the usual intervals between time bins."""
+    """Finds the time [s] within which a moving pointer is seen again: a few usual intervals between time bins."""
     pauses = np.diff(np.unique(time_bins(stamps)))
     return MAX_DROPOUTS * TIME_BIN * (float(np.median(pauses)) if len(pauses) else 1.0)
 
@@ -82,10 +82,9 @@ def make_observations(
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
 ) -> Observations:
-    """Makes one observation of each spot; rows that are not finite, or are off any floor, are left out.
+    """Makes one observation of each spot; rows that are not finite, or beyond MAX_COORDINATE, are left out.
 
-    What the clock said does not matter, only the time since the drawing began: the same drawing gives the same border
-    at any hour.
+    Stamps are counted from the beginning of the drawing, so that the same drawing gives the same border at any hour.
     """
     array = np.asarray(points, dtype=float).reshape(-1, 2)
     count = len(array)
@@ -93,20 +92,20 @@ def make_observations(
     if numbers.dtype.kind not in "iu" or (count and not 0 <= numbers.min() <= numbers.max() < 256):
         numbers = np.unique(numbers, return_inverse=True)[1]
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
-    # a detector that reports 0 still saw something
+    # a detector that reports confidence 0 still saw something
     trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
     trust = np.where(moving, TREMOR / LOCALIZATION_ERROR, 1.0) * trust
     times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= MAX_COORDINATE).all(axis=1) & np.isfinite(times)
     began = times[usable].min() if usable.any() else 0.0
-    # in microseconds: a double that counts seconds since 1970 is no more precise
+    # rounded to microseconds: a double that counts seconds since 1970 is no more precise
     times = np.round(times - began, 6)
     once = np.ones(count, dtype=int)
     return Observations(array, times, numbers, trust, moving, spots=once, witnesses=once).select(usable)
 
 
 def merge_observations(spots: Observations) -> Observations:
-    """Merges spots of one camera, time bin and place into one observation; orders them by time, then by place."""
+    """Merges spots of one camera, time bin and position into one observation; orders these by time, then position."""
     if len(spots.points) == 0:
         return spots
     bins = time_bins(spots.stamps)
@@ -120,10 +119,10 @@ def merge_observations(spots: Observations) -> Observations:
 
 
 def estimate_tremor(stroke: Observations) -> float:
-    """Estimates the distance [m] from a stroke within which its observations lie: the hand's tremor and the cameras' errors.
+    """Estimates the distance [m] from a stroke within which its observations lie: hand tremor and camera errors.
 
-    It is three standard deviations of the observations from the straight way between those a fifth of a second before
-    and after, in steps of a half power of two, so that it seldom changes while a line grows.
+    It is three standard deviations of the observations from the straight line between those 0.2 s before and after,
+    rounded to half powers of two, so that it seldom changes while a line grows.
     """
     after = np.searchsorted(stroke.stamps, stroke.stamps + 2.0 * TIME_BIN)
     before = np.searchsorted(stroke.stamps, stroke.stamps - 2.0 * TIME_BIN) - 1
@@ -133,7 +132,7 @@ def estimate_tremor(stroke: Observations) -> float:
     off = stroke.points[inner] - (1.0 - share) * stroke.points[one] - share * stroke.points[other]
     if len(inner) < 10:
         return TREMOR
-    # half of the squares are below 2 ln 2 variances of an axis, of which the ends of the way add a half
+    # half of the squares are below 2 ln 2 variances of an axis; the errors of the line's ends add half a variance
     deviation = np.sqrt(np.median((off**2).sum(axis=1)) / (3.0 * np.log(2.0)))
     steps = np.round(2.0 * np.log2(max(3.0 * deviation, 1e-6) / TREMOR))
     return float(TREMOR * 2.0 ** (0.5 * np.clip(steps, -2.0, 1.0)))

@@ -1,8 +1,8 @@
 """The seed point: the last place where the pointer dwelt.
 
 The pointer's track is found as for the border (stroke/track.py): the sequence of clusters that explains most with the
-least effort. But here the pointer dwells instead of moving, and may be switched off on its way. So a cluster gains by light
-that is new at its place, and a jump costs as much as a blink of such light gains, or little more.
+least effort. Here, however, the pointer dwells instead of moving, and may be switched off on its way. So a cluster
+gains by light that is new at its place, and a jump costs as much as a blink of such light gains, or a little more.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from vb_fusion.stroke.observations import (
 )
 from vb_fusion.stroke.track import find_best_steps, find_clusters, trace_track
 
-HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
+HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
-MAX_STEP = 0.3  # [m] between two sights of a pointer on its way: three images of ten a second at 1 m/s
-MAX_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
+MAX_STEP = 0.3  # [m] between two sightings of a moving pointer: three images of ten a second at 1 m/s
+MAX_BLINK = 0.5  # [s] steady light is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
-NEW_PLACE_GAIN = 1.0  # weight of a place that was not seen before
-KNOWN_PLACE_GAIN = 0.2  # of one that was: one camera that sees new light counts more than two that see old
+NEW_PLACE_GAIN = 1.0  # gain of a place where no light was seen before
+KNOWN_PLACE_GAIN = 0.2  # of any other place: one camera that sees new light counts more than two that see old light
 
 
 @dataclass(frozen=True)
 class Dwell:
-    """A place (2,) [m] where the pointer dwelt, for how long [s].
+    """A place (2,) [m] where the pointer dwelt, and for how long [s].
 
     Attributes:
         known: light was seen there before.
         followed: the pointer was seen on its way there.
-        witnesses: how many cameras that do not move saw it.
+        witnesses: how many stationary cameras saw it.
     """
 
     point: np.ndarray
@@ -51,15 +51,15 @@ class Dwell:
 
 
 def extract_seed(points: np.ndarray, **columns) -> np.ndarray:
-    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last, (2,) float64 [m]; arguments as find_dwells."""
+    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last, (2,) float64 [m]; see `find_dwells`."""
     return choose_seed(find_dwells(points, **columns)).point
 
 
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
-    """Chooses the last dwell, as the one that is meant, unless it has fewer witnesses than one before.
+    """Chooses the last dwell as the one that is meant, unless too few cameras confirm it.
 
-    The pointer's light on the floor is seen by every camera, a false one by one only; and to a camera that moves, whatever
-    is bright is new. So light that appears elsewhere is meant only if as many stationary cameras see it.
+    Every camera sees the pointer's light on the floor, only one sees a false light; and to a mobile camera every bright
+    object is new. So light that appears elsewhere needs at least as many stationary cameras as the light before it.
     """
     chosen = dwells[0]
     for dwell in dwells[1:]:
@@ -79,8 +79,8 @@ def find_dwells(
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them; at least one.
 
-    A place where light was already seen before counts less: it is something bright, or the end of the border. The longer
-    light has been at its place [s], the less it counts as new. Cameras that agree confirm each other.
+    A place where light was already seen before counts less: it is a bright object, or the end of the border. The longer
+    light has been at its place [s], the less it counts as new. Each camera that sees a cluster adds to its gain.
 
     Args:
         points: (N, 2) [m], any order.
@@ -110,7 +110,7 @@ def find_dwells(
         point, seconds = _middle(way, last), TIME_BIN * count
         followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= MAX_STEP
         if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
-            # a pointer that comes slowly begins a spot of floor at the edge of the place; part of the dwell counts there
+            # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
             begun = dwells.pop()
             seconds, followed = seconds + begun.seconds, begun.followed
         there = ~seen.mobile & (np.linalg.norm(seen.points - point, axis=1) <= HAND_RADIUS)
@@ -120,14 +120,14 @@ def find_dwells(
 
 
 def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]]:
-    """Finds where light stayed: flashes that come again at one place, each for an instant, are not a dwell.
+    """Finds where light stayed; brief flashes that recur at one place are not a dwell.
 
     Args:
         patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in the order of time.
 
     Returns:
-        (the first cluster, the last one, how many in the stays) of each patch with a stay of MIN_DWELL, in the order of
-        the last clusters; if there is none, only the longest stay.
+        (first cluster, last cluster, number of clusters in the stays) of each patch with a stay of MIN_DWELL, in the
+        order of the last clusters; if there is none, only that of the longest stay.
     """
     order = np.argsort(patch, kind="stable")
     breaks = (np.diff(patch[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > MAX_BLINK)
@@ -141,7 +141,7 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int
 
 
 def _middle(at: np.ndarray, cluster: int) -> np.ndarray:
-    """Returns the middle (2,) of the clusters (P, 2) [m] within a hand's radius of one of them."""
+    """Returns the middle (2,) of the clusters (P, 2) [m] round one of them, by mean shift within HAND_RADIUS."""
     middle = at[cluster]
     for _ in range(5):
         middle = at[np.linalg.norm(at - middle, axis=1) <= HAND_RADIUS].mean(axis=0)
@@ -155,7 +155,7 @@ def _floor_patches(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         (P,) which patch each cluster belongs to; (P,) how many clusters were there before it.
     """
     patch, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
-    middles, seen = np.full_like(at, np.inf), np.zeros(len(at), dtype=int)  # the next one is nowhere yet
+    middles, seen = np.full_like(at, np.inf), np.zeros(len(at), dtype=int)  # the next patch is nowhere yet
     count = 0
     for cluster, point in enumerate(at):
         away = np.hypot(*(middles[: count + 1] - point).T)

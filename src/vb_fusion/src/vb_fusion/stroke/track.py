@@ -1,17 +1,17 @@
 """Stage 1: which spots are the pointer's.
 
-The pointer is one thing that moves through time. What was seen in one time bin and close together is one cluster; the
-track is the sequence of clusters that explains the most floor with the least effort. In metres:
+There is one pointer, which moves through time. Observations close together in one time bin form one cluster; the track
+is the sequence of clusters that explains the most floor with the least effort. In metres:
 
-    gain  = the floor that a cluster adds: staying and coming back add nothing more, and what is there for longer than
-            MAX_DWELL counts less and less, unless its place has a trend over time: then it is a slow hand. Places that are
-            passed at one speed add the floor between them
-    cost  = distance^2 / (time * UNSEEN_SPEED) between clusters: a gap that was crossed at the speed of a hand is cheap, a
-            pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
-            of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
+    gain  = the floor that a cluster adds: staying and coming back add nothing more, and light that stays longer than
+            MAX_DWELL counts less and less, unless its position has a trend over time, as a slow hand's has. Positions
+            passed at constant speed add the floor between them
+    cost  = distance^2 / (time * UNSEEN_SPEED) between clusters: a gap crossed at the speed of a hand is cheap, a pause
+            is free. As hands also flick, beyond a TREMOR the cost grows only logarithmically, like the negative log
+            likelihood of a heavy-tailed error. So a rest after a flick belongs to the stroke, and a stray does not pay
 
-The best track is found by dynamic programming, cluster by cluster in the order of time. It takes its time bins and its floor
-with it; the best track of what is left is the next stroke.
+Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
+removed; the best track of the remaining clusters is the next stroke.
 """
 
 from __future__ import annotations
@@ -33,26 +33,26 @@ from vb_fusion.stroke.observations import (
 
 CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
-MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
-MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright thing and a stray
+MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright object stays
+MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
 # clusters; fewer between two unseen steps are a stray or a glint, which is seen for a third of a second
 MIN_SEEN = 5
 MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
-# clusters among which a predecessor is looked for: further than a dropout, whatever glitters
+# clusters among which a predecessor is sought: they span more than a dropout, however much glitters
 LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 
 def find_clusters(seen: Observations) -> Observations:
-    """Finds the clusters of each time bin, where cameras saw most, at most MAX_SIMULTANEOUS_CLUSTERS; in the order of time."""
+    """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
     group = time_bins(seen.stamps)
-    # apart where there is a gap along x, then along y, then along x again
+    # split at gaps along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
         new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > CLUSTER_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     clusters = seen.merge(group)
     y_and_x, bins = clusters.points.T[::-1], time_bins(clusters.stamps)
-    # equal weights are sums in another order elsewhere
+    # rounded, as another computer may sum equal weights in another order
     order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), bins))
     order = order[np.arange(len(order)) - np.searchsorted(bins[order], bins[order]) < MAX_SIMULTANEOUS_CLUSTERS]
     clusters = clusters.select(order)
@@ -67,17 +67,17 @@ def find_strokes(
     Args:
         seen: in order of time.
         clusters: of these observations, in order of time.
-        widest_gap: [m] that may be missing between two clusters of one stroke.
+        widest_gap: [m] between two clusters of one stroke.
 
     Returns:
-        The indices of the observations of each stroke, in order of time; and of each glint before and after them, which may
-        be the beginning or the end of the drawing, seen too seldom to tell.
+        The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
+        which may be the beginning or the end of the drawing, but was seen too seldom to tell.
     """
     points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
     bins = time_bins(stamps)
     explained = floor_gains(points, stamps, dropout)
-    # the more things are seen at once, the less likely each is the pointer; and a stationary camera knows better where it
-    # is than one on a robot
+    # the more clusters are seen at once, the less likely each is the pointer; and a stationary camera's pose is known
+    # better than that of a camera on a robot
     trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
     trust[clusters.mobile & (np.bincount(bins, ~clusters.mobile) > 0)[bins]] *= TREMOR / LOCALIZATION_ERROR
     gains = explained * trust
@@ -102,10 +102,10 @@ def find_strokes(
 def _divide(
     line: np.ndarray, at: np.ndarray, times: np.ndarray, explained: np.ndarray, dropout: float, widest: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
-    """Divides a track, the indices of its clusters, into strokes: where nothing was seen over more than `widest` [m].
+    """Divides a track, the indices of its clusters, into strokes where nothing was seen over more than `widest` [m].
 
-    A step is seen if the floor that its two clusters explain covers it, within a dropout. A few clusters alone between
-    an unseen step and a pause are a stray or a glint, not a stepping stone; a quick hand's rest is kept.
+    A step is seen if the floor that its two clusters explain covers it, within a dropout. Few clusters isolated
+    between an unseen step and a pause are a stray or a glint and are dropped; a quick hand's rest is kept.
 
     Returns:
         The strokes, and the glints before the first and after the last of them.
@@ -113,7 +113,7 @@ def _divide(
     covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, explained[:-1] + explained[1:])
     unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
     pieces = np.split(np.arange(len(line)), unseen)
-    runs: List[List[np.ndarray]] = []  # of pieces, without a pause between them
+    runs: List[List[np.ndarray]] = []  # of pieces without a pause between them
     for piece in pieces:
         if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
             runs.append([])
@@ -131,15 +131,15 @@ def _divide(
         else:
             strokes.append(piece)
     within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
-    # what was seen once is a stray
+    # a single cluster is a stray
     glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
     return [line[stroke] for stroke in strokes], [line[glint] for glint in glints]
 
 
 def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
-    """Returns the indices of the observations beside a line, given as the indices of its clusters, at the line's own times.
+    """Returns the indices of the observations beside a line, given as the indices of its clusters, at its own times.
 
-    The pointer is in one place, so a robot's spot that is off by no more than its localisation error is still the pointer.
+    As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
     """
     times = clusters.stamps[line]
     first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
@@ -154,7 +154,7 @@ def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
     """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it.
 
-    A place counts for the four lattice nodes round it, the nearer the more, so that the gains are continuous in place.
+    A cluster is shared among the four lattice nodes round it, bilinearly, so that gains are continuous in position.
     """
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
@@ -169,38 +169,38 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     first = np.append(True, np.diff(nodes[order]) != 0)
     node = np.empty(len(order), dtype=np.int64)
     node[order] = np.cumsum(first) - 1
-    # how many clusters there are at each, itself included, wherever it lies between the nodes
+    # the number of clusters at each, itself included, independent of where it lies between the nodes
     company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
         axis=0
     )
-    # along a line, these are on average half as many again as the clusters in a width: all of them add the line's length
+    # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
     new = CLUSTER_WIDTH / np.maximum(company / 1.5, 2.0)
-    # a thing that is not seen for longer than a dropout was not there
+    # light not seen for longer than a dropout was not there
     there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
     moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / CLUSTER_WIDTH) ** 2)
     still = there * (1.0 - moved)
     stay = still[node].reshape(4, -1).max(axis=0)
     fading = np.minimum(1.0, MAX_DWELL / np.maximum(stay, TIME_BIN)) ** 2
     gains = np.maximum(new, _swept(points, stamps, dropout)) * fading
-    # in tenths of a millimetre, so that equal clusters are equal on every computer; never quite nothing
+    # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
     return np.round(gains, 4) + 1e-5
 
 
 def _moved(points: np.ndarray, stamps: np.ndarray, shares: np.ndarray, node: np.ndarray) -> np.ndarray:
-    """Returns by how much [m] the light at each node moved while it was there: a trend of place over time."""
+    """Returns how far [m] the light at each node moved while it was there: the trend of its position over time."""
     total = np.maximum(np.bincount(node, shares), 1e-9)
     t, x, y = (np.tile(values - values.mean(), 4) for values in (stamps, *points.T))
     t = t - (np.bincount(node, shares * t) / total)[node]
     spread = np.bincount(node, shares * t * t)
-    # an even movement lasts for the root of 12 standard deviations of its times
+    # a uniform movement lasts for sqrt(12) standard deviations of its times
     trend = [np.bincount(node, shares * t * axis) for axis in (x, y)]
     return np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * np.hypot(*trend)
 
 
 def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] between a cluster and its neighbours in time, where the three are passed at one speed.
+    """Returns the floor (P,) [m] between a cluster and its neighbours in time if the three are passed at one speed.
 
-    A quick hand is seen so seldom that the clusters alone are less than the line. Strays do not form such rows.
+    A quick hand is seen so seldom that its clusters alone cover less than its line. Strays do not form such rows.
     """
     swept = np.zeros(len(points))
     for back in (1, 2):
@@ -211,7 +211,7 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
             off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
             way = 0.5 * np.hypot(*(points[last] - points[first]).T)
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
-            # two clusters and one of them again are not a row: in a row the middle one is seen in the middle of the time
+            # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
             row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
             row[(whole > dropout) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
@@ -223,12 +223,12 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
 def find_best_steps(
     points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, flick: float
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Finds the best track that ends at each of the clusters (P, 2) [m], which are in the order of time.
+    """Finds the best track that ends at each of the clusters (P, 2) [m], given in order of time.
 
-    The cost of a jump beyond a flick grows with its logarithm.
+    Beyond `flick` [m] the cost of a jump grows only logarithmically.
 
     Returns:
-        (P,) what the track gains [m], and (P,) the cluster before; -1 where a track begins.
+        (P,) the gain [m] of each track, and (P,) the preceding cluster; -1 where a track begins.
     """
     count = len(points)
     earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
@@ -249,7 +249,7 @@ def find_best_steps(
 
 
 def trace_track(totals: np.ndarray, previous: np.ndarray) -> np.ndarray:
-    """Returns the indices of the clusters of the track that gains most, from what `find_best_steps` returned."""
+    """Returns the indices of the clusters of the track that gains most, from the result of `find_best_steps`."""
     track = [int(totals.argmax())]
     while previous[track[-1]] >= 0:
         track.append(int(previous[track[-1]]))

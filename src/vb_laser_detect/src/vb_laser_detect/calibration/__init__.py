@@ -1,1 +1,1 @@
-"""The pose of a ceiling camera, and whether cameras and clocks agree."""
+"""The lens and pose of a ceiling camera, and whether cameras and clocks agree."""

@@ -1,4 +1,4 @@
-"""A printed ChArUco board: how it is printed, and found in an image."""
+"""Draws a ChArUco board for printing, and finds it in an image."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ PAPERS_MM = {
 _DPI = 300
 _EDGE_MM = 8.0  # printers leave a margin
 _MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
-_MODULES = 6  # of a marker of DICT_4X4, with its black border
+_MODULES = 6  # per side of a DICT_4X4 marker, with its black border
 _MIN_CORNERS = 6
-_SQUARES = (5, 4)  # large ones, as it is seen from the ceiling
+_SQUARES = (5, 4)  # few and therefore large: a camera on the ceiling must resolve them
 _MARKER_SHARE = 0.75  # of a square's side
 
 
 @dataclass(frozen=True)
 class BoardParams(Parameters):
-    """The board that is printed; its design is fixed."""
+    """The size of the printed board; its design is fixed."""
 
     square: float = param(0.07, "m", above=0.0, high=1.0, doc="side of a square")
 
@@ -64,8 +64,8 @@ class BoardView:
 
     Attributes:
         pixels: (N, 2) [px]
-        corners: (N, 2) [m] of the same corners on the board, from its upper left corner to the right and down.
-        ids: (N,)
+        corners: (N, 2) [m] the same corners on the board, to the right and down from its upper left corner.
+        ids: (N,) the corners' numbers.
     """
 
     pixels: np.ndarray
@@ -83,7 +83,7 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     """Finds the board in an image, mono or bgr, uint8.
 
     Raises:
-        CodedError: "no_board" if there is none; "board_too_small" if it is, or may be, too small in the image;
+        CodedError: "no_board" if there is none; "board_too_small" if its markers are too small in the image;
             "board_hidden" if too few of its corners are seen.
     """
     gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
@@ -107,7 +107,7 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     if found < _MIN_CORNERS:
         raise CodedError("board_hidden", corners=found, least=_MIN_CORNERS)
     ids = ids.ravel()
-    # refined once more: whether the detector counts pixels from their centres or their edges depends on its version;
+    # refined again: whether the detector counts pixels from their centres or their edges depends on its version;
     # only within the white between a corner and the markers
     window = max(2, min(5, int(side * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
@@ -125,7 +125,7 @@ def write_board(paper: str, path: str) -> List[str]:
 
     board, (width, height) = BoardParams.for_paper(paper), PAPERS_MM[paper]
     square, dots = 1e3 * board.square, _DPI / 25.4
-    # a marker's module is a whole number of pixels, so that enlarging them keeps its edges where they belong
+    # each of a marker's modules is a whole number of pixels, so that enlarging keeps the edges in place
     wide, high = (round(dots * 1e3 * side) for side in board.size)
     picture = cv2.resize(draw_board(board, 80.0 / board.square), (wide, high), interpolation=cv2.INTER_NEAREST)
     page = np.full((round(dots * height), round(dots * width)), 255, np.uint8)
@@ -137,7 +137,7 @@ def write_board(paper: str, path: str) -> List[str]:
     cv2.putText(page, text, (ruler + round(3.0 * dots), below + 14), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 0, 2)
     try:
         Image.fromarray(page > 127).save(path, resolution=_DPI, dpi=(_DPI, _DPI))
-    except (OSError, ValueError) as error:  # no such folder; an extension that no writer knows
+    except (OSError, ValueError) as error:  # no such folder, or an unknown extension
         raise CodedError("bad_file", file=path, why=str(error)) from None
     return [
         f"wrote {path}: {paper}, {_SQUARES[0]} x {_SQUARES[1]} squares of {square:.0f} mm",

@@ -1,4 +1,4 @@
-"""A calibrated camera's file: its pose, which the launch file publishes, and as comments how well it is known."""
+"""A calibrated camera's file: its pose, which `camera_poses` publishes, and as comments how accurate it is."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class CameraPose:
         camera: its name.
         parent, frame: the transform's frames, usually map and <camera>_optical_frame.
         T: (4, 4) T_parent_frame.
-        focal: [px] of the lens with which it was found: with another lens the pose is wrong; 0 if it is not known.
+        focal: [px] focal length with which the pose was found: with another lens it is wrong; 0: not known.
     """
 
     camera: str
@@ -46,7 +46,7 @@ def save(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
     """Writes a calibration file, atomically; the previous one is kept beside it as *.old.
 
     Args:
-        report: lines that say when, how and how well it was found; they are kept as comments.
+        report: lines that say when, how and how well the pose was found; they become comments.
 
     Raises:
         CodedError: "cannot_write"
@@ -68,7 +68,7 @@ def save(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
 
 
 def load(path: Path) -> CameraPose:
-    """Reads a calibration file; inverse of `save` for what the launch file needs.
+    """Reads a calibration file; inverse of `save` but for the comments.
 
     Raises:
         CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose.
@@ -97,7 +97,7 @@ def require_own_frame(camera: str, frame: str, frames: Mapping[str, str]) -> Non
     """Refuses an optical frame that another camera has: a frame has one pose.
 
     Args:
-        frames: of each camera, this one or others.
+        frames: frame of each camera; this one may be among them.
 
     Raises:
         CodedError: "shared_frame", naming the cameras.

@@ -1,4 +1,4 @@
-"""What a person collects for a calibration, place by place, and its progress. No ROS, no terminal."""
+"""Collects the places for a calibration one by one, and describes the progress. No ROS, no terminal."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class HeldSpot:
         self._newest = -math.inf
 
     def add(self, stamp: float, spots: Sequence[Tuple[float, float]]) -> None:
-        """Adds an image's detections [s], [px], even if there are none."""
+        """Adds an image's stamp [s] and its detections (u, v) [px], even if there are none."""
         if stamp < self._newest:
             self._sightings.clear()
         self._newest = stamp
         self._sightings.extend((stamp, u, v) for u, v in spots)
 
     def place(self) -> Tuple[float, float]:
-        """Returns the place (u, v) [px] of the spot in the images of the last two seconds.
+        """Returns the spot's median position (u, v) [px] in the images of the last two seconds.
 
         Raises:
             CodedError: "spot_not_seen_by_camera" if it was not seen often enough, "spot_moving" if it was not still.
@@ -67,7 +67,7 @@ class CalibrationSession:
         """Adds a place, (u, v) in the image [px] and (x, y) in the map [m].
 
         Raises:
-            CodedError: "bad_points" if it is no place, "same_place" if the image shows it where it showed another one.
+            CodedError: "bad_points" if x or y is not finite, "same_place" if the image showed an earlier place there.
         """
         if not np.isfinite(point).all():
             raise CodedError("bad_points")
@@ -85,7 +85,7 @@ class CalibrationSession:
         return estimate_pose(self._camera, self.observed, self._point_sigma)
 
     def describe_progress(self) -> str:
-        """Describes the result of the places so far, or what is missing, in one line."""
+        """Describes the result so far, or what is missing, in one line."""
         count = f"{len(self)} place{'' if len(self) == 1 else 's'}"
         if len(self) < MIN_POINTS:
             return f"{count}; at least {MIN_POINTS} are needed"
@@ -113,7 +113,7 @@ def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
 
 
 def _how_good(estimate: PoseEstimate) -> str:
-    """Describes how well places fit, and how well a spot's place is known, in one line."""
+    """Describes how well the places fit, and a spot's uncertainty on the floor, in one line."""
     middle, worst = 100 * np.array(estimate.floor_sigma)
     return (
         f"{int(estimate.used.sum())} of {len(estimate.used)} points used, error {estimate.rms_px:.2f} px, "
@@ -131,7 +131,7 @@ def describe_points(estimate: PoseEstimate, observed: Correspondences) -> List[s
 
 
 def parse_place(text: str) -> Optional[List[float]]:
-    """Reads a line's two numbers, separated by spaces or commas; returns None for any other line."""
+    """Returns a line's two numbers, separated by spaces or commas; None for any other line."""
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:

@@ -1,7 +1,7 @@
-"""Watches the ceiling cameras together: whose detector is gone, whose calibration does not fit, which two disagree. No ROS.
+"""Watches all ceiling cameras: missing detectors, calibrations that do not fit, cameras that disagree. No ROS.
 
-Each detector reports what is wrong with its own images. This finds what shows only in comparison with the calibration
-files, and with the other cameras.
+Each detector reports what is wrong with its own images. This module finds faults that show only in comparison with the
+calibration files, and with the other cameras.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from vb_laser_detect.detection.detector_counts import MAX_CLOCK_OFFSET
 
 # [s] a detector reports each second; two reports may be late on a busy computer
 _SILENCE_TIMEOUT = 3.0
-_START_TIMEOUT = 60.0  # [s] a lab's nodes start one after the other, on a small computer for a minute
-_CLOCK_REPORTS = 10  # of which the quickest counts: a busy computer delays some, clocks that differ shift all of them
+_START_TIMEOUT = 60.0  # [s] a lab's nodes start one after the other, which takes a minute on a small computer
+_CLOCK_REPORTS = 10  # the quickest of them counts: a busy computer delays some, clocks that differ shift all of them
 _MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations of one lens by less
-# [m] the extraction takes cameras to agree within the hand's tremor; calibrated ones differ by one or two centimetres
+# [m] extraction assumes that cameras agree within the hand's tremor; calibrated ones differ by one or two centimetres
 _MAX_DISAGREEMENT = 0.05
-# sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
+# sightings compared per camera, and their lifetime [s]: enough for a median, soon replaced after a calibration
 _SIGHTINGS, _SIGHTING_LIFETIME = 200, 300.0
 _MIN_COMMON = 20  # sightings that two cameras must share before they are compared
-# a camera's usual interval between sightings, and one image that is lost; but no longer than a straight part of a slow
+# at most one lost image at a camera's usual interval between sightings, and no longer than a straight part of a slow
 # drawing lasts
 _GAP_PERIODS, _MAX_GAP = 2.5, 0.5  # [s]
-# [s] a detector looks a fixed camera's pose up twice a second: what it sees until then may still have the former one
+# [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
 _POSE_LATENCY = 5.0
 
 Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
@@ -44,7 +44,7 @@ class Report:
     """What a detector reported.
 
     Attributes:
-        at: [s] when it came; age: [s] from its stamp until then.
+        at: [s] when it arrived; age: [s] from its stamp until then.
         frame: of its images; focal: [px] of its lens. "" and 0: not known.
     """
 
@@ -55,11 +55,11 @@ class Report:
 
 
 class CameraWatch:
-    """Finds what is wrong with cameras that should be there. Not thread safe.
+    """Finds faults of the cameras that should be there. Not thread safe.
 
     Args:
         cameras: their names.
-        now: [s] when their detectors may start.
+        now: [s] when the watch begins; detectors have a minute to start.
     """
 
     def __init__(self, cameras: Sequence[str], now: float) -> None:
@@ -69,21 +69,21 @@ class CameraWatch:
         self._moved: Dict[str, float] = {}  # [s] when a camera got its present pose
 
     def report(self, camera: str, report: Report) -> None:
-        """Adopts a detector's report; one of a camera that should not be there is ignored."""
+        """Records a detector's report; that of an unexpected camera is ignored."""
         if camera in self._reports:
             self._reports[camera] = report
             self._ages[camera].append(report.age)
 
     def add_spot(self, camera: str, stamp: float, x: float, y: float) -> None:
-        """Adds a spot [m] of a stationary camera, in the map, at the time of its image [s].
+        """Adds a stationary camera's spot at (x, y) [m] in the map, with its image's stamp [s].
 
-        Nobody has to draw for the comparison: whenever people use the laser where cameras overlap, spots are compared.
+        Nobody has to draw for the comparison: any use of the laser where cameras overlap serves it.
         """
         if math.isfinite(x + y) and abs(stamp - self._moved.get(camera, -math.inf)) > _POSE_LATENCY:
             self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((stamp, x, y))
 
     def forget_spots(self, camera: str, now: float) -> None:
-        """Drops what a camera has seen, because it has had another pose since a time [s]."""
+        """Drops a camera's sightings, because it has had another pose since a time [s]."""
         self._sightings.pop(camera, None)
         self._moved[camera] = now
 
@@ -111,11 +111,11 @@ class CameraWatch:
     def misfits(
         self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str], now: float
     ) -> List[Notice]:
-        """Returns a notice for each camera whose calibration cannot be used, or is not for the images that come.
+        """Returns a notice for each camera whose calibration cannot be used, or does not fit its images.
 
         Args:
             files: each camera's calibration, or why it cannot be read.
-            kept: cameras of which an earlier pose is still published.
+            kept: cameras whose earlier pose is still published.
             now: [s]
         """
         frames = [report.frame for camera, report in self._reports.items() if not self._is_missing(camera, now)]
@@ -123,13 +123,13 @@ class CameraWatch:
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
             fault = _misfit(camera, file, report, camera in kept)
-            # its detector says that another camera has the same frame: that must be mended before the pose
+            # its detector says that another camera has the same frame: that must be resolved before the pose
             if fault is not None and not (report.frame and frames.count(report.frame) > 1):
                 found.append(Notice.from_error(fault, Severity.ERROR, camera))
         return found
 
     def disagreements(self, now: float) -> List[Notice]:
-        """Returns a notice for each two cameras that saw the laser at different places: one was moved, or has another's pose."""
+        """Returns a notice for each pair of cameras that disagree on a spot: one was moved, or has another's pose."""
         fresh = {
             camera: np.array(sorted(one for one in seen if 0.0 <= now - one[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
             for camera, seen in self._sightings.items()
@@ -146,11 +146,11 @@ class CameraWatch:
 def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     """Returns how far apart [m] two cameras see the same spot (median); NaN if they hardly saw it together.
 
-    Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
-    first one's time, between two of its sightings that follow each other at its usual pace.
+    Cameras do not take their images at the same time, and a spot moves: the second camera's position is interpolated to
+    the first one's time, between two consecutive sightings at its usual rate.
 
     Args:
-        a, b: (N, 3) sightings, in the order of time.
+        a, b: (N, 3) sightings, in order of time.
     """
     if min(len(a), len(b)) < _MIN_COMMON:
         return math.nan
@@ -168,7 +168,7 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
-    """Reads the calibration of each camera; the reason instead if there is none, or its frame is also another camera's."""
+    """Reads each camera's calibration; gives the error if there is none, or its frame is also another camera's."""
     found: Dict[str, Union[CameraPose, CodedError]] = {}
     for camera in cameras:
         try:
@@ -178,14 +178,14 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPos
     frames = {camera: file.frame for camera, file in found.items() if isinstance(file, CameraPose)}
     for camera, frame in frames.items():
         try:
-            calibration_file.require_own_frame(camera, frame, frames)  # a shared one can be right for neither
+            calibration_file.require_own_frame(camera, frame, frames)  # a shared frame can be right for neither
         except CodedError as error:
             found[camera] = error.without_traceback()
     return found
 
 
 def _misfit(camera: str, file: Union[CameraPose, CodedError], report: Report, is_kept: bool) -> Optional[CodedError]:
-    """Returns what people are told of a calibration that cannot be used, or is not for the images that come."""
+    """Returns the fault if a calibration cannot be used, or does not fit the camera's images; None if it fits."""
     name = f"{camera}.yaml"
     if isinstance(file, CodedError):
         if file.code == "shared_frame":

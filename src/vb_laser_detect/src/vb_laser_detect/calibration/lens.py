@@ -1,4 +1,4 @@
-"""A lens from views of the printed board, held in front of the camera in many ways (Zhang, 2000; OpenCV)."""
+"""Estimates a lens from views of the printed board, held before the camera in many ways (Zhang, 2000; OpenCV)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from vb_core.errors import CodedError
 from vb_laser_detect.calibration.board import BoardView
 
 MIN_VIEWS, MIN_COVERAGE = 12, 0.6
-_MAX_VIEWS = 30  # the newest ones: more make the estimate slow, and hardly better
-_CELLS = (8, 6)  # of the image; each is covered once a corner was seen in it
+_MAX_VIEWS = 30  # the newest ones: more make the estimate slower, but hardly better
+_CELLS = (8, 6)  # of the image; a cell is covered once a corner was seen in it
 _NEW_SHARE = 0.06  # of the image's width, by which a new view's corners must have moved on average
 # far more steps than OpenCV's default, which ends 3 % off a wide lens's focal length
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-9)
 _MAX_RMS = 1.0  # [px]
 _MAX_FOCAL_SIGMA = 0.01  # of the focal length: 1 cm at 1 m
 _MIN_TILT, _MIN_TILTED = np.radians(12.0), 4  # views from straight ahead cannot tell a near board from a long lens
-_MIN_CORNERS = 8  # of a view: fewer say little of the lens
+_MIN_CORNERS = 8  # of a view: fewer say little about the lens
 
 
 class LensEstimate(NamedTuple):
@@ -28,8 +28,8 @@ class LensEstimate(NamedTuple):
 
     Attributes:
         rms: [px] error of the corners.
-        focal_sigma: by which share the focal length is uncertain.
-        tilted: in how many views the board is at a slant.
+        focal_sigma: relative standard deviation of the focal length.
+        tilted: number of views in which the board is tilted.
     """
 
     camera: CameraModel
@@ -55,7 +55,7 @@ class LensCalibration:
         self._estimated: Optional[LensEstimate] = None
 
     def add(self, view: BoardView) -> bool:
-        """Adds a view unless it shows what another one did; returns whether it was added."""
+        """Adds a view unless it has too few corners or resembles another one; returns whether it was added."""
         if len(view.ids) < _MIN_CORNERS or any(self._moved(view, other) < _NEW_SHARE for other in self.views):
             return False
         self.views = [*self.views, view][-_MAX_VIEWS:]

@@ -1,8 +1,8 @@
-"""The pose of a ceiling camera in the map, from points on the floor whose places in the map and in the image are known.
+"""Estimates a ceiling camera's pose in the map from floor points whose positions in map and image are known.
 
-Consensus over minimal sets of four points finds what fits together (RANSAC; Fischler and Bolles, 1981), each set solved
-by IPPE (Collins and Bartoli, 2014). Least squares over everything that fits gives the pose, and its covariance says how
-far off a spot on the floor can be. Input that does not determine a pose is refused. The floor is the map's plane z = 0.
+Consensus over minimal sets of four points finds those that agree (RANSAC; Fischler and Bolles, 1981), each set solved
+by IPPE (Collins and Bartoli, 2014). Least squares over all points that agree gives the pose, and its covariance how far
+off a spot on the floor can be. Input that does not determine a pose is refused. The floor is the map's plane z = 0.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points, 50 sets hold one without any in 99.9 % of cases
 _SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
 _SAME_PLACE_DISTANCE = 0.01  # [m]
-_SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
+_SAME_TURN = math.radians(2.0)  # solutions whose orientations differ by less are the same
 _LIKELY = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 _PIXEL_SIGMA = 0.3  # [px] of a point in the image
 POINT_SIGMA = 0.015  # [m] of a point in the map, as clicked in RViz
-_OUTLIER = 0.06  # [m] a point farther off on the floor does not count
-_MIN_AGREEING = 0.6  # part of the points that has to agree on one pose
-_MIN_AREA = 0.025  # of the image, that the points have to span
+_OUTLIER = 0.06  # [m] on the floor: a point farther off does not count
+_MIN_AGREEING = 0.6  # share of the points that must agree on one pose
+_MIN_AREA = 0.025  # share of the image that the points must span
 _MAX_FLOOR_SIGMA = 0.1  # [m] uncertainty on the floor, anywhere in the image
 
 
@@ -50,7 +50,7 @@ class Correspondences:
             object.__setattr__(self, name, np.asarray(getattr(self, name), float).reshape(-1, 2))
 
     def select(self, chosen: np.ndarray) -> "Correspondences":
-        """Returns some of them, by indices or (N,) bool."""
+        """Returns some of the points, by indices or (N,) bool."""
         return Correspondences(self.pixels[chosen], self.points[chosen])
 
     def __len__(self) -> int:
@@ -66,8 +66,8 @@ class PoseEstimate:
         used: (N,) bool, which observations agree with it.
         errors_px: (N,) [px] distance in the image between a point and where the pose puts it.
         errors_m: (N,) [m] the same on the floor.
-        floor_sigma: (middle, worst) [m] standard deviation of a spot on the floor from the pose's uncertainty, in the
-            middle of the image and at the worst place of it.
+        floor_sigma: (middle, worst) [m] standard deviation of a spot on the floor due to the pose's uncertainty, in the
+            middle of the image and at its worst place.
     """
 
     T_map_camera: np.ndarray
@@ -88,13 +88,13 @@ class PoseEstimate:
 
 
 def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: float = POINT_SIGMA) -> PoseEstimate:
-    """Finds the pose from where the camera sees the points, known in the map to `point_sigma` [m].
+    """Estimates the pose from observed points, whose positions in the map are known to `point_sigma` [m].
 
     Raises:
         CodedError: "outside_image", "too_few_calibration_points", "collinear", "clustered" for points that cannot
             determine a pose; "no_consistent_pose" where no pose explains enough of them;
-            "below_floor" if the camera would be under it; "ambiguous" if two poses explain them; "uncertain"
-            if the pose is known too poorly.
+            "below_floor" if the camera would be below the floor; "ambiguous" if two poses explain the points;
+            "uncertain" if the pose is known too poorly.
     """
     check_points(camera, observed)
     rays = camera.rays(observed.pixels)
@@ -105,7 +105,7 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
             "no_consistent_pose", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}"
         )
     check_points(camera, observed.select(used))
-    # which points agree may change once all that agree have been used
+    # a fit to all points that agree may change which ones agree
     for _ in range(5):
         fit = _fit(camera, observed.select(used), point_sigma, start)
         errors = errors_on_floor(fit.T_map_camera, rays, observed.points)
@@ -198,7 +198,7 @@ def project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -
 def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
     """Finds the one or two poses T_map_camera from which points (N, 2) of the floor lie on rays (N, 3).
 
-    IPPE uses a homography, which is poorly determined if three of four points are nearly collinear: least squares follow.
+    IPPE uses a homography, poorly determined if three of four points are nearly collinear: least squares refine it.
     """
     # the solver needs the points around the origin
     center = np.array([*points.mean(axis=0), 0.0])
@@ -221,12 +221,12 @@ def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
 def _consensus(rays: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Finds the pose T_map_camera that most points agree on; NaN if no points determine one.
 
-    The cost of a point grows with its error up to the limit (MSAC; Torr and Zisserman, 2000): counting alone could not
-    tell a good pose from a bad one that just agrees with the same points.
+    A point's cost grows with its error up to a limit (MSAC; Torr and Zisserman, 2000): counting alone could not tell a
+    good pose from a bad one that barely agrees with the same points.
     """
     best, least = np.full((4, 4), np.nan), math.inf
     for chosen in _minimal_sets(len(points)):
-        # what the lens's model does not reach agrees with nothing
+        # points beyond the range of the lens model agree with no pose
         for pose in planar_poses(rays[chosen], points[chosen]) if np.isfinite(rays[chosen]).all() else ():
             errors = errors_on_floor(pose, rays, points) / _OUTLIER
             cost = float((np.minimum(errors, 1.0) ** 2).sum())
@@ -236,7 +236,7 @@ def _consensus(rays: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _minimal_sets(count: int) -> List[np.ndarray]:
-    """Returns sets of four of `count` points: all of them where they are few, else a fixed random choice."""
+    """Returns sets of four of `count` points: all sets if they are few, else a fixed random choice."""
     if math.comb(count, 4) <= _MAX_SETS:
         return [np.array(chosen) for chosen in itertools.combinations(range(count), 4)]
     random = np.random.default_rng(0)
@@ -244,7 +244,7 @@ def _minimal_sets(count: int) -> List[np.ndarray]:
 
 
 class _Fit(NamedTuple):
-    """A pose, its covariance (6, 6) as `_moved` counts, and the robust chi square of the measurements."""
+    """A pose, its covariance (6, 6) in the parameters of `_moved`, and the robust chi square of the measurements."""
 
     T_map_camera: np.ndarray
     covariance: np.ndarray
@@ -263,7 +263,7 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
 
     def residuals(delta: np.ndarray) -> np.ndarray:
         off = project(camera, _moved(start, delta), observed.points) - observed.pixels
-        # a pose that has a point behind it must be worse than any other
+        # a pose with a point behind the camera must be worse than any other
         return np.einsum("nij,nj->ni", whitening, np.where(np.isfinite(off), off, 1e4)).ravel()
 
     # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
@@ -275,7 +275,7 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
 
 
 def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:
-    """Refuses a pose if another one is almost as likely: a small or distant plane looks alike from two sides."""
+    """Refuses a pose if another one is almost as likely: a small or distant plane looks alike in two orientations."""
     for pose in planar_poses(camera.rays(observed.pixels), observed.points):
         if _turn(pose, fit.T_map_camera) < _SAME_TURN:
             continue

@@ -1,8 +1,8 @@
-"""A camera's pose and focal length from the four corners of a rectangle of known size on the floor.
+"""Estimates a camera's pose and focal length from the four corners of a rectangle of known size on the floor.
 
-For a first try without a calibrated lens: the camera is taken to be without distortion, its axis through the middle of the
-image. A rectangle determines the focal length only where it is seen at a slant (Zhang, 2000); where it does not, a usual
-one is taken, and then it hardly matters.
+For a first try without a calibrated lens: the lens is assumed to be free of distortion, its axis through the middle of
+the image. A rectangle determines the focal length only if it is seen at a slant (Zhang, 2000); otherwise a usual one is
+assumed, and its value then hardly matters.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from vb_core.errors import CodedError
 from vb_laser_detect.calibration.pose import planar_poses, project
 
 _CLICK_SIGMA = 1.0  # [px] how exactly a person marks a corner
-_USUAL_FOCAL, _FOCAL_SIGMA = 0.75, 0.35  # of the image's width, and of its logarithm: webcams and phones
+_USUAL_FOCAL, _FOCAL_SIGMA = 0.75, 0.35  # of the image's width, and deviation of its logarithm: webcams and phones
 _FOCALS = np.geomspace(0.3, 3.0, 48)
-_MAX_ERROR = 0.02  # of the image's diagonal: corners in another order, or of something else
+_MAX_ERROR = 0.02  # of the image's diagonal; with more, the corners are in another order, or of something else
 _DRAWS = 16
 
 
@@ -35,7 +35,7 @@ def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[i
     """Finds the camera that sees a rectangle's corners at these pixels.
 
     Args:
-        pixels: (4, 2) [px] the corners, one after the other round the rectangle.
+        pixels: (4, 2) [px] the corners, in order round the rectangle.
         size: [m] from the first corner to the second one, from the second to the third.
         image: its width and height [px].
 
@@ -62,7 +62,7 @@ def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[i
 
 
 def _view(pixels: np.ndarray, points: np.ndarray, image: Tuple[int, int], focal: float) -> Tuple[FloorView, float]:
-    """Returns the view of a focal length [px] from above the floor, and the corners' error [px], rms."""
+    """Returns the view from above the floor with this focal length [px], and the corners' rms error [px]."""
     camera = CameraModel.ideal(image[0], image[1], focal)
     best = (FloorView(camera, np.eye(4)), math.inf)
     for T in planar_poses(camera.rays(pixels), points):
@@ -73,7 +73,7 @@ def _view(pixels: np.ndarray, points: np.ndarray, image: Tuple[int, int], focal:
 
 
 def uncertainty(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int], places: np.ndarray) -> float:
-    """Returns how far [m] a spot may be off (rms) at the worst of some places (N, 2) [px], as people click inexactly."""
+    """Returns the rms error [m] of a spot at the worst of `places` (N, 2) [px], as people click inexactly."""
     random = np.random.default_rng(1)
     drawn = []
     for _ in range(_DRAWS):

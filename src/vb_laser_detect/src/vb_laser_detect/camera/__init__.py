@@ -1,1 +1,1 @@
-"""A camera that the detector reads itself: its images, its settings, its lens file. No ROS."""
+"""A camera that the detector reads directly: its images, settings and lens file. No ROS."""

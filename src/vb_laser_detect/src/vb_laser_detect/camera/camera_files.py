@@ -1,4 +1,4 @@
-"""A camera's two files: its lens, as camera_calibration writes and drivers read it (camera_info_manager), and its settings."""
+"""A camera's two files: its lens, in the format of camera_calibration and camera_info_manager; its settings."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def load_lens(path: Path) -> CameraModel:
     """Reads a lens; inverse of `save_lens`.
 
     Raises:
-        CodedError: "no_camera_info" if there is none, "bad_lens_file" if no camera can have its values.
+        CodedError: "no_camera_info" if there is no file, "bad_lens_file" if it describes no camera.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -63,7 +63,7 @@ def load_lens(path: Path) -> CameraModel:
 
 
 def set_capture(path: Path, values: Mapping[str, Union[int, float]]) -> None:
-    """Sets values of the group `capture` in detectors/NAME.yaml, and leaves the rest, comments too, as a person wrote it.
+    """Sets values of the group `capture` in detectors/NAME.yaml; leaves the rest, comments included, unchanged.
 
     Raises:
         CodedError: "bad_file" if the file cannot be changed this way, "cannot_write".

@@ -11,7 +11,7 @@ from vb_laser_detect.detector_params import CaptureParams
 
 _TIMEOUT = 5.0  # [s]
 _CONTROL = re.compile(r"^\s*(\w+) 0x[0-9a-f]+ \((\w+)\)\s*:(.*)$", re.MULTILINE)
-# what kernels have called them, the newest first
+# their names in different kernels, newest first
 _AUTO_EXPOSURE = ("auto_exposure", "exposure_auto")
 _EXPOSURE = ("exposure_time_absolute", "exposure_absolute")
 _AUTO_WHITE = ("white_balance_automatic", "white_balance_temperature_auto")
@@ -38,11 +38,11 @@ def run_v4l2(device: str, *arguments: str) -> str:
 
 
 def plan(listing: str, params: CaptureParams) -> List[str]:
-    """Returns NAME=VALUE for each control to set, in order: automatic ones are switched off before values are set.
+    """Returns NAME=VALUE for each control to set, in order: automatic modes are switched off before values are set.
 
     Args:
-        listing: what `v4l2-ctl --list-ctrls` prints. What is not wanted gets the camera's own default, if it has that
-            control: which of its values are automatic differs between cameras.
+        listing: what `v4l2-ctl --list-ctrls` prints. A setting that is 0 gets the camera's default mode, if it has
+            that control: which of its values mean automatic differs between cameras.
 
     Raises:
         CodedError: "no_control" if the camera has no control for a value that is wanted.

@@ -1,4 +1,4 @@
-"""How late a camera's images are: a light blinks at known times, and the images show it later."""
+"""Measures how late a camera's images are: a light blinks at known times, and the images show it later."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_GRID = (24, 14)  # parts of the image of which one or more show the light
+_GRID = (24, 14)  # parts of the image, at least one of which shows the light
 _LAGS = np.arange(-0.1, 3.0, 0.004)  # [s]
 _MIN_CORRELATION = 0.75
 _MIN_IMAGES = 50
@@ -22,10 +22,10 @@ def brightness(gray: np.ndarray) -> np.ndarray:
 
 
 def measure_delay(switched: Sequence[float], seen: Sequence[Tuple[float, np.ndarray]]) -> Tuple[float, float]:
-    """Finds the delay [s] at which the brightness of some part of the images follows the light best, and how exactly [s].
+    """Returns the delay [s] at which some part of the images follows the light best, and its uncertainty [s].
 
     Args:
-        switched: [s] when the light was switched, on first; at uneven times, so that no other delay looks the same.
+        switched: [s] when the light was switched, on first; irregularly, so that no other delay fits as well.
         seen: stamp [s] and `brightness` of each image.
 
     Raises:
@@ -37,7 +37,7 @@ def measure_delay(switched: Sequence[float], seen: Sequence[Tuple[float, np.ndar
     values = np.array([value for _, value in seen], float)
     values -= values.mean(axis=0)
     norms = np.linalg.norm(values, axis=0) + 1e-6
-    # a camera gathers light for a part of the time between two images: about half of it is usual
+    # a camera is exposed for part of the time between two images, usually about half of it
     gathering = 0.5 * float(np.median(np.diff(stamps)))
     times = np.repeat(np.array(switched, float), 2) + np.tile([-_EDGE, _EDGE], len(switched))
     states = np.tile([0.0, 1.0, 1.0, 0.0], len(switched) // 2 + 1)[: len(times)]

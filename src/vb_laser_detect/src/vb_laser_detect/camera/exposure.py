@@ -1,4 +1,4 @@
-"""How much of an image is saturated, and an exposure time at which the floor is grey: then a spot is the only white thing."""
+"""Measures saturation, and finds an exposure time at which the floor is grey, so that only a spot is white."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-TOO_BRIGHT = 0.05  # share of an image that is saturated; no spot can be seen there
+TOO_BRIGHT = 0.05  # saturated share of an image; no spot can be seen on saturated surfaces
 _SATURATED = 250  # [grey levels]
 _STEP = 8  # [px] between the pixels that are read: the share is that of surfaces, not of points
-FLOOR = 90.0  # [grey levels] of the middle of all pixels: a spot rises far above it, and shadows are not black
+FLOOR = 90.0  # [grey levels] wanted median of all pixels: a spot rises far above it, and shadows are not black
 _MIN_EXPOSURE, _MAX_EXPOSURE = 1, 2000  # [0.1 ms]; longer ones smear the spot and slow the camera down
-_NEAR = 10.0  # [grey levels]
+_NEAR = 10.0  # [grey levels] tolerated difference from FLOOR
 _STEPS = 12
-_WHITE_SHARE = 0.005  # of the image may be white
-WHITE = 245.0  # [grey levels] a spot's core
+_WHITE_SHARE = 0.005  # share of the image that may be white
+WHITE = 245.0  # [grey levels] a spot's core has at least
 
 
 def saturated_share(image: np.ndarray) -> float:
@@ -27,7 +27,7 @@ def saturated_share(image: np.ndarray) -> float:
 
 
 class Look(NamedTuple):
-    """What an image shows: the middle grey level of its pixels, and the share of white ones."""
+    """The median grey level of an image, and the share of it that is white."""
 
     middle: float
     white: float
@@ -39,11 +39,11 @@ def look_at(image: np.ndarray) -> Look:
 
 
 def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], None] = lambda text: None) -> int:
-    """Finds the exposure time [0.1 ms] by halving the range; a camera's image only becomes brighter with it.
+    """Finds the exposure time [0.1 ms] by bisection; a longer one only makes the image brighter.
 
     Args:
-        try_exposure: sets an exposure time and looks.
-        tell: is called with the words for each step.
+        try_exposure: sets an exposure time and measures an image.
+        tell: called with a sentence for each step.
 
     Raises:
         CodedError: "too_dark", "too_bright" if no exposure time is right; "exposure_ignored" if none changes the image.
@@ -72,4 +72,4 @@ def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], Non
         raise CodedError("too_bright")
     if seen[-1] < FLOOR / 2.0 and look.white <= _WHITE_SHARE:
         raise CodedError("too_dark")
-    return exposure  # a window or a lamp keeps it from being brighter
+    return exposure  # a window or a lamp rules out a longer one

@@ -1,4 +1,4 @@
-"""What people should send when their camera does not work."""
+"""Describes a camera in lines that people should send when it does not work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SECONDS = 5.0
 def describe(source: str, params: CaptureParams) -> List[str]:
     """Describes a camera in lines: driver, formats, sizes, rates and stamps; takes some seconds.
 
-    A device that the running detector reads is busy: then it says so, and lists what it could do.
+    A device that the running detector reads is busy: then the lines say so, and list what it can do.
     """
     versions = ", ".join(f"{name} {'.'.join(map(str, number))}" for name, number in av.library_versions.items())
     lines = [f"source {printable(source)}", f"Linux {platform.release()}, PyAV {av.__version__}, {versions}"]

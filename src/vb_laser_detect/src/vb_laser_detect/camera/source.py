@@ -1,10 +1,9 @@
-"""Reads images from a camera at this computer or in the network, or from a video file, until it is closed. No ROS.
+"""Reads images from a camera on this computer or in the network, or from a video file, until it is closed. No ROS.
 
-One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself, and is decoded
-only when it is searched, and only as far as that needs: one that comes too late costs nothing. Packets of other codecs
-build on each other, and are decoded as they come; once they are late, or one is damaged, they are skipped until the next
-that stands by itself. A file waits until its images are taken. Whatever ends the stream is reported in one sentence, and
-the camera is opened again.
+A demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself, and is decoded only when it is
+searched, and only as far as necessary: a late one costs nothing. Packets of other codecs build on each other, and are
+decoded as they arrive; once they are late, or one is damaged, they are skipped until the next keyframe. A file waits
+until its images are taken. Whatever ends the stream is reported in one sentence, and the camera is opened again.
 """
 
 from __future__ import annotations
@@ -28,17 +27,17 @@ from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.detector_params import CaptureParams
 
-_OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] a phone that sleeps, a cable that was pulled from a switch
+_OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] for a phone that sleeps, and for a cable that was unplugged
 _RETRY_PERIOD = 1.0  # [s]
-_POLL_PERIOD = 0.002  # [s] between two questions to a device: waiting for it could not be ended
+_POLL_PERIOD = 0.002  # [s] between two polls of a device: a blocking read could not be interrupted
 _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
-_CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
-_OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
-# [s] a file that is late by less keeps its images' times; a stroke's spots stay as far apart as they were
+_CLOCK_LIMIT = 5.0  # [s] a device whose stamps differ more from now has no usable clock
+_OFFSET_WINDOW = 500  # [packets] of which the quickest counts
+# [s] while a file is late by less, its images keep their times, and a stroke's spots their distances in time
 _CATCH_UP = 1.0
-_QUEUED = 0.5  # [s] images that are read later than that are skipped instead of decoded one by one
+_QUEUED = 0.5  # [s] images read later than this are skipped instead of decoded one by one
 _HALVED_ROWS = 1000  # smaller images cost little, and a spot in them has few pixels
-# a sentence's code to the FFmpeg errors that it stands for; others are reported in FFmpeg's own words
+# by a sentence's code, the FFmpeg errors that it explains; others are reported in FFmpeg's own words
 _REASONS = {
     "camera_password": (av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError),
     "camera_no_stream": (av.error.HTTPNotFoundError, av.error.InvalidDataError),
@@ -54,10 +53,10 @@ class Shot(NamedTuple):
     """One image of a camera, not decoded to pixels yet.
 
     Attributes:
-        taken: [s] since 1970, when it was taken, as well as the source can tell.
-        jpeg: as it came; None if the camera sends something else.
-        frame: what other codecs hold, if it is no JPEG.
-        left_out: for each image before it that was not decoded, why: "late_image", or "bad_image" if it, or one that it
+        taken: [s] since 1970, when it was taken, as exactly as the source can tell.
+        jpeg: as it arrived; None if the camera sends another codec.
+        frame: as decoded from another codec; None for a JPEG.
+        left_out: why each image just before it was not decoded: "late_image", or "bad_image" if it, or one that it
             builds on, was damaged.
     """
 
@@ -67,10 +66,10 @@ class Shot(NamedTuple):
     left_out: Tuple[str, ...] = ()
 
     def picture(self) -> AnyPicture:
-        """Returns the image; a large one is decoded as far as it is needed.
+        """Returns the image; a large one is decoded only as far as needed.
 
         Raises:
-            CodedError: "bad_image" for what is no JPEG; for half a JPEG when it is decoded.
+            CodedError: "bad_image" if it is no JPEG; for a truncated JPEG only when it is decoded.
         """
         if self.jpeg is None:
             width, height = self.frame.width, self.frame.height
@@ -119,21 +118,21 @@ def is_file(address: str) -> bool:
 
 
 def printable(address: str) -> str:
-    """Returns an address without its password, which cameras take before the host or among the query's values."""
+    """Returns an address without its password, which is before the host or in the query."""
     return re.sub(r"(password|pwd)=[^&]*", r"\1=***", re.sub(r"://[^/]*@", "://", address), flags=re.IGNORECASE)
 
 
 class _Clock:
-    """When images were taken, by their own time stamps and the times of their arrival.
+    """Relates a camera's time stamps to this computer's clock, by the packets' arrival times.
 
-    The network delays some packets more than others: the quickest of the last ones tells how the camera's clock differs.
+    The network delays some packets more than others: the quickest of the last ones gives the offset between the clocks.
     """
 
     def __init__(self) -> None:
         self._offsets: Deque[float] = deque(maxlen=_OFFSET_WINDOW)
 
     def offset(self, stamp: float, arrived: float) -> float:
-        """Returns what is to be added to the camera's time [s]."""
+        """Returns the offset [s] to add to the camera's time."""
         if self._offsets and abs(arrived - stamp - self._offsets[-1]) > _CLOCK_LIMIT:
             self._offsets.clear()  # the camera's clock was set
         self._offsets.append(arrived - stamp)
@@ -145,9 +144,9 @@ class CameraSource:
 
     Args:
         address: a device (/dev/video0), an address (rtsp://, http://), or a file, which is played again and again.
-        params: how.
-        handle: called with each image; a file goes on when it returns.
-        report: called with the reason whenever there are no images, and with None once they come again.
+        params: how to read it.
+        handle: called with each image; a file waits until it returns.
+        report: called with the reason whenever there are no images, and with None once they arrive.
     """
 
     def __init__(
@@ -164,11 +163,11 @@ class CameraSource:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
-        """Begins to read: `handle` and `report` may be called before this returns."""
+        """Starts reading: `handle` and `report` may be called before this returns."""
         self._thread.start()
 
     def close(self) -> None:
-        """Ends reading; waits until the camera is free for others."""
+        """Stops reading; waits until the camera is free for others."""
         self._closed.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(_OPEN_TIMEOUT)
@@ -188,7 +187,7 @@ class CameraSource:
         """Reads until the stream ends.
 
         Raises:
-            CodedError: why.
+            CodedError: why it ended.
         """
         try:
             with self._open() as container:
@@ -224,7 +223,7 @@ class CameraSource:
         if not container.streams.video:
             raise CodedError("camera_no_stream", source=printable(self.address))
         stream = container.streams.video[0]
-        # frames that several threads decode come out late
+        # decoding in several threads would delay frames
         stream.thread_type, stream.codec_context.thread_count = "SLICE", 1
         packets = self._packets(container, stream)
         if stream.codec_context.name != "mjpeg":
@@ -240,7 +239,7 @@ class CameraSource:
         for packet, offset in packets:
             at = self._taken(packet, offset)
             late = not is_file(self.address) and time.time() - 1e-3 * self.params.delay_ms - at > _QUEUED
-            # one that stands by itself twice a second, however late: a network may have become slower for good
+            # a keyframe twice a second is decoded however late: a network may have become slower for good
             if packet.is_keyframe and (not late or at - newest > _QUEUED):
                 missing = ""
             elif late:
@@ -252,7 +251,7 @@ class CameraSource:
             if missing:
                 self._left_out.append(missing)
                 if missing == "bad_image" and time.monotonic() - decoded > _STALL_TIMEOUT:
-                    # it begins with one that stands by itself, when it is opened again
+                    # when it is opened again, it begins with a keyframe
                     raise CodedError("camera_stalled", source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}")
                 continue
             newest = at
@@ -262,12 +261,12 @@ class CameraSource:
             decoded = time.monotonic()
 
     def _taken(self, item: Any, offset: Optional[float]) -> float:
-        """Returns when a packet or a frame was taken [s]; the delay may change while images come."""
+        """Returns when a packet's or frame's image was taken [s]; the delay may change meanwhile."""
         known = offset is not None and item.pts is not None
         return (float(item.pts * item.time_base) + offset if known else time.time()) - 1e-3 * self.params.delay_ms
 
     def _packets(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
-        """Yields each packet, and what makes its time stamps times since 1970 [s]; None: they say nothing."""
+        """Yields each packet, and the offset from its time stamps to times since 1970 [s]; None: unusable stamps."""
         if is_device(self.address):
             return self._from_device(container, stream)
         return self._from_network(container, stream) if is_network(self.address) else self._played(container, stream)
@@ -314,7 +313,7 @@ class CameraSource:
             container.seek(0)
 
     def _fault(self, error: Any) -> CodedError:
-        """Returns the sentence for what FFmpeg says."""
+        """Returns the coded error for an error of FFmpeg."""
         told = (*type(error).__mro__, getattr(error, "errno", None))
         code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(told)), "camera_fault")
         return CodedError(

@@ -1,6 +1,6 @@
-"""What a camera's scene looks like without a spot, and what an image changes in it, block by block of pixels.
+"""Models a camera's scene without a spot, and finds what an image changes in it, by blocks of pixels.
 
-The whole image is read only in blocks, which must stay cheap.
+Whole images are compared only by blocks, which must stay cheap.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ import numpy as np
 from vb_core.image_format import AnyPicture
 
 BLOCK = 8  # [px] edge of a block
-_BAND_BYTES = 160_000  # [bytes] of one row of all blocks in a band: it stays in the cache of the processor's core
+_BAND_BYTES = 160_000  # [bytes] of one pixel row of all blocks in a band: small enough for a core's cache
 # half of a block's rows are read, in half the time: a spot covers several rows, and in a Bayer image two neighbouring
 # rows hold all colours
 _COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
-# [grey levels] the reference brightness stays within them in very dark and very bright rooms
+# [grey levels] limits of `Background.bright`, in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
-_BRIGHT = 99.0  # [%] of the background are darker than what counts as bright in it
+_BRIGHT = 99.0  # [%] of the background are darker than what counts as bright
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noise is averaged over it
-_WEIGHT = 0.25  # of the image in a stationary camera's keyframe: the mean of some images has less noise
-_ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
-GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] by then a removed object has left the background
+_WEIGHT = 0.25  # of a new image in a stationary camera's keyframe: averaging reduces noise
+_ABSORPTION_TIME = 1.5  # [s] a change that lasts longer becomes background
+GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] after this time a removed object has left the background
 _KEYFRAME = 6  # [images] for which a moving camera's background is kept: people walk on
-_KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
-_MIN_FLICKER = 0.1  # where lamps flicker, the light of an image's rows differs by at least this part
+_KEYFRAME_PART = 0.1  # of the image's width by which the image may have moved: floor new in view is not in the keyframe
+_MIN_FLICKER = 0.1  # under flickering lamps, the light of an image's rows differs by at least this share
 _SQUARE = np.ones((3, 3), np.uint8)
 Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
@@ -36,18 +36,18 @@ Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and b
 class Background:
     """The background of one camera at full resolution, and each block's noise.
 
-    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s; blocks that show a
-    spot are left out of any.
+    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s; blocks that
+    show a spot are left out of every keyframe.
 
     Args:
         image: (H, W) or (H, W, 3) uint8, the first image as it is searched.
-        whole: the same at the camera's own size, if `image` is the half of it.
+        whole: the same at the camera's own size, if `image` has half of it.
 
     Attributes:
         image: the background itself.
-        whole: the same at the camera's own size; None if that is searched.
+        whole: the same at the camera's own size; None if that is the size searched.
         reference: what the last image was compared with.
-        blocks: their rows and columns.
+        blocks: number of their rows and columns.
         bright: [grey levels] of the brightest surfaces in it, see `ImageTraits`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
     """
@@ -55,21 +55,21 @@ class Background:
     def __init__(self, image: np.ndarray, whole: Optional[np.ndarray] = None) -> None:
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise, self._deviation, self._changed_s = np.zeros((3,) + blocks, np.float32)
-        self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
+        self._limit: Optional[np.ndarray] = None  # smallest rise that exceeds the noise, once that is known
         self._noise_s, self._noise_known = 0.0, False
         self.whole = whole
         self._adopt(image.copy())
         self.reference = self.image
-        self._gains: Optional[np.ndarray] = None  # of the rows of blocks, where the last image's light differs
+        self._gains: Optional[np.ndarray] = None  # of each row of blocks, if the last image's rows differ in light
 
     def _adopt(self, image: np.ndarray) -> None:
         """Makes an image the background."""
         self.image, self._sample = image, sample_blocks(image)
         self.motion: Optional[np.ndarray] = None
-        self._brightest: Optional[np.ndarray] = None  # of nine pixels each
+        self._brightest: Optional[np.ndarray] = None  # maxima of 3 x 3 pixels
         self._age, self._images = 0.0, 0
-        # of the room's brightest surfaces: single lamps are less than a hundredth of the image. The places in a Bayer
-        # image's pattern see different colours
+        # the room's brightest surfaces: single lamps are less than a hundredth of the image. Neighbouring pixels of a
+        # Bayer image see different colours
         seen = image if self.whole is None else self.whole
         cells = seen if seen.ndim == 3 else cv2.dilate(seen, np.ones((2, 2), np.uint8), anchor=(0, 0))
         bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
@@ -82,23 +82,23 @@ class Background:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
 
         Returns:
-            Each block's largest rise above the background, and by how much a sample of it became darker, (rows, columns)
-            uint8. While the camera moves no block counts as darker: a new keyframe soon shows it as it is.
+            Each block's largest rise above the background, and by how much its sample became darker, (rows, columns)
+            uint8. While the camera moves no block counts as darker: a new keyframe soon includes the change.
         """
         self.motion, self.reference, self._gains = motion, self.image, None
         if motion is None:
             return block_maxima(image, self.image), max_channel(cv2.subtract(self._sample, sample_blocks(image)))
         if self._brightest is None:
             self._brightest = cv2.dilate(self.image, _SQUARE)
-        # fractions of a pixel do not matter to the brightest of nine
+        # a fraction of a pixel does not matter to the maximum of nine
         self.reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
         rise = block_maxima(image, self.reference)
         return rise, np.zeros_like(rise)
 
     def subtract_bands(self, image: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
-        """Compares an image with the background in the light of each of its rows; None if all rows have the same.
+        """Compares an image with the background, relit row by row; None if all rows have the same light.
 
-        Lamps that flicker light the rows of a rolling shutter one after the other.
+        A rolling shutter exposes its rows one after the other, so that flickering lamps light them differently.
         """
         now, before = (max_channel(sample).astype(np.float32) + 1.0 for sample in (sample_blocks(image), self._sample))
         gains = np.median(now / before, axis=1)
@@ -115,7 +115,7 @@ class Background:
         return self.whole if self._gains is None else _in_light(self.whole, self._gains, 2 * BLOCK)
 
     def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
-        """Returns a part of the background as the camera sees it now; of the image where nothing was in view."""
+        """Returns a part of the background as the camera sees it now; where it does not reach, the image."""
         if self.motion is None:
             return self.image[part]
         there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
@@ -124,15 +124,15 @@ class Background:
     def foreground_blocks(self, maxima: np.ndarray, threshold: float) -> np.ndarray:
         """Finds the blocks (rows, columns) bool whose rise is at least `threshold` and exceeds the block's own noise."""
         if not self._noise_known:
-            # of the second image: the noise of the whole scene
+            # from the second image: the noise of the whole scene
             middle = float(np.median(maxima))
             self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
             self._limit, self._noise_known = None, True
         if self.motion is not None:
-            # a block's noise belongs to the edges that it showed
+            # a block's noise depends on the edges that it showed
             return maxima >= max(threshold, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
         if self._limit is None:
-            # whole grey levels, as the rise has: comparing bytes is four times faster
+            # in whole grey levels, like the rise: comparing bytes is four times faster
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(threshold)), cv2.CMP_GE) > 0
 
@@ -141,7 +141,7 @@ class Background:
 
         Args:
             picture: one that is searched at half its size is decoded whole for each keyframe.
-            rise: (rows, columns) of the blocks.
+            rise: (rows, columns) of each block.
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             dt: [s] since the last frame.
 
@@ -175,7 +175,7 @@ class Background:
             return False
         keyframe = image.copy()
         self._changed_s[:] = 0.0
-        # a block's noise belongs to the edges that it showed
+        # a block's noise depends on the edges that it showed
         self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
         left, top, wide, high = cv2.boundingRect(spots.view(np.uint8))
         if wide:
@@ -187,10 +187,10 @@ class Background:
         return True
 
     def _renewed(self, keyframe: np.ndarray, image: np.ndarray, lasting: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        """Returns a stationary camera's keyframe, at the size that is searched or the camera's own, with an image added.
+        """Returns a stationary camera's keyframe, at the size searched or the camera's own, with an image averaged in.
 
         Args:
-            lasting, kept: (rows, columns) bool, blocks that become as the image is, and that stay as they are.
+            lasting, kept: (rows, columns) bool, blocks that are replaced by the image's, and that stay as they are.
         """
         result = cv2.addWeighted(image, _WEIGHT, keyframe, 1.0 - _WEIGHT, 0.0)
         for blocks, source in ((lasting, image), (kept, keyframe)):
@@ -200,7 +200,7 @@ class Background:
         return result
 
     def _learn_noise(self, rise: np.ndarray, steady: np.ndarray, dt: float) -> None:
-        """Averages the rise of steady blocks, and its deviation; both change slowly, and not with each image."""
+        """Averages the rise of steady blocks, and its deviation; both change slowly, so not every image is used."""
         self._noise_s += dt
         if self._noise_s < _PERIOD / 8:
             return
@@ -211,10 +211,10 @@ class Background:
 
 
 def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
-    """Returns a background as lit in an image; light in it that is narrower than `max_width` [px] does not count."""
+    """Returns a background relit as in an image, whose light narrower than `max_width` [px] does not count."""
     half = 2 * math.ceil(max_width / 4)
     kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
-    # the places in a Bayer image's pattern are not mixed
+    # the colours of a Bayer image are not mixed
     step = 2 if image.ndim == 2 else 1
     kernel[::step, ::step] = 1
     gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
@@ -223,12 +223,12 @@ def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.n
 
 
 def _warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
-    """Moves an image by a motion (3, 3), over another image, which stays where nothing covers it."""
+    """Warps an image by a motion (3, 3) onto another image, which stays where nothing covers it."""
     return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
 
 
 def _in_light(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:
-    """Returns an image in the light of each row of its blocks, of an edge [px]."""
+    """Returns an image times the gains of its rows of blocks, interpolated; `edge` is a block's [px]."""
     rows = np.interp(np.arange(len(image)), edge * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
     return cv2.convertScaleAbs(image * rows.reshape((-1, 1) + (1,) * (image.ndim - 2)))
 
@@ -237,8 +237,7 @@ def _in_light(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:
 def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     """Computes each block's largest rise above the background, of any channel, in half of its rows.
 
-    Band by band: what one step leaves is still in the processor's cache for the next, which saves more than half the
-    time.
+    Works in bands: what one step leaves is still in the processor's cache for the next, which saves over half the time.
 
     Args:
         image, background: (H, W) or (H, W, C) uint8, contiguous. The difference is never stored at full size.
@@ -251,11 +250,11 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
         _band_maxima(image[top : top + high], background[top : top + high])
         for top in range(0, image.shape[0] - BLOCK + 1, high)
     ]
-    if image.shape[0] % BLOCK:  # as of half of 1080 rows: those that are left belong to the last blocks
+    if image.shape[0] % BLOCK:  # as with half of 1080 rows: the rows left over belong to the last blocks
         last = bands[-1][-1:]
         cv2.max(last, _band_maxima(image[-BLOCK:], background[-BLOCK:]), last)
     maxima = cv2.vconcat(bands)
-    if image.shape[1] % BLOCK:  # as of half of 2028 columns
+    if image.shape[1] % BLOCK:  # as with half of 2028 columns
         strips = (np.ascontiguousarray(picture[:, -BLOCK:]) for picture in (image, background))
         maxima[:, -1:] = cv2.max(maxima[:, -1:], block_maxima(*strips))
     return maxima
@@ -263,7 +262,7 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
 
 def _band_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     high, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
-    # first over rows, where memory is contiguous; then the small rest is turned and reduced the same way
+    # first over rows, where memory is contiguous; then the small rest is transposed and reduced the same way
     now, before = (picture[: high * BLOCK].reshape(high, -1) for picture in (image, background))
     length = now.shape[1] // BLOCK
     rows = _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS
@@ -303,5 +302,5 @@ def mask_of_blocks(blocks: np.ndarray, height: int, width: int) -> np.ndarray:
     rows, columns = blocks.shape
     mask = cv2.resize(blocks.view(np.uint8), (columns * BLOCK, rows * BLOCK), interpolation=cv2.INTER_NEAREST)
     rest = height - rows * BLOCK, width - columns * BLOCK
-    # what is left at the edges belongs to the last blocks
+    # pixels left over at the edges belong to the last blocks
     return cv2.copyMakeBorder(mask, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE) if any(rest) else mask

@@ -14,7 +14,7 @@ _SPOT, _REJECTED = (0, 220, 0), (0, 140, 255)
 
 
 def draw_candidates(picture: Picture, candidates: Iterable[Spot]) -> np.ndarray:
-    """Draws a green ring round each spot, and the reason beside rejected ones, into a bgr copy (H, W, 3) of the image."""
+    """Draws a green ring round each spot, and the reason beside rejected ones, in a bgr copy (H, W, 3) of the image."""
     image = picture.bgr()
     scale = max(0.4, image.shape[0] / 1500.0)
     for c in candidates:

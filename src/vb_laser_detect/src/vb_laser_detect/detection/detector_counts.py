@@ -1,4 +1,4 @@
-"""Counts and rates of a detector, and what it lacks, for its status message and notices."""
+"""Counts, rates and missing inputs of a detector, for its status message and notices."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import numpy as np
 from vb_core.errors import CodedError
 
 _WINDOW = 5.0  # [s]
-# [s] until something counts as missing: what was there before; poses, and cameras, that have not come yet: they start one
-# by one, which takes a minute on a small computer
+# [s] until an input counts as missing: one that was there before; poses, and cameras, that were not: nodes start one by
+# one, which takes a minute on a small computer
 _SILENCE, _POSES_START, _CAMERAS_START = 3.0, 30.0, 60.0
 _FAULTS = {"no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}  # by what an image lacks
-SLOW_RATE = 5.0  # [1/s] a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
+SLOW_RATE = 5.0  # [1/s] at which a stroke at 0.5 m/s leaves one spot per 10 cm; slower cameras work, but draw coarsely
 MAX_CLOCK_OFFSET = 0.1  # [s] a pointer moved at 0.5 m/s is 5 cm further on by then
 
 
 class InputWatch:
-    """Finds what a detector lacks, by its images. Not thread safe.
+    """Finds what a detector lacks, from its images. Not thread safe.
 
     Args:
         now: [s] when the detector was started; 0: simulated time has not begun, and the first time given counts.
     """
 
     def __init__(self, now: float) -> None:
-        self._complete = False  # whether an image lacked nothing before
+        self._complete = False  # whether any image so far lacked nothing
         self._started, self._image_at = now, None
         self._missing: Tuple[Optional[CodedError], float] = (None, now)  # what images lack, and since when [s]
 
     def see_image(self, now: float, missing: Optional[CodedError]) -> None:
-        """Notes an image at a time [s], and what is missing to place its spots; None for nothing."""
+        """Records an image at a time [s], and what is missing to locate its spots; None for nothing."""
         self._image_at = now
         before, since = self._missing
         same = missing is not None and before is not None and missing.code == before.code
@@ -39,7 +39,7 @@ class InputWatch:
         self._complete |= missing is None
 
     def current_fault(self, now: float) -> Optional[CodedError]:
-        """Returns what people should know at a time [s]: that no images come, or what they lack; `why` in detail."""
+        """Returns the fault at a time [s]: no images, or what they lack, with `why` in detail; or None."""
         self._started = self._started or now
         if self._image_at is None:
             return CodedError("camera_silent") if now - self._started > _CAMERAS_START else None
@@ -81,7 +81,7 @@ class DetectorCounts:
         """Returns what is wrong with the images of the last seconds.
 
         Args:
-            foreign_clock: the times that they carry come from elsewhere. A busy computer delays some images, clocks
+            foreign_clock: whether their stamps come from another node. A busy computer delays some images, clocks
                 that differ shift all of them: the quickest one counts.
         """
         frames = np.array(self._frames, dtype=float).reshape(-1, 3)

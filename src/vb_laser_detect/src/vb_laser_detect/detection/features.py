@@ -1,9 +1,9 @@
-"""Measures a region in numbers, and judges by them whether it shows a laser spot.
+"""Measures features of a region, and decides by them whether it shows a laser spot.
 
-`measure` cuts a blob out of the rise over the reference and describes it. Light is brightest in its middle, ends within
-some pixels and darkens nothing; each number measures one of these. An additive logistic model weighs them: each has a curve,
-linear between knots, whose value is what it adds to the logarithm of the odds. It is 0 for a usual spot, so the number
-that lowers it most is the reason for a rejection. bench/detection/training.py makes the curves.
+`measure` cuts a blob out of the rise over the reference and measures what sets light apart: it is brightest in its
+middle, ends within some pixels and darkens nothing. An additive logistic model weighs the features: each has a curve,
+linear between knots, whose value it adds to the log-odds. That is 0 for a usual spot, so the feature that lowers the
+log-odds most is the reason for a rejection. bench/detection/training.py fits the curves.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import numpy as np
 
 from vb_laser_detect.detection.background import Region, max_channel, relight
 
-_EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
-_MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
-_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
-_WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
-_GRAY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
+_EDGE = 0.35  # the blob is where the rise exceeds this share of its peak
+_MAX_ELONGATION = 2.0  # largest length of a spot, in largest diameters: a fast one is elongated
+_ONE_MOSAIC = 0.75  # in one mosaic, a small spot's colour depends on the pixels it falls on; in a mean it does not
+_WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above this says nothing about colour
+_GRAY = 0.85  # a floor is grey if its weakest channel has at least this share of the strongest
 FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
-# its surroundings say nothing against a spot that is where it was expected; nor does its colour, which it has shown and
-# which other light, or the places of a mosaic that it falls on, may now hide
+# features that do not count against a spot seen where it was expected: its surroundings, and its colour, which it has
+# shown before, and which other light, or the pixels of a mosaic that it falls on, may now hide
 _NOT_OF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
@@ -41,9 +41,9 @@ class Blob:
     Attributes:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
-        problem: "too_large" or "too_faint" if only the place was measured.
-        tint: (C,) each channel's part in its light, see `tint_of`; None for grey images.
-        features: values of FEATURES by name; NaN where one says nothing.
+        problem: "too_large" or "too_faint" if only position and size were measured; else "".
+        tint: (C,) each channel's share of its light, see `tint_of`; None for grey images.
+        features: values by names of FEATURES; NaN for one that says nothing.
     """
 
     u: float
@@ -60,7 +60,7 @@ class ImageTraits(NamedTuple):
     Attributes:
         diagonal: [px]
         mosaic: whether they are Bayer images.
-        bright: [grey levels] of the room's bright surfaces, at the present exposure: a spot's brightness is relative to it.
+        bright: [grey levels] of the room's bright surfaces, at the current exposure; spots are judged relative to it.
     """
 
     diagonal: float
@@ -81,9 +81,9 @@ def measure(
     Args:
         image: (H, W) or (H, W, 3) uint8.
         reference: the same shape; what the floor there looks like without a spot.
-        region: that holds the peak.
+        region: contains the peak.
         max_diameter: [px] a spot's largest diameter.
-        max_width: [px] what is wider became brighter with the floor around it, and belongs to the background.
+        max_width: [px] wider light is a change of the room's light, and belongs to the background.
 
     Returns:
         The blob; see its `problem`.
@@ -91,13 +91,13 @@ def measure(
     left, top, right, bottom = region
     margin, missing = 20, 1
     while missing > 0:
-        # even bounds keep each pixel's place in a Bayer image's pattern
+        # even bounds keep each pixel's position in the Bayer pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         window = slice(y0, bottom + margin), slice(x0, right + margin)
         now, before = image[window], reference[window]
         if max_width < math.inf:
             before = cv2.max(before, relight(before, now, max_width))
-        # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
+        # the kernel [1 2 1] averages out noise and a Bayer image's mosaic
         smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, before)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
         _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
@@ -149,14 +149,14 @@ def _light_of(
         # a light darkens no channel, paint does
         "fall": max(0.0, float((reference_levels - levels).max())) / traits.bright,
         "diameter": math.log(diameter / traits.diagonal),
-        # many webcams show a spot as white, mosaics show its colour: only there does one blob's colour say something
+        # many webcams show a spot as white, mosaics show its colour: only there is a single blob's colour informative
         "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if traits.mosaic else math.nan,
     }
 
 
 # ------------------------------------------------------------------ colour
 def planes_of(image: np.ndarray, mosaic: bool) -> Sequence[np.ndarray]:
-    """Returns the plane of each channel; the four places in a Bayer image's pattern count as channels."""
+    """Returns the plane of each channel; the four positions in a Bayer pattern count as channels."""
     if not mosaic:
         return cv2.split(image)
     even = image[: image.shape[0] & ~1, : image.shape[1] & ~1]
@@ -167,7 +167,7 @@ def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.n
     """Returns the mean (C,) of each channel of images over a mask (H, W), which must not be empty."""
     masks = planes_of(mask, mosaic)
     if not all(map(cv2.countNonZero, masks)):
-        masks = planes_of(cv2.dilate(mask, _SQUARE), mosaic)  # nine pixels hold all four places
+        masks = planes_of(cv2.dilate(mask, _SQUARE), mosaic)  # nine pixels hold all four positions
     return [
         np.array([cv2.mean(plane, over)[0] for plane, over in zip(planes_of(image, mosaic), cycle(masks))], np.float32)
         for image in images
@@ -185,8 +185,8 @@ def tint_of(
     """Returns each channel's share (C,) of a blob's light: 1 for the strongest, 1 for all if the light is white.
 
     White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
-    and has that colour. Where the core is white, since it saturates every channel, the light around it must show the
-    colour; that counts on a grey floor only, where white things rise evenly.
+    and has that colour. Where the core is white because every channel is saturated, the light around it must show
+    the colour; that counts on a grey floor only, where white things rise evenly.
 
     Args:
         blob: (H, W) uint8 mask.
@@ -207,7 +207,7 @@ def tint_of(
     level, floor = means_over(halo, mosaic, image, background)
     if floor.min() < _GRAY * floor.max():
         return core
-    # in a person's shadow a white light would seem to rise unevenly: less is left of the floor's light
+    # in a person's shadow less is left of the floor's light, so that white light would seem to rise unevenly
     beside = cv2.compare(cv2.bitwise_or(bright, blob), 0, cv2.CMP_EQ)
     left = sum(cv2.mean(image, beside)) / max(sum(cv2.mean(background, beside)), 1.0)
     rise = level - min(1.0, left or 1.0) * floor
@@ -236,7 +236,7 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
 
 
 def _edge(mask: np.ndarray, now: np.ndarray, before: np.ndarray) -> float:
-    """Returns the slope of a blob's outline in the image, as a share of that in image and reference together.
+    """Returns the gradient along a blob's outline in the image, as a share of that in image and reference together.
 
     A ghost's outline is in the reference alone.
     """
@@ -259,7 +259,7 @@ def _gradient(plane: np.ndarray) -> np.ndarray:
 
 # ------------------------------------------------------------------ judgement
 class SpotClassifier:
-    """The curves of all features.
+    """An additive logistic model with a curve for each feature.
 
     Args:
         curves: feature to (knots, values), both (K,); values in logits.
@@ -270,11 +270,11 @@ class SpotClassifier:
         self.curves, self.intercept = curves, intercept
 
     def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
-        """Weighs a blob's features; one that says nothing (NaN) adds nothing.
+        """Classifies a blob by its features; one that says nothing (NaN) adds nothing.
 
         Args:
-            blob: itself; the curves do not use it.
-            expected: a spot was seen until now, and should be there.
+            blob: not used by the curves.
+            expected: whether a tracked spot should be there.
 
         Returns:
             The probability that it is a spot, 0 ... 1, and the feature that speaks most against it.
@@ -293,7 +293,7 @@ class SpotClassifier:
 
 @lru_cache(maxsize=None)
 def packaged_classifier() -> SpotClassifier:
-    """Reads the classifier that comes with the package, as bench/detection/training.py writes it; once."""
+    """Returns the package's own classifier, written by bench/detection/training.py; reads it only once."""
     document = json.loads(Path(__file__).with_name("spot_classifier.json").read_text(encoding="utf-8"))
     curves = {name: (np.array(one["knots"]), np.array(one["values"])) for name, one in document["curves"].items()}
     return SpotClassifier(curves, document["intercept"])

@@ -1,9 +1,7 @@
-"""From a pixel to a point on the floor, in the map frame (Section 4: ground plane for stationary cameras, depth for
-mobile ones).
+"""Projects pixels to the floor, in the map frame (Sect. 4: ground plane for stationary cameras, depth for mobile ones).
 
-Only the pixel is undistorted, never the image. A ray that meets a robot before it meets the floor shows the robot, and
-nothing on it is a spot on the floor, whatever it looks like. Where robots are is known, so no rule about their lights,
-buttons and reflections is needed.
+Only the pixel is undistorted, never the image. A ray that meets a robot before the floor shows the robot, and nothing
+on it is a spot on the floor. Because the robots' poses are known, their lights, buttons and reflections need no rules.
 """
 
 from __future__ import annotations
@@ -23,15 +21,15 @@ from vb_core.parameters import Parameters, param
 # a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
 DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
 
-# what vb_msgs/LaserSpot calls them in capitals
+# vb_msgs/LaserSpot's constants in lower case
 GROUND_PLANE = "ground_plane"
 DEPTH = "depth"
 GROUND_PLANE_FALLBACK = "ground_plane_fallback"
 _MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an error of one pixel is centimetres
-# [m] a depth point is farther from the floor on an object; [m/m] at a distance, as the depth's noise grows
+# [m] a depth point farther from the floor is on an object; [m/m] more with distance, as the depth's noise grows
 _MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
-_DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
+_DEPTH_SHARE = 0.3  # of the neighbourhood must have readings; else the plane is used, and the point says so
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings count as holes, for every camera of this kind
 _CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel, the one beside it and the one below
 
@@ -62,7 +60,7 @@ class FloorPoint:
 
 
 def _scales(corners: np.ndarray) -> np.ndarray:
-    """Returns the floor length of pixels (N,) [m/px], the mean over directions, from the places (N, 3, 3) of their corners."""
+    """Returns the floor length (N,) of pixels [m/px], the mean over directions, from their corners (N, 3, 3) [m]."""
     along, down = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.abs(along[:, 0] * down[:, 1] - along[:, 1] * down[:, 0])
     return np.sqrt(np.where(areas > 0.0, areas, np.nan))
@@ -117,7 +115,7 @@ class FloorProjection:
 
         Args:
             depth: (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
-                holes. None, or too few readings round the pixel: the floor plane is used instead, and marked.
+                holes. None, or too few readings round the pixel: the floor plane is used, and `source` says so.
             depth_camera: the depth image's own model. None: that of the colour image, scaled to its size.
 
         Raises:
@@ -148,10 +146,10 @@ class FloorProjection:
 def depth_over_plane(
     depth: np.ndarray, pixel: np.ndarray, camera: CameraModel, T_map_camera: np.ndarray, height: float
 ) -> Optional[float]:
-    """Reads a depth image at a pixel, as a multiple of the floor plane's depth there; None if there are only holes.
+    """Returns the depth at a pixel as a multiple of the floor plane's depth there; None if there are too few readings.
 
-    Each reading near by is divided by what the plane would show in its place, so that neither the floor's slant nor the side
-    on which readings are missing shifts their median.
+    Each reading nearby is divided by what the plane would show at its pixel, so that neither the floor's slant nor the
+    side on which readings are missing shifts their median.
     """
     if not camera.contains(pixel[None])[0]:
         return None
@@ -181,13 +179,13 @@ class RobotCylinder:
     height: float
 
     def occludes(self, origin: np.ndarray, floor: np.ndarray) -> bool:
-        """Returns whether a ray passes through it.
+        """Returns whether a ray passes through the cylinder.
 
         Args:
             origin: (3,) [m] of the camera, above the floor.
             floor: (3,) [m] where the ray meets the floor.
         """
-        # seen from above, the part of the ray that is not higher than the cylinder: how near it comes to the axis
+        # seen from above: how near the ray, where it is not higher than the cylinder, comes to the axis
         share = min(1.0, self.height / (origin[2] - floor[2]))
         along, axis = share * (origin - floor)[:2], np.array([self.x, self.y]) - floor[:2]
         nearest = min(1.0, max(0.0, float(axis @ along) / max(float(along @ along), 1e-12)))
@@ -195,17 +193,17 @@ class RobotCylinder:
 
 
 class ImageGeometry:
-    """Places the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
+    """Locates the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
 
     Attributes:
-        pose_error: why the requested pose is not known; None while all is well.
+        pose_error: why the requested pose is not known; None if it is, or was not requested.
 
     Args:
         camera: of the image.
         pose: returns (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
         floor_projection: the camera's.
         depth: returns the depth image of that time; None: the floor is a plane.
-        cylinders: returns what stood on the floor at that time; asked at most once, and only for a candidate.
+        cylinders: returns the robots on the floor at that time; called at most once, and only for a candidate.
     """
 
     def __init__(
@@ -231,7 +229,7 @@ class ImageGeometry:
         return self._ask_cylinders()
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or without a pose, see `pose_error`."""
+        """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or with a `pose_error`."""
         if self.pose_error is None:
             try:
                 corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
@@ -247,7 +245,7 @@ class ImageGeometry:
         """Projects a pixel to the floor.
 
         Raises:
-            CodedError: where there is no floor point; "on_robot" if a body hides it.
+            CodedError: where there is no floor point; "on_robot" if a robot hides it.
         """
         if self._depth is None:
             point = self._floor_projection.on_plane(self._camera, self.pose, u, v)

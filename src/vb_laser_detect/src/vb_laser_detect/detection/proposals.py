@@ -1,13 +1,13 @@
-"""Regions worth examining: what became brighter than the scene was, for every camera.
+"""Proposes regions to examine: those that became brighter than the scene was.
 
-One idea for all cameras: a keyframe, which is never taken from a spot. The background stays where it was taken, and each image
-is compared with it, through one motion from the keyframe to now if the camera moves (`ImageRegistration` estimates it), so
-that nothing is resampled twice and no error adds up. Every second, or every few images of a camera that moves, the image
-itself becomes the keyframe, except where it shows a spot or has just changed. What shone in the keyframe within a pixel, the
-uncertainty of that motion, is not new.
+Any camera's background is a keyframe, which never includes a spot. Each image is compared with it: a moving camera's
+through a single motion from the keyframe to the image (`ImageRegistration` estimates it), so that nothing is resampled
+twice and no error accumulates. Once a second, an image is averaged into a stationary camera's keyframe, except where it
+shows a spot or has just changed; every few images, one replaces a moving camera's, except where it shows a spot. What
+was bright in the keyframe within one pixel, the uncertainty of the motion, is not new.
 
-The first image of a scene is its background: what shines there may be a lamp, and only its motion can tell. When a light is
-switched, the floor under a spot that was followed until then is known in the old light.
+The first image of a scene is its background: a light in it may be a lamp, and only its motion can tell. When a light is
+switched, the floor under a tracked spot is known from the old background, which is relit.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, Region, relight
 from vb_laser_detect.detection.tracking import Expected, Spot
 
-_MIN_CHANGE = 0.15  # of what is bright in the room; what differs by less from the background becomes part of it
-_HALF_LEVEL = 0.8  # at least this part of its level is left of a spot of few pixels in the halved image
-_MIN_BUSY = 0.02  # from here on so much of an image is `busy` that ghosts may be left
+_MIN_CHANGE = 0.15  # of what is bright in the room; smaller differences become part of the background
+_HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
+_MIN_BUSY = 0.02  # from this value of `busy` on, ghosts may be left
 _UNSEEN = 1.0  # [s] between two images: long enough for a hand to take something away
-_MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
+_MAX_REGIONS = 24  # walking people cause fewer, and examining more would take longer than an image period
 _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
-_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts again
-_WIDTH = 240  # [px] at least, of the images in which corners are followed
-_MAX_CORNERS, _MIN_CORNERS = 48, 12  # looked for; needed to know a motion
+_MAX_CHANGE = 0.15  # of the image brighter, or twice as much darker: the light was switched, a new background begins
+_WIDTH = 240  # [px] at least, of the images in which corners are tracked
+_MAX_CORNERS, _MIN_CORNERS = 48, 12  # looked for; needed to estimate a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
-_MIN_AGREEING = 0.35  # of the corners have to agree
-_MIN_MOTION_PX = 0.35  # [px] where no place of the image has moved as far, the camera is stationary
+_MIN_AGREEING = 0.35  # of the corners must agree
+_MIN_MOTION_PX = 0.35  # [px] if no part of the image has moved this far, the camera is stationary
 _FLOW = dict(
     winSize=(11, 11),
     maxLevel=2,
@@ -43,13 +43,13 @@ _FLOW = dict(
 
 
 class SearchedImage(NamedTuple):
-    """An image, and what is known of the scene. Places and regions are the picture's own pixels, whatever is searched.
+    """An image, and what is known of the scene. Positions and regions are in the picture's own pixels, even if halved.
 
     Attributes:
         background: what the picture is compared with.
         regions: to examine, the brightest first.
-        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker; restless: bool, those
-            that something other than a spot changed so short a time ago that it may have left a ghost there.
+        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker; restless: bool,
+            those that something other than a spot changed so recently that it may have left a ghost there.
     """
 
     picture: AnyPicture
@@ -65,17 +65,17 @@ class SearchedImage(NamedTuple):
         return BLOCK * self.picture.scale
 
     def brightest(self, region: Region) -> float:
-        """Returns how bright [grey levels] the brightest sample of a region is, or may be while only a half is decoded."""
+        """Returns the brightest sample [grey levels] of a region; an upper bound while only the half is decoded."""
         if self.picture.whole:
             return brightest(self.picture.pixels, region)
         return brightest(self.picture.searched, tuple(side // self.picture.scale for side in region)) / _HALF_LEVEL
 
     def surroundings(self, u: float, v: float, diameter: float) -> Dict[str, float]:
-        """Returns what a blob's surroundings say of it, by the names of `features.FEATURES`.
+        """Returns the features that a blob's surroundings determine, by the names of `features.FEATURES`.
 
-        "busy" is how much else changed in the image, apart from the blob and its own light. "edge" is NaN where the blob
-        cannot be a ghost (the trace of an object that moved away): the camera stands still, little else changes, and nothing
-        passed by recently. A real spot on the edge of a white sheet could otherwise look like one.
+        "busy" is how much else changed in the image, apart from the blob and its own light. "edge" is NaN where the
+        blob cannot be a ghost (the trace of an object that moved away): the camera is stationary, little else changes,
+        and nothing passed by recently. A real spot on the edge of a white sheet could otherwise look like a ghost.
         """
         reach = 1.25 * diameter + self.block_px
         own, around = (blocks_around(self.changed.shape, u, v, size, self.block_px) for size in (reach, 2.0 * reach))
@@ -87,10 +87,10 @@ class SearchedImage(NamedTuple):
 
 
 class ImageRegistration:
-    """Estimates how one camera moved since a keyframe: shift, turn and scale, which describe any motion over a few images.
+    """Estimates one camera's motion since a keyframe: shift, rotation and scale, which suffice over a few images.
 
-    Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what
-    moves by itself, people and the laser spot, does not agree and is left out (RANSAC).
+    Corners of the keyframe are tracked into each image (sparse optical flow), and enough of them agree on one motion;
+    those on people and the laser spot, which move by themselves, do not agree and are left out (RANSAC).
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class ImageRegistration:
     def motion_to(self, image: np.ndarray) -> Optional[np.ndarray]:
         """Estimates the motion (3, 3) from pixels of the keyframe to those of this image; None if it is not known.
 
-        The first image is a keyframe.
+        The first image becomes the keyframe.
 
         Args:
             image: (H, W) or (H, W, 3) uint8.
@@ -129,14 +129,14 @@ class ImageRegistration:
     def set_keyframe(self) -> None:
         """Makes the last image the keyframe."""
         self._keyframe = self._latest
-        # where exactly a corner is does not matter
+        # the exact position of a corner does not matter
         half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         found = cv2.goodFeaturesToTrack(half, _MAX_CORNERS, 0.01, 4)
         self._corners = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
         self._motion = np.eye(3)
 
     def _follow(self) -> Optional[np.ndarray]:
-        """Finds the motion since the keyframe on which most corners agree; None if too few do."""
+        """Finds the motion since the keyframe on which the most corners agree; None if too few do."""
         if len(self._corners) < _MIN_CORNERS:
             return None
         ahead = cv2.perspectiveTransform(self._corners, self._motion)
@@ -161,11 +161,11 @@ class Proposer:
         self._motion = np.eye(3)  # from the background's pixels to the last image's
 
     def estimate_motion(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """Estimates how the camera moved since the last image, (3, 3); None if that is not known. Call it before `propose`."""
+        """Estimates the camera's motion (3, 3) since the last image; None if unknown. Call it before `propose`."""
         if self._registration is None:
             return None
         found, before = self._registration.motion_to(image), self._motion
-        # while it is not known the camera is taken to be where it was
+        # while the motion is unknown, the camera is taken to be where it was
         if found is None:
             return None
         self._motion = found
@@ -190,19 +190,19 @@ class Proposer:
             self._start(picture, expected)
             rise, fall = self._background.subtract_background(image, None)
             hot, darker = rise >= self._least_change, fall > self._least_change
-        # a spot shows the camera's white wherever it falls; by how much it rises depends on the floor, and on a bright one a
-        # person beside it rises more
+        # the brightest first: a spot is white on any floor, but its rise depends on the floor, and a person beside it
+        # rises more on a bright one
         regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
         regions = [_in_picture(region, picture) for region in regions]
         return SearchedImage(picture, self._background, regions, rise, hot | darker, self._restless_s > 0.0)
 
     def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the blocks' rise, and which of them became brighter than noise does, and darker, bool."""
+        """Returns the blocks' rise, which of them rose above the noise, and which became darker (bool)."""
         least = self._least_change
         return rise, self._background.foreground_blocks(rise, least), fall > least
 
     def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> None:
-        """Begins a background. A spot is not floor: where one is expected, the previous background is used, in the new light."""
+        """Begins a new background; where a spot is expected, the previous one is used, relit."""
         block, before = BLOCK * picture.scale, self._background
         keyframes = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
         for one in expected:
@@ -213,7 +213,7 @@ class Proposer:
                     old = before.moved_part(part, keyframe) if keyframe is keyframes[0] else before.whole[part]
                     keyframe[part] = relight(old, keyframe[part], one.max_width / size)
         self._background = Background(*keyframes)
-        self._restless_s = np.zeros(self._background.blocks, np.float32)  # for how long each block will count as that
+        self._restless_s = np.zeros(self._background.blocks, np.float32)  # [s] for which each block still counts so
         self._begin()
 
     def _begin(self) -> None:
@@ -224,7 +224,7 @@ class Proposer:
 
     @property
     def _least_change(self) -> float:
-        """What has changed differs by more than this [grey levels]."""
+        """The difference [grey levels] from which on something has changed."""
         return _MIN_CHANGE * self._background.bright
 
     def update_background(self, view: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
@@ -244,7 +244,7 @@ class Proposer:
 
 
 def _in_picture(region: Region, picture: AnyPicture) -> Region:
-    """Returns a region of what is searched in the picture's own pixels; what is left at the edges belongs to the last blocks."""
+    """Converts a region of the searched pixels to the picture's own; the last blocks include the pixels left over."""
     left, top, right, bottom = (picture.scale * side for side in region)
     width, height = picture.size
     block = BLOCK * picture.scale
@@ -252,7 +252,7 @@ def _in_picture(region: Region, picture: AnyPicture) -> Region:
 
 
 def _much(hot: np.ndarray, darker: np.ndarray) -> bool:
-    """Returns whether so much changed that what is known of the scene no longer holds.
+    """Returns whether so much changed that the background no longer holds.
 
     A person close to the camera darkens much of the image too, and must not become its background.
     """
@@ -280,7 +280,7 @@ def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Region]:
     A large region is cut down to the parts above 60 % of its peak: a spot beside a person must not be lost in the
     person's region.
     """
-    # few blocks are hot, and they are close together: the rest is done only there
+    # few blocks are hot, and they are close together: only their surroundings are processed
     x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
     if not wide:
         return []
@@ -298,7 +298,7 @@ def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Region]:
 
 
 def _components(hot: np.ndarray, maxima: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Labels (rows, columns), OpenCV's statistics and the peak of each connected component."""
+    """Returns labels (rows, columns), and OpenCV's statistics and the peak of each connected component."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.view(np.uint8), connectivity=8)
     peaks = np.zeros(len(stats))
     np.maximum.at(peaks, labels[hot], maxima[hot])

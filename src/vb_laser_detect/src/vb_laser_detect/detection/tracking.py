@@ -1,12 +1,12 @@
-"""Spots over time: which sighting belongs to which spot, when it counts, and which is published.
+"""Tracks spots over time: which sighting belongs to which spot, when a spot counts, and which one is published.
 
-The only part of the detector that knows time. A track moves on at a constant velocity in the image, and with it as the
-camera turns; every limit is given in seconds and holds for some images at least, so that a camera
-of two images a second works as one of sixty does. The published track stays the published one until it is lost.
+A track moves on at constant velocity in the image, and along with the image when the camera turns. Limits in seconds
+hold for some images at least, so that a camera of two images a second works like one of sixty. The published track
+stays published until it is lost, or rests while another one moves.
 
 A light that stays in one place is a lamp, even if it blinks. So the time for which each place was lit is counted
-independently of tracks: it goes on while the light blinks, is crossed by another one, or is lost and found again. A stroke
-lights each of its places for a moment only, and they are soon forgotten.
+independently of tracks: counting goes on while the light blinks, is crossed by another one, or is lost and found again.
+A stroke lights each of its places only for a moment, and they are soon forgotten.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
 _BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
 _MEMORY = 10.0  # a place is forgotten after ten times the time for which it was lit
 _MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
-# [s], [images] a track survives the longer of them without a sighting: while a leg passes, or in the dark half of a
-# pointer's blinking; and in any camera two missing images
+# [s], [images] a track survives the longer of them without a sighting: a passing leg, the dark half of a pointer's
+# blinking, and in any camera two missing images
 _GAP_TIME, _GAP_PERIODS = 0.35, 3.5
-_RECALL_TIME = 1.0  # [s] older sightings of a spot confirmed late are not published
-_PERIODS = 15  # [images] whose mean distance in time is the period
+_RECALL_TIME = 1.0  # [s] when a spot is confirmed, older sightings of it are not published
+_PERIODS = 15  # [images] over which the period is averaged
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
-# ... of a laser on a floor that is nearly white; the mean of white glints in Bayer images over half a second is less
+# the same on a nearly white floor; the mean of white glints in Bayer images over half a second is less
 _PALE = 0.25
 # [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
 # less than a step, half a second. Nothing is lost, as the spots until then are backfilled
@@ -53,7 +53,7 @@ class Spot:
         confidence: 0 ... 1
         track: number of the spot in this camera's images; it stays while the spot is followed.
         rejection: why it is not published, or "".
-        tint: what `features.tint_of` said; None: without colour.
+        tint: as `features.tint_of` returned it; None: without colour.
         stamp: [s] when the image was taken.
         floor_point: where it is on the floor; None if camera or pose are not known.
     """
@@ -73,8 +73,8 @@ class Expected(NamedTuple):
     """Predicted position of a confirmed spot in the next image, if it keeps moving as before.
 
     Attributes:
-        reach: [px] about its place (u, v).
-        max_width: [px] what is wider cannot be the spot.
+        reach: [px] around (u, v).
+        max_width: [px] anything wider cannot be the spot.
     """
 
     u: float
@@ -104,13 +104,13 @@ class Expected(NamedTuple):
 
 @dataclass(eq=False)
 class Track:
-    """A spot that is followed.
+    """A spot that is tracked.
 
     Attributes:
-        pixel, velocity: (2,) [px], [px/s] u and v, the last ones.
-        created: [s] when it was seen first.
+        pixel, velocity: (2,) last (u, v) [px], and velocity [px/s].
+        created: [s] when it was first seen.
         lit_s: [s] for how long there has been light where it is now.
-        unpublished: what was seen before it was confirmed, the oldest first.
+        unpublished: its spots before it was confirmed, oldest first.
     """
 
     number: int
@@ -128,12 +128,12 @@ class Track:
 
 
 class SpotTracker:
-    """Follows the spots of one camera.
+    """Tracks the spots of one camera.
 
     Attributes:
         params: the detector's; they may be changed between images.
         period: [s] from one image to the next, the mean of the last ones; 0 before the second.
-        lamps: how many lights were published as the spot until they had rested for too long.
+        lamps: number of lights that were published as the spot before they had rested for too long.
     """
 
     def __init__(self, params: DetectorParams) -> None:
@@ -143,7 +143,7 @@ class SpotTracker:
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
         self.period, self.lamps = 0.0, 0
         self._stamp: Optional[float] = None
-        self._lit = np.zeros((0, 4))  # places u, v [px], lit for, last lit at [s]
+        self._lit = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
     def begin(self, stamp: float, traits: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
         """Begins the next image; call it before `update`.
@@ -153,11 +153,11 @@ class SpotTracker:
             motion: (3, 3) from the last image's pixels to this one's; None: the camera was stationary.
 
         Returns:
-            Where confirmed spots should be by now.
+            Where confirmed spots should be in it.
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
-            # of several images: some come in bursts; without the longest, which may be a pause
+            # the mean, as some images arrive in bursts; without the longest interval, which may be a pause
             many = sorted(self._periods)[:-1] or self._periods
             self.period = sum(many) / len(many)
         self._stamp, self._traits = stamp, traits
@@ -192,7 +192,7 @@ class SpotTracker:
         return [track_of.get(number) for number in range(len(spots))]
 
     def _record_light(self, spot: Spot) -> float:
-        """Records the light at a spot's place; returns for how long [s] it has been lit by now."""
+        """Records the light at a spot's place; returns for how long [s] that place has been lit."""
         away = np.hypot(self._lit[:, 0] - spot.u, self._lit[:, 1] - spot.v)
         if not (away <= _SLACK_PX).any():
             self._lit, away = np.vstack([self._lit, (spot.u, spot.v, 0.0, self._stamp)]), np.append(away, 0.0)
@@ -203,7 +203,7 @@ class SpotTracker:
         return float(place[2])
 
     def _end_tracks(self, lamps: Sequence[Spot]) -> None:
-        """Ends the tracks at places of lights that turned out to be lamps, also a published one."""
+        """Ends the tracks of lights that turned out to be lamps, even a published one."""
         for track in list(self._tracks):
             here = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
             if here and track.lit_s > _STEP_TIME:
@@ -211,7 +211,7 @@ class SpotTracker:
                 self.lamps += track.published
 
     def _since(self, track: Track) -> float:
-        """Returns how long ago [s] a track was seen: at least a period, for images of a burst are stamped as they come."""
+        """Returns how long ago [s] a track was seen: at least a period, as images of a burst are stamped on arrival."""
         return max(self._stamp - track.stamp, self.period)
 
     def _assign(self, spots: Sequence[Spot]) -> List[Track]:
@@ -246,7 +246,7 @@ class SpotTracker:
             track.light = spot.tint if track.light is None else track.light + spot.tint
         if track.hits < self.params.confirm_frames or track.confirmed:
             return
-        # a white glint hardly larger than a pixel falls mostly on one place of a Bayer pattern, which looks like a colour;
+        # a white glint hardly larger than a pixel falls mostly on one pixel of a Bayer pattern, which looks coloured;
         # the mean over several images does not
         shown = 0.0 if track.light is None else chroma(track.light)
         if self._stamp - track.created < _STEP_TIME:
@@ -256,16 +256,16 @@ class SpotTracker:
         track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:
-        """Chooses the confirmed track to publish: the one that was, else the most certain.
+        """Chooses the confirmed track to publish: the one already published, else the most certain.
 
-        One that moves takes the place of one that rests: that may be a lamp, and a hand that draws is not kept waiting.
+        A moving track replaces a resting one, which may be a lamp, so that a drawing hand is not kept waiting.
         """
         if self.params.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
         confirmed = [track for track in tracks if track.confirmed]
         published = [track for track in self._tracks if track.published]
-        # those that have been elsewhere for most of their time
+        # tracks that have been elsewhere for most of their time
         moving = [track for track in confirmed if track.lit_s < 0.5 * (self._stamp - track.created)]
         if moving and published and all(track.lit_s > _STEP_TIME for track in published):
             published[0].published, published = False, []

@@ -15,7 +15,7 @@ from vb_core.zones import ZONES
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 
-# whether the chain is closed, by kind
+# for each kind, whether the chain is closed; None: decided by the gap between its ends
 KINDS = {
     BorderMessage.AUTO: None,
     BorderMessage.POLYGON: True,
@@ -31,7 +31,7 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
     """Reads a border from a message; inverse of `message_from_border`.
 
     Raises:
-        IntegrationError: if it is invalid.
+        IntegrationError: if the border is invalid.
     """
     if message.kind not in KINDS:
         raise IntegrationError("bad_kind", kind=message.kind, known=", ".join(map(str, sorted(KINDS))))
@@ -40,7 +40,7 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
     return VirtualBorder(
         points=messages.array_from_points(message.points),
         seed=[message.seed.x, message.seed.y],
-        # float32 on the wire: 0.2 comes as 0.20000000298
+        # float32 in the message: 0.2 arrives as 0.20000000298
         occupancy=round(message.occupancy, 6),
         closed=KINDS[message.kind],
         id=message.id,
@@ -65,7 +65,7 @@ def message_from_border(
     """Writes a border as a message; inverse of `border_from_message`.
 
     Args:
-        outlines: (N, 2) [m] before and after, while it waits for a person.
+        outlines: two (N, 2) [m], before and after confirmation, while the border waits for it.
     """
     kind = BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE
     message = BorderMessage(
@@ -91,7 +91,7 @@ def message_from_border(
 
 
 def messages_from_issues(issues: Sequence[Notice]) -> List[BorderIssue]:
-    """Converts what the check of a border reports."""
+    """Converts the issues that the check of a border reports."""
     return [
         BorderIssue(
             severity=_SEVERITIES[one.severity],

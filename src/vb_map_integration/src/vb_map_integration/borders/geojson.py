@@ -1,9 +1,9 @@
 """Borders as GeoJSON (RFC 7946), in metres of the map frame instead of degrees on the earth.
 
-A Polygon is a polygon, a LineString a separating curve. The seed and the rest are the feature's properties, named as
-in `VirtualBorder`; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
-Properties of other programs are ignored, as are null and an id that is no text; errors in ours, or in the geometry, are
-reported.
+A Polygon is a polygon, a LineString a separating curve. The seed and other attributes are the feature's properties,
+named as in `VirtualBorder`; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall"
+needs none. Other programs' properties are ignored, as are null values and ids that are not strings; errors in ours, or
+in the geometry, are reported.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _PROPERTIES = tuple(
 
 
 def border_to_feature(border: VirtualBorder) -> Dict[str, Any]:
-    """Writes a border as a Feature, in plain values; inverse of `border_from_feature`."""
+    """Writes a border as a Feature of plain values; inverse of `border_from_feature`."""
     points = border.points.tolist()
     geometry: Dict[str, Any] = {"type": "LineString", "coordinates": points}
     if border.closed:
@@ -42,7 +42,7 @@ def border_to_feature(border: VirtualBorder) -> Dict[str, Any]:
 def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
     """Writes borders as a FeatureCollection; inverse of `borders_from_geojson`."""
     features = (json.dumps(border_to_feature(border), ensure_ascii=False) for border in borders)
-    lines = ",\n".join(features)  # a border is a line
+    lines = ",\n".join(features)  # one line per border
     return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
 
 
@@ -50,7 +50,7 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     """Reads the borders of a FeatureCollection or a single Feature; inverse of `borders_to_geojson`.
 
     Raises:
-        CodedError: "bad_border_file" or what a border raises; the message names the feature's number.
+        CodedError: "bad_border_file", or as `VirtualBorder`; the message has the feature's number.
     """
     try:
         document = json.loads(text)
@@ -78,7 +78,7 @@ def border_from_feature(feature: Any) -> VirtualBorder:
     """Reads a border from a Feature; inverse of `border_to_feature`.
 
     Raises:
-        CodedError: "bad_border_file" or what a border raises.
+        CodedError: "bad_border_file", or as `VirtualBorder`.
     """
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise _wrong("type", "Feature", feature)
@@ -93,11 +93,11 @@ def border_from_feature(feature: Any) -> VirtualBorder:
     closed = shape.geom_type == "Polygon"
     if closed and shape.interiors:
         raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=1 + len(shape.interiors))
-    points = shapely.get_coordinates(shape.exterior if closed else shape)  # heights are left out
+    points = shapely.get_coordinates(shape.exterior if closed else shape)  # heights are dropped
     properties = feature.get("properties")
     properties = properties if isinstance(properties, dict) else {}
     wall = not closed and properties.get("kind") == _WALL
-    # other programs write null where there is nothing, and numbers as ids
+    # other programs write null for absent values, and numbers as ids
     values = {key: properties[key] for key in (*_PROPERTIES, "seed") if properties.get(key) is not None}
     if not isinstance(values.get("id"), str):
         values.pop("id", None)
@@ -112,6 +112,6 @@ def border_from_feature(feature: Any) -> VirtualBorder:
 
 
 def _point_inside(polygon: Any) -> Tuple[float, float]:
-    """Returns a point within a polygon; one on its outline if it has no inside."""
+    """Returns a point inside a polygon, or on its outline if it has no inside."""
     point = (polygon if polygon.is_valid else polygon.buffer(0)).representative_point()
     return (polygon.exterior.coords[0][:2]) if point.is_empty else (point.x, point.y)

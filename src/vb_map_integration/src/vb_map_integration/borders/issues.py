@@ -1,4 +1,4 @@
-"""The issues that a border's check reports, and the error that refuses it."""
+"""The issues that a border's check reports, and the error that refuses a border."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from vb_core.notices import Notice, Severity
 
 
 def warning(code: str, **values: Any) -> Notice:
-    """Makes an issue with which a border can still be added."""
+    """Makes a warning: a border with this issue can still be added."""
     return Notice.from_error(CodedError(code, **values), Severity.WARNING)
 
 
@@ -17,7 +17,7 @@ class IntegrationError(CodedError):
     """Raised when a border is refused. Nothing was changed.
 
     Attributes:
-        warnings: what was found before.
+        warnings: those found before the error.
     """
 
     warnings: Tuple[Notice, ...] = ()

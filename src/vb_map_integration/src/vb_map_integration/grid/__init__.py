@@ -1,1 +1,1 @@
-"""Borders on the cells of a map: sides, regions, the map with borders, and what a border would do to paths."""
+"""Borders on the cells of a map: sides, regions, the map with borders, and whether borders split the free floor."""

@@ -1,16 +1,15 @@
-"""Separating curves: extended to the physical borders, and the side that the seed is on.
+"""Separating curves: their extension to the physical borders, and the area on the seed's side.
 
 Paper, Sect. 3: "its first and last line segments are linearly extended to the physical borders of the
 environment to allow the separation of the area".
 
-What makes a curve separate is topology: blocked cells (obstacles, unknown, everything off the map) form
-connected pieces, and a curve divides the free space round it exactly if both its ends meet the same piece. A
+Whether a curve separates is a matter of topology: blocked cells (obstacles, unknown cells, everything off the map) form
+connected pieces, and a curve divides the free space round it if and only if both its ends meet the same piece. A
 table leg is a separate piece, so an extension that meets one goes on.
 
-A drawn end is meant for the wall that is within its tolerance, wherever that wall is: ahead, where the extension meets
-it; behind, where the end has passed it; or beside, where a straight extension would miss it, as that of a line drawn a
-few centimetres before a doorway does. No robot passes through so small a gap, so joining the end to the wall takes
-nothing away from anybody.
+A drawn end may be joined to any wall within the tolerance: ahead, where the extension meets it; behind, where the end
+has passed it; or beside, where a straight extension would miss it, as happens with a line drawn a few centimetres in
+front of a doorway. No robot passes through so small a gap, so joining the end to the wall blocks no robot.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ import numpy as np
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid import raster
 
-# share of the samples beside the curve from which the restricted area counts as touching a side
+# the restricted area touches a side of the curve if at least this share of the samples on that side were filled
 _TOUCHES = 0.1
-# where on the end of a chain, as shares of the fitted length, its direction is sampled
+# where the end of a chain is sampled to find its direction, as shares of the fitted length
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
-# what cells of the map in work are: free ones, ones reached from the seed, blocked ones, and blocked pieces that
-# were met from the curve's start, its end, or both
+# values of cells in the working copy of the map: free, reached from the seed, blocked, and blocked pieces that were
+# met from the curve's start, its end, or both
 _FREE, _FILLED, _BLOCKED = 0, 128, 255
 _MET_BY_START, _MET_BY_END, _MET_BY_BOTH = 1, 2, 3
 
@@ -54,9 +53,9 @@ class Cut:
 
 
 def end_direction(points: np.ndarray, length: float) -> np.ndarray:
-    """Fits the direction, a unit vector (2,), in which a chain (N, 2) leaves its last point, to its last `length`.
+    """Fits the direction (2,), a unit vector, in which a chain (N, 2) leaves its last point, to its last `length`.
 
-    The last two points alone would follow the hand's tremor.
+    The last two points alone would follow hand tremor.
     """
     back = points[::-1, 0] + 1j * points[::-1, 1]
     arc = np.concatenate([[0.0], np.cumsum(np.abs(back[1:] - back[:-1]))])
@@ -76,9 +75,9 @@ class _Stop:
     """A blocked cell where an end of the curve may stop.
 
     Attributes:
-        extension: [cells] how far the end has to be extended to it; 0 if it is within the drawn chain.
+        extension: [cells] how far the end must be extended to reach it; 0 if it is within the drawn chain.
         cell: its (row, column).
-        inset: how many cells of the trace are outside of it; None if it is beside the end, and not on the trace at all.
+        inset: how many cells of the trace lie farther out; None if it is beside the end and not on the trace.
     """
 
     extension: float
@@ -93,13 +92,13 @@ def separate(
 
     Args:
         cells: (H + 2, W + 2) uint8, 255 where the fill may not enter, else 0, with a frame of 255 round the map;
-            they are changed.
+            changed in place.
         points: (N, 2) (column, row), the drawn chain.
-        fit_length: [cells] how much of the chain's ends gives the extensions' direction.
+        fit_length: [cells] length of the chain's ends that gives the directions of the extensions.
         tolerance: [cells] how far a drawn end may lie from the wall that it belongs to; less than any robot's width.
         seed: (2,) (column, row).
-        find_seed: returns the (row, column) where the fill begins, from a mask (H, W) of barred cells, those of the curve
-            among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
+        find_seed: returns the (row, column) where the fill begins, given a mask (H, W) of barred cells, including the
+            curve's, and, for a seed in a cell of the curve, the direction (2,) that leads away from the curve.
 
     Raises:
         IntegrationError: "outside_map", "seed_on_both_sides", "no_separation", "too_complex", or as `find_seed`.
@@ -112,7 +111,7 @@ def separate(
     ]
     trace = raster.trace_chain(np.concatenate([outer[:1], points, outer[1:]]), shape)
     drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
-    before = -(trace.arc - reach)  # [cells] how far each cell is before the chain's start
+    before = -(trace.arc - reach)  # [cells] how far each cell lies before the chain's start
     after = -before - drawn_length
     on_map = (trace.rows >= 0) & (trace.rows < shape[0]) & (trace.columns >= 0) & (trace.columns < shape[1])
     if not (on_map & (before <= 1.0) & (after <= 1.0)).any():
@@ -122,7 +121,7 @@ def separate(
     ends = _stops(cells, trace, after, points[-1], tolerance, outwards=1)
     start, end = _stops_on_one_piece(cells, starts, ends) or (starts[0], ends[0])
     for index, stop in enumerate((start, end)):
-        if stop.inset is None:  # beside the end: straight there
+        if stop.inset is None:  # beside the end: go straight there
             outer[index] = np.array(stop.cell[::-1], dtype=float)
     chain = np.concatenate([outer[:1], points, outer[1:]])
     trace = raster.trace_chain(chain, shape)
@@ -134,15 +133,14 @@ def separate(
 def _stops(
     cells: np.ndarray, trace: raster.Trace, beyond: np.ndarray, point: np.ndarray, tolerance: float, outwards: int
 ) -> List[_Stop]:
-    """Finds where an end of the curve may stop, the nearest first; what is ahead comes before what is beside it.
+    """Finds where an end of the curve may stop, the nearest first; within the tolerance, stops ahead come first.
 
     Args:
-        beyond: (K,) [cells] how far each cell of the trace is beyond the drawn end; negative within the drawn chain.
+        beyond: (K,) [cells] how far each cell of the trace lies beyond the drawn end; negative within the chain.
         point: (2,) (column, row), the drawn end.
         outwards: -1 for the chain's start, 1 for its end.
     """
-    # the outermost cell is beyond the map's rim, so there always is one; it may be the only one, the end being off the
-    # map
+    # the outermost cell is beyond the map's rim, so there is always one; if the end is off the map, maybe only one
     indices = np.flatnonzero(beyond >= -tolerance)[::outwards]
     indices = indices if len(indices) else np.array([0 if outwards < 0 else len(beyond) - 1])
     hit = cells[trace.rows[indices] + 1, trace.columns[indices] + 1] != _FREE
@@ -167,9 +165,9 @@ def _stops(
 
 
 def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop]) -> Optional[Tuple[_Stop, _Stop]]:
-    """Returns the nearest stops of both ends on one and the same connected piece of blocked cells.
+    """Returns the nearest stops of both ends on the same connected piece of blocked cells.
 
-    Both ends grow at the same pace; each piece that one of them meets is marked.
+    Both ends grow at the same pace, and mark each piece that they meet.
     """
 
     def value(stop: _Stop) -> int:
@@ -214,7 +212,7 @@ def _cut(
 
     away = None
     hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
-    if len(hit):  # within a cell of the curve, but on one side of it
+    if len(hit):  # the seed is in a cell of the curve, but on one side of it
         crossed = segment[hit[0]]
         side = float((seed - chain[crossed]) @ normal[crossed])
         away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None
@@ -237,7 +235,7 @@ def _cut(
     round_it = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
     flat[own[(flat[own[:, None] + round_it] == _FILLED).any(axis=1)]] = _FILLED
 
-    # one cell more all round for those of the curve, and from the frame's coordinates to the map's
+    # one cell wider all round, for the curve's own cells, and converted from the frame's coordinates to the map's
     window = (
         slice(max(y - 2, 0), min(y + depth, cells.shape[0] - 2)),
         slice(max(x - 2, 0), min(x + width, cells.shape[1] - 2)),
@@ -251,8 +249,8 @@ def _cut(
 
 
 def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
-    """Shares of the cells at points (2, K, 2) (column, row) that were filled, of the free ones; NaN if none is free."""
-    # from the map's coordinates to the frame's, whose cells are neither
+    """Returns, for both sides' points (2, K, 2) (column, row), the filled share of free cells; NaN if none is free."""
+    # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
     at = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
     values = cells[at[..., 1], at[..., 0]]
     filled = (values == _FILLED).sum(axis=1)

@@ -1,8 +1,8 @@
 """Polygons, chains and regions on the cells of a grid.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
-Masks are uint8, 0 or 255, as OpenCV uses them; most belong to a window of the map, as the less of a large map is
-touched the better.
+Masks are uint8, 0 or 255, as OpenCV uses them; most cover only a window of the map, since work on all of a large map
+is slow.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from vb_map_integration.borders.issues import IntegrationError
 # rows and columns of a part of a map
 CellWindow = Tuple[slice, slice]
 
-# [cells] crossings of edges and rows that one polygon may have; a scribble beyond it would fill the memory
+# crossings of edges and rows that one polygon may have; a scribble with more would fill the memory
 MAX_CROSSINGS = 4_000_000
 
 
 def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
-    """Allocates (H, W) uint8 of one value. Not numpy.zeros: its memory comes in small pages, each at the price of a fault."""
+    """Allocates (H, W) uint8 of one value. Not numpy.zeros: its small memory pages cost a page fault each."""
     return np.full(shape, value, np.uint8)
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
     """Finds the cells whose centre is in a polygon, clipped to the map.
 
-    Where the outline crosses itself everything is inside that it winds round (nonzero rule), so that an
-    overshoot at the closing point tears no hole.
+    Where the outline crosses itself, everything that it winds round is inside (nonzero rule), so that an
+    overshoot at the closing point leaves no hole.
 
     Args:
         vertices: (N, 2) (column, row), the first one not repeated.
         shape: (H, W) of the map.
 
     Returns:
-        The window of the map that the polygon reaches, which may be empty, and a (h, w) uint8 mask of it.
+        The window of the map that the polygon covers, which may be empty, and its (h, w) uint8 mask.
 
     Raises:
-        IntegrationError: "too_complex" for an outline that crosses millions of rows.
+        IntegrationError: "too_complex" for an outline that crosses more than MAX_CROSSINGS rows.
     """
     corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
     (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
@@ -75,10 +75,10 @@ class Trace:
     """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
 
     Attributes:
-        rows, columns: (K,) int64; cells up to one beyond the map's rim occur.
+        rows, columns: (K,) int64; they reach one cell beyond the map's rim.
         points: (K, 2) (column, row), a point of the chain in the cell.
-        segment: (K,) int64, which of the chain's segments it belongs to.
-        arc: (K,) [cells] where on the chain the point is.
+        segment: (K,) int64, the chain's segment that the point is on.
+        arc: (K,) [cells] arc length along the chain to the point.
     """
 
     rows: np.ndarray
@@ -116,7 +116,7 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     distance = np.full(total, 2)
     np.add(np.abs(rows[1:] - rows[:-1]), np.abs(columns[1:] - columns[:-1]), out=distance[1:])
     new = np.flatnonzero(distance)
-    # over a corner: one of the two cells beside it is taken too, so that nothing slips through; but not where the
+    # at a diagonal step one of the two cells beside it is added, so that no fill slips through; but not where the
     # chain was outside the map
     distance = distance[new]
     corner = (distance == 2) & (rows[new] != rows[new - 1]) & (columns[new] != columns[new - 1])
@@ -124,7 +124,7 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     times = 1 + corner
     twice = np.repeat(new, times)
     extra = np.flatnonzero(times == 2)
-    extra = extra + np.arange(len(extra))  # the first of each pair is the cell put in
+    extra = extra + np.arange(len(extra))  # the first of each pair is the added cell
     rows, columns, segment, t = rows[twice], columns[twice], segment[twice], t[twice]
     rows[extra] = rows[extra - 1]
     points = start[segment] + t[:, None] * step[segment]

@@ -11,9 +11,9 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.grid import raster
 
-# larger maps are checked in coarser cells: the answer is about doors and rooms, and needed at once
+# larger maps are checked in coarser cells: the check is about doors and rooms, and people wait for its result
 MAX_CELLS = 2_000_000
-# [m^2] smaller parts, measured for the robot's centre, are not counted
+# [m^2] smaller parts, by the area that the robot's centre can reach, are not counted
 MIN_PART = 0.1
 
 
@@ -22,9 +22,9 @@ class Region:
     """Cells of the map that one border restricts.
 
     Attributes:
-        window: the part of the map that it is in.
-        mask: (h, w) uint8 of that window, 0 or 255; obstacles are not among the cells.
-        value: 0 .. 100, what the cells are raised to.
+        window: the part of the map that contains it.
+        mask: (h, w) uint8 of that window, 0 or 255; obstacles are left out.
+        value: 0 .. 100, the occupancy that the cells are raised to.
         over_unknown: whether unknown cells are raised too.
         area_m2: [m^2].
     """
@@ -36,7 +36,7 @@ class Region:
     area_m2: float
 
     def outline(self, grid: GridMap) -> np.ndarray:
-        """Returns the outline (N, 2) [m] of its largest part, to about a cell, on the map that it is of."""
+        """Returns the outline (N, 2) [m] of its largest part, to about a cell; `grid` is the map that it is on."""
         contours, _ = cv2.findContours(self.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         largest = cv2.approxPolyDP(max(contours, key=cv2.contourArea), 1.0, True)
         rows, columns = self.window
@@ -45,9 +45,9 @@ class Region:
     def apply(self, cells: np.ndarray) -> None:
         """Raises the cells (H, W) int8 of the map in place; none is lowered."""
         part, level = cells[self.window], np.uint8(self.value)
-        if self.over_unknown:  # as int8 unknown is -1, the least there is
+        if self.over_unknown:  # as int8, unknown is -1, the lowest value
             np.maximum(part, np.bitwise_or(np.invert(self.mask), level).view(np.int8), out=part)
-        else:  # as uint8 it is 255, the greatest
+        else:  # as uint8 it is 255, the highest value
             as_bytes = part.view(np.uint8)
             np.maximum(as_bytes, np.bitwise_and(self.mask, level), out=as_bytes)
 
@@ -60,7 +60,7 @@ class Region:
 
 
 def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:
-    """Returns the map with regions; their order does not matter, as none lowers a cell."""
+    """Returns the map with regions applied; their order does not matter, as none lowers a cell."""
     if not regions:
         return grid
     cells = np.array(grid.data, order="C")
@@ -89,7 +89,7 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
 
 
 def count_free_parts(grid: GridMap, radius: float) -> int:
-    """Counts the parts of the free space between which a robot of a radius [m] cannot go; tiny ones do not count."""
+    """Counts the parts into which the free space falls for a robot of a given radius [m]; tiny ones are left out."""
     free = cv2.inRange(np.ascontiguousarray(grid.data), 0, OCCUPIED_THRESHOLD - 1)
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     cell = grid.resolution * factor
@@ -106,7 +106,7 @@ def count_free_parts(grid: GridMap, radius: float) -> int:
 
 
 def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
-    """Makes a mask (H, W) uint8 with cells `factor` times as large; one is set only where all are."""
+    """Makes a mask (H, W) uint8 with cells `factor` times as large; a coarse cell is set only if all its cells are."""
     rows, columns = (-(-size // factor) for size in free.shape)
     padded = cv2.copyMakeBorder(
         free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0

@@ -1,1 +1,1 @@
-"""Which place a map shows, and how an old map lies in a new one."""
+"""Which place a map shows, and the transform from an old map to a new one."""

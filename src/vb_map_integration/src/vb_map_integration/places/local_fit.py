@@ -1,12 +1,12 @@
-"""Where a border is in a new map by the walls round it: maps bend, and a transform for all of a map is only a start.
+"""Finds a border in a new map by the walls round it: maps are distorted, so the whole map's transform is only a start.
 
-The idea: the walls within some metres of a border decide where it is. They are looked for near the place where the map's
-transform puts them. If they are found there and nowhere else, the border is where it was. Where they are found but cannot be
-told apart from places beside them (a straight wall, an open hall), those a little farther away are asked whether it is where
-it is expected; if they do not know either, a person has to confirm it.
+The walls within some metres of a border decide where it is. They are searched for near the position where the map's
+transform puts them. If they are found there and nowhere else, the border is there too. If their position is ambiguous
+(along a straight wall, in an open hall), walls a little farther away are included, which may confirm that the border is
+where it is expected; if that stays ambiguous, a person has to confirm it.
 
-Reach and limits were chosen on half of 28 maps that robots recorded, with parts that were displaced by half a metre;
-docs/results/maps/README.md has what the other half and further maps gave.
+Reach and limits were chosen on half of 28 maps that robots recorded, with parts displaced by half a metre;
+docs/results/maps/README.md has the results on the other half and on further maps.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ import numpy as np
 
 from vb_map_integration.places.registration import Transform, WallMap, find_share, refine, thin
 
-REACH = 3.0  # [m] walls this near a border say where it is; those beyond may belong to another part of a bent map
-WIDER = 4.5  # [m] the same, where those leave it open
-_SPAN, _STEP, _YAWS = 1.0, 0.1, np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # what is searched: [m], [m], [rad]
-_NEAR = 0.25  # [m] a wall this far from the next one counts for nothing
-_APART = 0.35  # [m] places farther apart are different ones
-_MAX_POINTS, _MIN_POINTS = 300, 10  # wall cells that are compared, at most and at least
-_LOCAL_REACH = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] as `registration.refine` has it
-_SURE = 0.97  # if this share of the walls is found again, no other place is searched
-# what it takes to accept a place where the border is expected, and what it takes elsewhere
+REACH = 3.0  # [m] walls this near a border decide where it is; those beyond may be in a differently distorted part
+WIDER = 4.5  # [m] the same, where those are ambiguous
+_SPAN, _STEP, _YAWS = 1.0, 0.1, np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # the search grid: [m], [m], [rad]
+_NEAR = 0.25  # [m] a wall cell this far from the new map's nearest wall scores 0
+_APART = 0.35  # [m] positions farther apart than this count as different
+_MAX_POINTS, _MIN_POINTS = 300, 10  # wall cells that are compared: `most` of `thin`, and the minimum
+_LOCAL_REACH = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] `reaches` of `registration.refine`
+_SURE = 0.97  # no search if this share of the walls is found again where expected, and clearly less nearby
+# what it takes to accept a position where the border is expected, and elsewhere
 _EXPECTED = 0.15  # [m]
 _AGREEMENT_THERE, _LOWER_THERE, _MARGIN_THERE = 0.8, 0.5, 0.05
 _AGREEMENT_ELSEWHERE, _MARGIN_ELSEWHERE = 0.9, 0.1
-_KNOWN = 0.5  # share of the walls that the new map has to know
+_KNOWN = 0.5  # share of the walls that must be in the known part of the new map
 
 
 @dataclass(frozen=True)
 class LocalFit:
-    """What the walls round a border say.
+    """Where the walls round a border are in a new map, and how well they fit there.
 
     Attributes:
         transform: from the old map's frame to the new one's, for this border.
-        agreement: shares of the walls round it that are found again, in both directions, the lower one first.
-        known: share of the old map's walls there that the new map knows.
-        margin: 0 .. 1, how much less the next place explains.
-        moved_m: [m] how far this is from where it was expected.
+        agreement: shares of the walls round it that are found again, of both directions, the lower one first.
+        known: share of the old map's walls there that are in the known part of the new map.
+        margin: 0 .. 1, how much lower the score of the next best position is, as a share.
+        moved_m: [m] distance from the expected position.
     """
 
     transform: Transform
@@ -54,7 +54,7 @@ class LocalFit:
 
     @property
     def is_certain(self) -> bool:
-        """Returns whether the border is there: near where it was expected, or elsewhere on more evidence."""
+        """Returns whether the border is certainly there: near where it was expected, or elsewhere on more evidence."""
         lower, higher = self.agreement
         if self.known < _KNOWN:
             return False
@@ -64,12 +64,12 @@ class LocalFit:
 
     @property
     def is_open(self) -> bool:
-        """Returns whether the walls are found, but other places beside this one would do as well."""
+        """Returns whether the walls are found, but fit other positions about as well."""
         return self.is_possible and self.margin < _MARGIN_THERE
 
     @property
     def is_possible(self) -> bool:
-        """Returns whether the border may be there, as far as the walls tell."""
+        """Returns whether the walls allow that the border is there."""
         return self.known >= _KNOWN and self.agreement[1] >= _AGREEMENT_THERE
 
 
@@ -77,8 +77,8 @@ def fit_locally(old: WallMap, new: WallMap, start: Transform, outline: np.ndarra
     """Finds the walls round a border in a new map; None if there are too few.
 
     Args:
-        start: from the old map's frame to the new one's, where they are expected.
-        outline: (N, 2) [m] old map's frame, of the border.
+        start: from the old map's frame to the new one's, as expected.
+        outline: (N, 2) [m] the border's, in the old map's frame.
     """
     near = _fit_within(REACH, old, new, start, outline)
     if near is not None and not near.is_open:
@@ -123,7 +123,7 @@ _EIGHT = np.arange(8) * (math.pi / 4.0)
 
 
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:
-    """Scores (K,) 0 .. 1 how near walls (N, 2) are to the new map's, at each of the shifts (K, 2) [m]."""
+    """Scores (K,), 0 .. 1, how near walls (N, 2) are to the new map's, at each of the shifts (K, 2) [m]."""
     points = transform.apply(walls)[None] + shifts[:, None]
     distance, known = new.distances(points.reshape(-1, 2))
     near = np.maximum(0.0, 1.0 - np.square(distance / _NEAR)) * known

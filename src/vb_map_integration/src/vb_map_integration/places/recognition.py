@@ -1,10 +1,10 @@
 """Recognises which place a map shows, and locates that place's borders on it.
 
-The idea: fail closed. A map is recognised by its exact fingerprint; else by the name that a person gave it, and by
-registration against the maps at which the borders were drawn, never against the last one seen. What is proposed is the
-transform that no other comes near; without one the borders of the likeliest place stay where they are. In that place each
-border is then looked for by the walls round it. Nobody is asked which place it is if these walls answer that: two maps of one
-place agree in 50 to 97 % of their walls, as floors with the same outer walls may, but not so round most of the borders.
+Recognition fails closed. A map is recognised by its exact fingerprint; else by the name that a person gave it and by
+registration against the maps on which borders were drawn, never against the last map seen. A transform that no other
+comes near is proposed; without one, the borders of the most likely place stay where they are. Each border is then
+searched for by the walls round it. If these settle which place it is, nobody is asked: maps of one place agree in 50
+to 97 % of their walls, and so may different floors with the same outer walls, but not round most of the borders.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from vb_map_integration.places.local_fit import fit_locally
 from vb_map_integration.places.registration import IDENTITY, Registration, Transform, WallMap, measure, register
 from vb_map_integration.storage.database import Database, KnownMap
 
-# this many of a place's maps are compared: the first and the newest ones
+# how many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
-# agreement below which a registration says nothing about where the borders are
+# a registration with a lower agreement is no evidence of where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
-# agreement above which borders may be there, as far as the maps tell
+# from this agreement on, borders may be where a registration puts them
 _POSSIBLE_AGREEMENT = 0.5
-# share of a border's line that the map has to know before anybody is asked about it
+# share of a border's line that must be in the known part of the map before a person is asked about it
 _SEEN = 0.5
-# difference in agreement that means nothing between hypotheses none of which is certain
+# smaller differences in agreement between hypotheses mean nothing if none is certain
 _DOUBT = 0.15
-# a map continues the one before if this share of its obstacles are in the same cells
+# a map continues the previous one if this share of the previous one's obstacles are still in the same cells
 _CONTINUED = 0.95
-# a map of which nothing is certain is registered again once this many times as much floor is known
+# a map that was not recognised for certain is registered again once its known floor has grown by this factor
 _GROWN = 1.25
 
 
@@ -45,12 +45,12 @@ class PlaceRecognition:
     """What a map was recognised as.
 
     Attributes:
-        place: its number in the database; 0: a new place, which has no borders.
+        place: the place's number in the database; 0: a new place, which has no borders.
         transform: from the place's frame to the map's.
-        certain: False: the borders need confirmation.
-        floor_cells: free cells when it was made.
-        other: a second transform that is possible until somebody confirms one; None if there is none.
-        likely: whether the walls round the borders may make it certain.
+        certain: if False, the borders need confirmation.
+        floor_cells: number of free cells of the map when it was recognised.
+        other: a second possible transform, until a person confirms one; None if there is none.
+        likely: whether a check of the walls round the borders may make it certain.
     """
 
     place: int = 0
@@ -66,10 +66,10 @@ class BorderPlace:
     """Where a border is on the current map.
 
     Attributes:
-        border: there.
-        walls_agree: whether the walls round it say so.
-        floor_is_known: whether the map knows the floor there; before it does, there is nothing to ask about.
-        others: the border at other places where it may be, until somebody says where it is.
+        border: the border at its position on this map.
+        walls_agree: whether the walls round it confirm the position.
+        floor_is_known: whether the map knows the floor there; until it does, no person is asked about the border.
+        others: the border at other possible positions, until a person says where it is.
         accepted: the border as a person accepted it, on `accepted_on`; None if that is the current map.
         accepted_on: the map on which it was accepted.
         transform: from that map's frame to the current one's.
@@ -84,11 +84,11 @@ class BorderPlace:
     transform: Transform = Transform()
 
     def region_before(self, grid: GridMap) -> Optional[Region]:
-        """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
+        """Returns what it restricted on the map where it was accepted, as free cells of this map; None if none."""
         assert self.accepted is not None and self.accepted_on is not None
         try:
             effect = integrate(self.accepted_on, self.accepted)
-        except IntegrationError:  # accepted by an earlier version, with other limits
+        except IntegrationError:  # accepted by an earlier version with other limits
             return None
         corners = self.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         start, *ends = grid.world_to_grid(self.transform.apply(corners))
@@ -104,11 +104,11 @@ class BorderPlace:
 
 
 class PlaceRecognizer:
-    """Recognises maps by the database.
+    """Recognises maps by comparing them with those in the database.
 
     Args:
-        database: it is only read.
-        name: of the place, from the launch file; empty: any.
+        database: only read.
+        name: the place's name, from the launch file; empty: any.
     """
 
     def __init__(self, database: Database, name: str = "") -> None:
@@ -119,14 +119,14 @@ class PlaceRecognizer:
     def recognize(
         self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: PlaceRecognition
     ) -> PlaceRecognition:
-        """Recognises what a map shows.
+        """Recognises which place a map shows.
 
         Args:
-            before: the map before it, since this program was started.
-            recognition: what that was recognised as; it decides only where to look first.
+            before: the previous map since this program was started; None for the first.
+            recognition: what the previous map was recognised as; the search starts there.
         """
         stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
-        # where the stored place has no borders, the map may still show the named one, which has some
+        # if the stored place has no borders, the map may still show the named place, which has some
         if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
             name = self._database.get_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
@@ -148,13 +148,13 @@ class PlaceRecognizer:
         return recognition
 
     def _walls_round_borders_agree(self) -> bool:
-        """Returns whether, of the borders on floor that the map knows, most have walls where they should be."""
+        """Returns whether most of the borders on known floor have the walls round them where they should be."""
         places = [self.locate(border) for border in self._database.borders(self._recognition.place)]
         seen = [place for place in places if place.floor_is_known]
         return 2 * sum(place.walls_agree for place in seen) > len(seen)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
-        """Returns the maps of each place with borders that the current map may show."""
+        """Returns, for each place with borders that the current map may show, the place's maps."""
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
             if self._database.borders(one.place):
@@ -170,7 +170,7 @@ class PlaceRecognizer:
         return self._wall_maps[one.fingerprint]
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
-        """Returns whether a map, where it is expected to be, fits one on which borders were drawn."""
+        """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
         starts = ((self._wall_map_of(one), transform.after(one.transform.inverse)) for one in maps)
         return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
@@ -196,7 +196,7 @@ class PlaceRecognizer:
         certain = [one for one, _ in best.values() if one.certain]
         if len(certain) == 1:
             return certain[0]
-        # several floors may have the same walls: then nothing is certain either
+        # several floors may have the same walls: then none is certain
         plausible = [one for one in best.values() if one[1].is_unique or one[1].agreement >= _PLAUSIBLE_AGREEMENT]
         if plausible:
             likeliest, found = max(plausible, key=_rank)
@@ -211,10 +211,10 @@ class PlaceRecognizer:
     def _unmoved(
         reference: WallMap, wall_map: WallMap, found: Registration, guesses: List[Transform]
     ) -> Tuple[Registration, Optional[Transform]]:
-        """Decides that borders stay where they are, unless another transform is plausible and fits clearly better.
+        """Leaves borders where they are, unless another transform is plausible and fits clearly better.
 
         Returns:
-            What is proposed, and the other one if that is possible too.
+            The proposed registration, and the other transform if it is possible too.
         """
         still = max((measure(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
         moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
@@ -232,7 +232,7 @@ class PlaceRecognizer:
     def locate(self, border: VirtualBorder) -> BorderPlace:
         """Finds where a stored border of the current map's place is on that map.
 
-        It is where the walls round it say, or, if they do not, where it is expected.
+        If the walls round it settle its position, it is there, else where it is expected.
         """
         recognition = self._recognition
         stored = self._maps.get(border.map_id) or next(iter(self._maps.values()), None)
@@ -255,7 +255,7 @@ class PlaceRecognizer:
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:
-    """Returns whether a map is the one before it, grown: the cells are on the same lattice, and obstacles are still there."""
+    """Returns whether a map is the previous one, grown: on the same lattice of cells, and with its obstacles."""
     if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
         return False
     offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]
@@ -270,7 +270,7 @@ def is_extension(before: GridMap, after: GridMap) -> bool:
 
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
-    """Replaces a transform by the identity, or by the one in force, if it differs from that by less than half a cell."""
+    """Snaps a transform to the identity or the expected one if it is within half a cell + 0.2 % of the map's size."""
     for known in (IDENTITY, expected):
         apart = np.linalg.norm(transform.apply(grid.corners()) - known.apply(grid.corners()), axis=1).max()
         if apart < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
@@ -279,5 +279,5 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
 
 
 def _rank(one: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
-    """Ranks what a map may show, with the registration that it rests on."""
+    """Ranks a possible recognition of a map, with the registration that it is based on."""
     return one[0].certain, one[1].is_unique, one[1].score

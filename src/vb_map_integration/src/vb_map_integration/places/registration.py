@@ -1,13 +1,13 @@
-"""Where an old map is in a new one: the transform between two maps of the same place, and how certain it is.
+"""Registration of an old map in a new one: the transform between two maps of the same place, and how certain it is.
 
-The idea: walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other; what only
-one of them has seen says nothing. Long connected walls carry the evidence, since furniture is moved and walls are not.
+Walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other; what only one of
+them has seen is no evidence. Long connected walls carry the evidence, since furniture is moved and walls are not.
 
 1. A coarse search over all rotations finds where the walls of both maps fit best: one correlation by FFT per angle.
-2. The best hypotheses are refined to a fraction of a cell: each wall cell is drawn to the nearest wall of the other
+2. The best hypotheses are refined to a fraction of a cell: each wall cell is pulled to the nearest wall of the other
    map (Gauss-Newton on the distance fields of both maps, far pairs left out).
 3. Each is scored by the share of long walls that are found again, in both directions, within `TOLERANCE`. The best
-   one is certain only if nearly all are found again, if it rests on enough walls, and if no other one comes near.
+   one is certain only if nearly all are found again, enough walls support it, and no other one comes near.
 
 Scale is fixed: both maps are in metres. Resolutions may differ.
 """
@@ -24,32 +24,32 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 
-# [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
+# [m] a wall is found again if there is one this near: two cells of a usual map, and SLAM's distortion of a few cm
 TOLERANCE = 0.12
 # [m] connected obstacles that extend farther are walls, smaller ones furniture: a double bed's diagonal is 2.7 m
 MIN_STRUCTURE_EXTENT = 3.0
-# [m] gaps in a wall that do not part it: cells that the laser missed
+# [m] gaps up to this in a wall do not split it: cells that the laser missed
 _MAX_BRIDGED_GAP = 0.1
 _COARSE_CELL = 0.2  # [m]
 _COARSE_CELLS = 160
 _ANGLES = 120
 _HYPOTHESES = 10
 _REFINED_POINTS = 1500
-_DRAWN_FLOOR = 400_000  # free places that are drawn when maps are compared
+_DRAWN_FLOOR = 400_000  # points of free floor that are drawn when maps are compared
 _REMAPPED = 30_000  # rows that OpenCV remaps at once
-_UNIT, _FARTHEST = 1e-4, 20_000  # [m] the unit of distances, and the largest distance in it
-_RIM = 4  # unknown cells that are kept round what a map knows
-# [m] pairs farther apart are left out of the refinement, round by round
+_UNIT, _FARTHEST = 1e-4, 20_000  # [m] unit of the stored distances, and the largest distance, in this unit
+_RIM = 4  # unknown cells that are kept round the known part of a map
+# [m] pairs farther apart are left out of the refinement, one value per iteration
 _REACH = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
-# [m] two hypotheses are the same one below these
+# [m], [rad] hypotheses that differ by less are the same
 _SAME_DISTANCE, _SAME_ANGLE = 0.4, math.radians(6.0)
 
-# When a registration is certain enough to be acted on without a person; docs/results/maps/README.md has the evidence.
-MIN_AGREEMENT = 0.92  # of long walls found again, in both directions
-MIN_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
+# When a registration is certain enough to use without asking a person; docs/results/maps/README.md has the evidence.
+MIN_AGREEMENT = 0.92  # share of long walls found again, in both directions
+MIN_OVERLAP = 0.7  # share of the smaller map's free floor that the other map knows
 MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know
-MIN_MARGIN = 0.3  # how much less the next hypothesis explains
-_UNIQUE_MARGIN = 0.5  # the same, for one that is proposed
+MIN_MARGIN = 0.3  # how much less the next best hypothesis explains, as a share
+_UNIQUE_MARGIN = 0.5  # the same, for a registration to be proposed
 
 
 class Transform(NamedTuple):
@@ -101,11 +101,11 @@ class Registration:
 
     Attributes:
         transform: from the old map's frame to the new one's.
-        agreement: share of the long walls that both maps should show and that are found again; the lower direction.
+        agreement: share found again of the long walls that both maps should show; the lower of both directions.
         overlap: share of the smaller map's free floor that the other map knows.
-        walls_m: [m] length of long walls found again.
-        balance_m: [m] `walls_m` less the length of those that are missing.
-        margin: 0 .. 1, how much less the next hypothesis explains; 0 if no other one was tried.
+        walls_m: [m] length of long walls found again; the lower of both directions.
+        balance_m: [m] length of long walls found again less that of missing ones; the mean of both directions.
+        margin: 0 .. 1, how much lower the next best hypothesis's balance is, as a share; 0 if none was compared.
     """
 
     transform: Transform
@@ -117,30 +117,30 @@ class Registration:
 
     @property
     def is_unique(self) -> bool:
-        """Returns whether no other transform comes near, however well the maps agree: then this one is proposed."""
+        """Returns whether no other transform comes near, however well the maps agree; then this one is proposed."""
         return self.margin >= _UNIQUE_MARGIN and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
     def is_unambiguous(self) -> bool:
-        """Returns whether it may be acted on without a person."""
+        """Returns whether it may be used without asking a person."""
         return self.agrees and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property
     def agrees(self) -> bool:
-        """Returns whether the maps agree at this transform, whatever another one would give."""
+        """Returns whether the maps agree at this transform, however well they do at others."""
         return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP
 
     @property
     def score(self) -> float:
-        """0 .. 1, `agreement` as far as the other measures allow: 1 only if every one is far above what is needed."""
+        """0 .. 1: `agreement`, scaled down by the other measure that is farthest below its minimum, if any is."""
         parts = (self.overlap / MIN_OVERLAP, self.walls_m / MIN_WALL_LENGTH, self.margin / MIN_MARGIN)
         return float(max(0.0, self.agreement) * min(1.0, *parts))
 
 
 class WallMap:
-    """A map as registration sees it: its wall cells, which of them belong to long walls, and its distance field.
+    """A map as registration uses it: its wall cells, which of them belong to long walls, and its distance field.
 
-    Only the part of the map that is known is kept, so that an empty canvas costs nothing.
+    Only the known part of the map is kept, so an empty canvas costs nothing.
     """
 
     def __init__(self, grid: GridMap) -> None:
@@ -157,9 +157,9 @@ class WallMap:
         extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * self.grid.resolution
         extent[0] = 0.0
         self.is_structure = extent[labels[rows, columns]] >= MIN_STRUCTURE_EXTENT
-        # what the map knows: free floor, and what is beside it
+        # the known part of the map: free floor, and the cells beside it
         self._known = cv2.dilate(self.free, np.ones((5, 5), np.uint8))
-        # [_UNIT] to the nearest wall, up to _FARTHEST: as integers they take half the memory
+        # [_UNIT] to the nearest wall, up to _FARTHEST: integers take half the memory
         self._distance = np.full(self.grid.shape, _FARTHEST, np.uint16)
         if len(self.walls):
             far = cv2.distanceTransform(1 - surface, cv2.DIST_L2, 5)
@@ -168,7 +168,7 @@ class WallMap:
             self._distance = np.minimum(far, _FARTHEST, out=far).astype(np.uint16)
 
     def look_up(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Distances (N,) [m] to the nearest wall, at most 2, and their gradients (N, 2) in the map frame."""
+        """Returns distances (N,) [m] to the nearest wall, at most 2, and their gradients (N, 2) in the map frame."""
         if not len(points):
             return np.zeros(0), np.zeros((0, 2))
         where = self.grid.world_to_grid(points).astype(np.float32)
@@ -189,14 +189,14 @@ class WallMap:
         return np.concatenate(found).astype(float) * _UNIT
 
     def distances(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Distances (N,) [m] from the cells of points (N, 2) to the nearest wall, and whether the map knows them."""
+        """Returns distances (N,) [m] from the cells of points (N, 2) to the nearest wall, and which are known."""
         where = np.floor(self.grid.world_to_grid(points) + 0.5).astype(np.int32)
         inside = ((where >= 0) & (where < self.grid.shape[::-1])).all(axis=1)
         columns, rows = np.where(inside[:, None], where, 0).T
         return self._distance[rows, columns] * np.float32(_UNIT), inside & (self._known[rows, columns] != 0)
 
     def is_known(self, points: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: at which points (N, 2) [m] the map knows the floor, or the wall beside it."""
+        """Returns (N,) bool: at which of the points (N, 2) [m] the map knows the floor, or the wall beside it."""
         return self.distances(points)[1]
 
     def walls_near(self, outline: np.ndarray, reach: float) -> np.ndarray:
@@ -210,11 +210,11 @@ class WallMap:
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """Returns up to 2000 free places (N, 2) [m], spread evenly."""
+        """Returns up to some thousand points (N, 2) [m] of free floor, spread evenly."""
         return self._some_floor(2000)[0]
 
     def _some_floor(self, most: int) -> Tuple[np.ndarray, int]:
-        """Returns about `most` free places (N, 2) [m] on a lattice, and how many cells each stands for."""
+        """Returns about `most` points (N, 2) [m] of free floor, four times as many at most, and the cells per point."""
         step = max(1, int(math.sqrt(cv2.countNonZero(self.free) / most)))
         rows, columns = np.nonzero(self.free[step // 2 :: step, step // 2 :: step])
         where = np.column_stack([columns, rows]) * step + step // 2
@@ -239,19 +239,19 @@ class WallMap:
 
     @cached_property
     def center(self) -> np.ndarray:
-        """Returns the middle (2,) [m] of what is known, on a map with walls."""
+        """Returns the middle (2,) [m] of the known part of a map with walls."""
         points = np.concatenate([self.walls, self.floor])
         return (points.min(axis=0) + points.max(axis=0)) / 2.0
 
     @cached_property
     def radius(self) -> float:
-        """Returns the radius [m] around the centre within which all that is known lies."""
+        """Returns the radius [m] round the centre that contains the known part."""
         points = np.concatenate([self.walls, self._some_floor(_DRAWN_FLOOR)[0]])
         return float(np.linalg.norm(points - self.center, axis=1).max())
 
 
 def _known_part(grid: GridMap) -> GridMap:
-    """Cuts a map to what it knows, and a few cells round it."""
+    """Crops a map to its known part, and a few cells round it."""
     known = np.ascontiguousarray(grid.data).view(np.uint8) < 128
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
@@ -263,10 +263,10 @@ def _known_part(grid: GridMap) -> GridMap:
 
 
 def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
-    """Finds the old map in the new one: the best hypothesis; None if one of the maps has no walls.
+    """Finds the old map in the new one: returns the best hypothesis; None if one of the maps has no walls.
 
     Args:
-        guesses: transforms that are checked in any case.
+        guesses: transforms that are always tried.
     """
     if not len(old.walls) or not len(new.walls):
         return None
@@ -299,7 +299,7 @@ def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
-    """Searches the most promising transforms, the best first."""
+    """Searches for the most promising transforms, the best first."""
     extent = max(old.radius, new.radius)
     cell = max(_COARSE_CELL, 2.0 * extent / _COARSE_CELLS)
     a, b = old.draw_evidence(cell), new.draw_evidence(cell)
@@ -314,7 +314,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     middle = len(a) // 2
     found: List[Tuple[float, float, int, int]] = []
     for angle in np.arange(_ANGLES) * (360.0 / _ANGLES):
-        # OpenCV turns clockwise in an image whose rows go down; here they go up, as y does
+        # OpenCV's angles are for images whose rows go down; here rows go up, as y does
         turned = cv2.warpAffine(a, cv2.getRotationMatrix2D((middle, middle), -angle, 1.0), a.shape[::-1])
         product = cv2.mulSpectrums(of_new, spectrum(turned), 0, conjB=True)
         scores = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
@@ -326,7 +326,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     chosen: List[Transform] = []
     for _, yaw, column, row in found:
         shift = np.array([value if value < size - len(a) else value - size for value in (column, row)])
-        # the old map's centre is here in the new map
+        # position of the old map's centre in the new map
         place = new.center + (shift + middle - len(b) // 2) * cell
         turned = Transform(0.0, 0.0, yaw).apply(old.center)[0]
         transform = Transform(*(place - turned).tolist(), math.remainder(yaw, 2.0 * math.pi))
@@ -338,12 +338,12 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
 
 
 def thin(points: np.ndarray, most: int) -> np.ndarray:
-    """Leaves out points evenly: of (N, 2) at least `most` stay, and less than twice as many."""
+    """Thins points (N, 2) evenly to at least `most`, but fewer than twice as many; fewer points than that all stay."""
     return points[:: max(1, len(points) // most)]
 
 
 def _sample(shape: WallMap) -> np.ndarray:
-    """Chooses wall cells (N, 2) [m] for the refinement: of long walls if there are enough."""
+    """Chooses wall cells (N, 2) [m] for the refinement: those of long walls if there are enough."""
     points = shape.walls[shape.is_structure]
     return thin(points if len(points) >= 100 else shape.walls, _REFINED_POINTS)
 
@@ -357,12 +357,12 @@ def refine(
     center: np.ndarray,
     reaches: Sequence[float],
 ) -> Transform:
-    """Refines a transform to the one nearby at which the walls of both maps coincide.
+    """Refines a transform to the nearby one at which the walls of both maps coincide.
 
     Args:
-        forward, backward: (N, 2) [m] walls of the old map, and of the new one, to be found in the other.
-        center: (2,) [m] in the old map; turning about it keeps turn and shift apart.
-        reaches: [m] pairs farther apart are left out, round by round.
+        forward, backward: (N, 2) [m] walls of the old map, and of the new one, to match with the other map.
+        center: (2,) [m] centre of rotation in the old map, which keeps rotation and shift decoupled.
+        reaches: [m] pairs farther apart are left out, one value per iteration.
     """
     place = start.apply(center)[0]
     yaw = start.yaw
@@ -385,7 +385,7 @@ def refine(
 
 
 def find_share(points: np.ndarray, other: WallMap) -> Tuple[float, float]:
-    """Returns which share of the wall cells (N, 2) [m] that another map knows are walls there, and which share it knows."""
+    """Returns, of wall cells (N, 2) [m] known to another map, the share that are walls there, and the share known."""
     distance, known = other.distances(points)
     if not known.any():
         return 0.0, 0.0

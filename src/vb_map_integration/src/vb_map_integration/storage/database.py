@@ -1,6 +1,6 @@
-"""The borders of all maps, with their history and their maps; `DurableValues` keeps them on the disk.
+"""The borders of all maps, with their history and their maps; `DurableValues` keeps them on disk.
 
-By their keys: maps/FINGERPRINT, names/PLACE, borders/PLACE/ID, changes/NUMBER (history), requests/ID; `_PLACE`, `_NEXT`.
+Keys: maps/FINGERPRINT, names/PLACE, borders/PLACE/ID, changes/NUMBER (history), requests/ID; `_PLACE`, `_NEXT`.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from vb_map_integration.borders.geojson import border_from_feature, border_to_fe
 from vb_map_integration.places.registration import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
-# what is kept of each: changes that can be undone, requests, maps of a place
+# how many are kept: changes that can be undone, requests, maps of a place besides its first and current ones
 MAX_CHANGES, MAX_REQUESTS, MAX_MAPS = 100, 100, 6
 _PLACE, _NEXT = "facts/last_place", "facts/next_number"
 
 
 class BorderChange(NamedTuple):
-    """One border's state before or after a change; None where it did not exist."""
+    """One border's states before and after a change; None where it did not exist."""
 
     id: str
     before: Optional[VirtualBorder]
     after: Optional[VirtualBorder]
 
 
-# what one command changed
+# all that one command changed
 Change = Tuple[BorderChange, ...]
 
 
@@ -45,8 +45,8 @@ class KnownMap:
     """A map that the database knows.
 
     Attributes:
-        id: its number.
-        place: the number of the map on which the place's first border was drawn; the borders are in its frame.
+        id: the map's number.
+        place: the number of the map on which the place's first border was drawn; its borders are in that map's frame.
         fingerprint: see `fingerprint`.
         transform: from the place's frame to this map's.
     """
@@ -66,7 +66,7 @@ class KnownMap:
 
 
 def fingerprint(grid: GridMap) -> str:
-    """Computes a map's identity: 64 hexadecimal digits that depend on every cell, on size, resolution and origin."""
+    """Computes a map's identity: 64 hexadecimal digits, a hash of its cells, size, resolution and origin."""
     digest = hashlib.sha256()
     digest.update(np.array(grid.shape, np.int64).tobytes())
     # map_server and bags carry the resolution as float32
@@ -77,7 +77,7 @@ def fingerprint(grid: GridMap) -> str:
 
 
 class Database(DurableValues):
-    """Borders by place, with their history; every method that changes something changes all of it or nothing."""
+    """Borders by place, with their history; each method makes its changes completely or not at all."""
 
     # ------------------------------------------------------------- maps
     def maps(self) -> List[KnownMap]:
@@ -88,19 +88,19 @@ class Database(DurableValues):
         ]
 
     def find_map(self, map_id: str) -> Optional[KnownMap]:
-        """Finds the map of a fingerprint; None if it is not known."""
+        """Finds the map with a fingerprint; None if it is not known."""
         return next((one for one in self.maps() if one.fingerprint == map_id), None)
 
     def add_map(
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
-        """Keeps a map, as a new place (place 0) or as another map of one, which is the last in force; returns its number."""
+        """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
         maps = self.maps()
         number = next(
             (one.id for one in maps if one.fingerprint == map_id), 1 + max((one.id for one in maps), default=0)
         )
         place = place or number
-        needed = {border.map_id for border in self.borders(place)}  # their borders are compared with these
+        needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
         others = [one for one in maps if one.place == place and one.id not in (place, number)]
         changes: Dict[str, Any] = {
             f"maps/{one.fingerprint}": None for one in others[:-MAX_MAPS] if one.fingerprint not in needed
@@ -125,7 +125,7 @@ class Database(DurableValues):
         return str(self.get(f"names/{place}", ""))
 
     def find_place(self, name: str) -> int:
-        """Returns the place with borders that has a name; 0 if there is none."""
+        """Returns the place that has a name and borders; 0 if there is none."""
         places = (int(place) for place, other in self.of_kind("names").items() if name == other)
         return next(filter(self.borders, places), 0)
 
@@ -136,12 +136,12 @@ class Database(DurableValues):
             self.change(self._name_changes(place, name))
 
     def _name_changes(self, place: int, name: str) -> Dict[str, Any]:
-        """Returns what gives a place a name; one without borders that has it loses it."""
+        """Returns the changes that name a place; a place without borders that has the name loses it."""
         others = {f"names/{other}": None for other, taken in self.of_kind("names").items() if taken == name}
         return {**others, f"names/{place}": name or None}
 
     def check_name(self, name: str, place: int = 0) -> None:
-        """Refuses a name that a place cannot have; raises CodedError "bad_name", "name_taken"."""
+        """Checks whether a place can have a name; raises CodedError "bad_name", "name_taken"."""
         if len(name) > MAX_NAME or not (name.isprintable() or not name):
             raise CodedError("bad_name", key="name")
         if self.find_place(name) not in (0, place):
@@ -149,7 +149,7 @@ class Database(DurableValues):
 
     @property
     def last_place(self) -> int:
-        """The last place that was in force; 0 before the first."""
+        """The last place in force; 0 if there was none yet."""
         return int(self.get(_PLACE, 0))
 
     def remember_place(self, place: int) -> None:
@@ -164,7 +164,7 @@ class Database(DurableValues):
         return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
-        """Finds (place, border) of an id, whichever map it belongs to.
+        """Finds (place, border) by a border's id, whichever place it belongs to.
 
         Raises:
             CodedError: "unknown_border".
@@ -175,7 +175,7 @@ class Database(DurableValues):
         raise CodedError("unknown_border", id=border_id)
 
     def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
-        """Gives a border of a place an id, which is spent once committed, a name that no other there has, and its times.
+        """Gives a border an id, which `commit` uses up, times, and, if unnamed, a name that is free in its place.
 
         Raises:
             CodedError: "id_not_empty".
@@ -191,8 +191,8 @@ class Database(DurableValues):
         """Makes a change of borders of one place.
 
         Args:
-            kind: "new" (what was undone is forgotten), "undo" or "redo".
-            request_id: a repetition of the request finds its border with `find_border_of_request`.
+            kind: "new" (undone changes are dropped), "undo" or "redo".
+            request_id: recorded, so that `find_border_of_request` finds the border if the request is repeated.
 
         Raises:
             CodedError: "cannot_write"; then nothing was changed.
@@ -221,12 +221,12 @@ class Database(DurableValues):
         }
 
     def available_commands(self, place: int) -> List[str]:
-        """Lists "undo" and "redo", each if there is something to undo or redo."""
+        """Lists "undo" and "redo", each only if there is something to undo or redo."""
         undone = {change["undone"] for change in self.of_kind("changes").values() if change["place"] == place}
         return [("undo", "redo")[one] for one in sorted(undone)]
 
     def _newest(self, place: int, kind: str) -> str:
-        """Returns the number of the change that undo reverts, or redo repeats."""
+        """Returns the number of the change that undo would revert, or redo repeat."""
         changes = self.of_kind("changes")
         numbers = [key for key, one in changes.items() if one["place"] == place and one["undone"] == (kind == "redo")]
         if not numbers:
@@ -234,7 +234,7 @@ class Database(DurableValues):
         return (max if kind == "undo" else min)(numbers, key=int)
 
     def prepare(self, kind: str, place: int) -> Change:
-        """Prepares the change that reverts the last one ("undo"), or that repeats what was undone last ("redo").
+        """Prepares the change that reverts the last one ("undo"), or repeats the last undone one ("redo").
 
         Raises:
             CodedError: "nothing_to_undo", "nothing_to_redo".
@@ -246,11 +246,11 @@ class Database(DurableValues):
         return tuple(BorderChange(entry.id, entry.after, entry.before) for entry in reversed(change))
 
     def find_border_of_request(self, request_id: str) -> str:
-        """Returns the id of the border that a request made; "" if it is new."""
+        """Returns the id of the border that an earlier request changed; "" if the request is new."""
         return str(self.get(f"requests/{request_id}", "")) if request_id else ""
 
 
-@functools.lru_cache(maxsize=10_000)  # one that did not change is the same object
+@functools.lru_cache(maxsize=10_000)  # an unchanged border stays the same object
 def _read_border(text: str) -> VirtualBorder:
     return border_from_feature(json.loads(text))
 

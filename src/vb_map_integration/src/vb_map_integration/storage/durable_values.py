@@ -1,15 +1,15 @@
-"""Values on the disk, kept so that neither a crash nor a damaged file costs what was acknowledged.
+"""Stores values on disk so that neither a crash nor a damaged file loses anything acknowledged.
 
-The idea: there is so little to keep that each change writes all of it again, beside the file, and then puts it in the file's
-place. So a file is either whole or not there, and its first line is the checksum of the rest. Then the same is written into
-the copy of the day: a start reads the file, or, if that is not sound, the copy with the highest revision.
+There is so little data that each change writes all of it to a new file, which then replaces the old one: a file is
+complete or absent. Its first line is a checksum of the rest. The copy of the day is replaced in the same way. At start
+the file is read, or, if it is damaged or missing, the copy with the highest revision.
 
-    borders.jsonl                     its checksum; its format and revision; then in each line a key, a tab and its value
-    borders.jsonl.damaged             what was not sound at a start
-    copies/borders-YYYY-MM-DD.jsonl   the same as it was at the end of each of the last days with a change or a start
+    borders.jsonl                     checksum; format and revision; then one line per value: key, tab, value
+    borders.jsonl.damaged             a file that was found damaged at start
+    copies/borders-YYYY-MM-DD.jsonl   borders.jsonl as it was at the end of each of the last days with a change or start
 
-What is in memory is the truth while the program runs: files that were deleted or damaged meanwhile are written again with the
-next change. Only one process may use the folder: it holds a lock for as long as it runs.
+While the program runs, the values in memory are authoritative: files deleted or damaged meanwhile are written again
+with the next change. Only one process may use the folder: it holds a lock for as long as it runs.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from vb_core.notices import Notice, Severity
 FORMAT = 1
 FILE = "borders.jsonl"
 MAX_COPIES = 14  # days
-LOCK_TIMEOUT = 5.0  # [s] how long a new process waits for the one before to end
+LOCK_TIMEOUT = 5.0  # [s] how long a new process waits for the previous one to end
 
 
 class _Content(NamedTuple):
-    """What a sound file holds; the values as JSON, by their keys."""
+    """The content of an undamaged file: the revision, and the values as JSON by their keys."""
 
     revision: int
     values: Dict[str, str]
 
 
 class DurableValues:
-    """Values that JSON can hold, by keys "kind/name", in the order in which the keys came; none may be changed in place.
+    """JSON values by keys "kind/name", in the order in which the keys were added; not to be changed in place.
 
     Args:
-        folder: where the files are; None keeps everything in memory.
+        folder: the files' folder; None keeps everything in memory.
         today: returns the date, for the copies.
 
     Attributes:
-        revision: grows with every change, across restarts.
-        notices: what was wrong with the files, for people.
+        revision: grows with every change, also across restarts.
+        notices: problems with the files, for people.
 
     Raises:
         CodedError: "database_in_use", "database_newer", "cannot_read".
@@ -76,13 +76,13 @@ class DurableValues:
             raise
 
     def close(self) -> None:
-        """Lets other processes have the folder."""
+        """Releases the folder to other processes."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Returns a value."""
+        """Returns the value of a key, or the default."""
         return _parse(self._values[key]) if key in self._values else default
 
     def names(self, kind: str) -> List[str]:
@@ -94,7 +94,7 @@ class DurableValues:
         return {name: self.get(f"{kind}/{name}") for name in self.names(kind)}
 
     def change(self, changes: Mapping[str, Any]) -> None:
-        """Sets values, all of them or none; those that are None are removed.
+        """Sets values, all or none of them; None removes a value.
 
         Raises:
             CodedError: "cannot_write", "database_in_use"; then nothing was changed.
@@ -114,7 +114,7 @@ class DurableValues:
             try:
                 self._write(self._folder, content)
             except CodedError:
-                with contextlib.suppress(CodedError):  # one of the files may be the new one already
+                with contextlib.suppress(CodedError):  # one of the files may already have the new content
                     self._write(self._folder, _Content(self.revision, self._values))
                 raise
         self.revision, self._values = content
@@ -123,14 +123,14 @@ class DurableValues:
         path, content, refused = folder / FILE, None, None
         try:
             content = _read(path)
-        except OSError as error:  # it may be sound, and readable at another time
+        except OSError as error:  # it may be undamaged, and readable later
             refused = error
         damaged = content is None and refused is None and path.exists()
         copies = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
         newest = max((copy.revision for copy in copies.values() if copy is not None), default=0)
         if content is None:
             content = self._choose_copy(folder, copies)
-        elif content.revision < newest:  # a person put an old copy in its place: that counts from now on
+        elif content.revision < newest:  # a person restored an old copy: it counts from now on
             content = content._replace(revision=newest + 1)
         if content is None and refused is not None:
             raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None
@@ -139,7 +139,7 @@ class DurableValues:
         try:
             if damaged:
                 os.replace(str(path), f"{path}.damaged")
-            for path in folder.rglob(".borders*"):  # of a write that was cut off
+            for path in folder.rglob(".borders*"):  # left by an interrupted write
                 path.unlink()
             if content is not None:
                 self.revision, self._values = content
@@ -149,7 +149,7 @@ class DurableValues:
             self._report_read_only(str(error))
 
     def _choose_copy(self, folder: Path, read: Mapping[Path, Optional[_Content]]) -> Optional[_Content]:
-        """Returns the content of the newest copy; dates are only for people: clocks go wrong."""
+        """Returns the content of the copy with the highest revision; dates are for people, since clocks go wrong."""
         sound = {path: content for path, content in read.items() if content is not None}
         if not sound:
             return None
@@ -174,7 +174,7 @@ class DurableValues:
         self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
 
     def _take_folder(self, folder: Path, timeout: float) -> None:
-        """Locks the folder, within a time [s]; again if the lock was deleted meanwhile, and another process may have it."""
+        """Locks the folder within `timeout` [s]; again if the lock file was deleted and another process may hold it."""
         path = folder / "borders.lock"
         if self._lock is not None and path.exists() and os.path.samestat(os.fstat(self._lock), path.stat()):
             return
@@ -204,7 +204,7 @@ class DurableValues:
 
 
 def _read(path: Path) -> Optional[_Content]:
-    """Reads a file; None if it is not there, or not as it was written.
+    """Reads a file; returns None if it is missing or damaged.
 
     Raises:
         CodedError: "database_newer".
@@ -230,7 +230,7 @@ def _read_or_none(path: Path) -> Optional[_Content]:
         return None
 
 
-@functools.lru_cache(maxsize=500)  # all but borders, which are read once
+@functools.lru_cache(maxsize=500)  # for all values but borders, which have their own cache
 def _parse(value: str) -> Any:
     return json.loads(value)
 

@@ -1,1 +1,1 @@
-"""Which robot goes where to see the spot."""
+"""Decides which robot goes where to see the spot."""

@@ -1,10 +1,10 @@
 """Decides where each robot should be going: the policy, apart from maps, messages and actions.
 
-The idea: one robot serves, and its place stays as long as it shows the target. When it does not for a while, or has failed,
-each robot bids the cheapest place from which it would see the target, its present place at no cost, and the best bid
-wins: that of the robot with the fewest failures; among equals, the cheapest. A place fails if navigation does not accept
-it, the robot makes no progress, or no camera sees the spot from there in time; then it is not bid again for a
-while. The bid of the robot that serves counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
+One robot serves, and keeps its position as long as it sees the target from there. If it does not for a while, or the
+position has failed, each robot bids the cheapest position from which it would see the target (its present position
+costs nothing). Bids rank by whether they see the spot, the robot's failures, whether it is busy, and cost. A position
+fails if navigation does not accept it, the robot makes no progress, or no camera sees the spot in time; it is then not
+bid again for a while. The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new pla
 LOST_INTERVAL = 0.5  # [s] the same while no camera sees the spot; UNFIT_TIMEOUT does not apply then
 RETRY_AFTER = 0.5  # [s] after a failure, times the number of failures so far
 UNFIT_TIMEOUT = 0.6  # [s] how long the present goal must have been unfit to be replaced
-MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new place must be from the present goal
-FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a place that failed, nothing is tried for this long
-# What has to happen within which time [s]: move_base itself needs 40 s to give up.
+MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new goal must be from the present one
+FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a failed position, nothing is tried for this long
+# [s] within which there must be progress: move_base itself needs 40 s to give up
 PROGRESS_TIMEOUTS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
 STUCK_DISTANCE = 0.10  # [m] a shorter move is not progress
-BLIND_TRIES = 2  # places tried until a camera sees the spot again: the laser may be off
+BLIND_TRIES = 2  # positions tried until a camera sees the spot again: the laser may be off
 PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
 
@@ -46,7 +46,7 @@ class SentGoalState(enum.Enum):
 
     @property
     def under_way(self) -> bool:
-        """Returns whether the robot is on its way to it."""
+        """Whether the robot is on its way to the goal."""
         return self in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
 
@@ -56,8 +56,8 @@ class DispatchStatus:
 
     Attributes:
         pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
-        server: whether its navigation is there.
-        goal: what became of the last goal that was sent to it.
+        server: whether its navigation is running.
+        goal: the state of the last goal that was sent to it.
         busy: whether it drives to another node's goal.
     """
 
@@ -71,7 +71,7 @@ class Fleet:
     """Decides which robot serves, and where it goes.
 
     Attributes:
-        serving: its name; None: no robot does.
+        serving: the name of the robot that serves; None: no robot does.
         goal: where it was sent; None: it sees the target from where it is.
     """
 
@@ -81,14 +81,14 @@ class Fleet:
         self._forget()
 
     def _forget(self) -> None:
-        self._failed: List[Tuple[str, float, Circle]] = []  # whose place failed, when [s], and around what
-        self._rests_until: Dict[str, float] = {}  # [s] by robot
+        self._failed: List[Tuple[str, float, Circle]] = []  # which robot, when [s], and around which position
+        self._rests_until: Dict[str, float] = {}  # [s] by robot's name
         self.serving: Optional[str] = None
         self.goal: Optional[Viewpoint] = None
         self._sent = -math.inf
         self._unfit_since: Optional[float] = None
         self._awaited: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # what, since when [s], from where
-        self._blind: List[Circle] = []  # from where no camera saw the spot that is lost now
+        self._blind: List[Circle] = []  # around positions from which no camera saw the lost spot
 
     def step(
         self,
@@ -97,20 +97,20 @@ class Fleet:
         unseen: float,
         robots: Mapping[str, Tuple[DispatchStatus, Optional[ViewpointPlanner]]],
     ) -> Dict[str, Optional[Viewpoint]]:
-        """Decides where each robot should be going now, or where it went last; None: nowhere.
+        """Decides the goal of each robot, which it may have reached already; None: no goal.
 
-        The caller sends a goal that differs from the one before, and cancels the last when there is none any more.
+        The caller sends a goal that differs from the previous one, and cancels the previous one if there is no new one.
 
         Args:
             now: [s]; key: changes with interaction and state; None: no robot is wanted.
             unseen: [s] since a camera saw the spot.
-            robots: the status of each, and what it can see; None before that is known.
+            robots: the status of each, and its viewpoint planner; None until that can be made.
         """
         before, self._before = self._before, (now, key)
         self._failed = [failure for failure in self._failed if now - failure[1] < FAILED_MEMORY]
         self._blind = self._blind if unseen > LOST_TIMEOUT else []
         if key is None or now < before[0] - 1.0:
-            self._forget()  # also when time has jumped back: what was remembered is about another run
+            self._forget()  # also when time has jumped back: what is remembered belongs to another run
         elif key != before[1]:
             on_its_way = self.serving, self.goal, self._sent, self._awaited
             running = self.serving is not None and self.goal is not None and robots[self.serving][0].goal.under_way
@@ -131,7 +131,7 @@ class Fleet:
     def _must_move(
         self, now: float, unseen: float, status: DispatchStatus, planner: Optional[ViewpointPlanner]
     ) -> bool:
-        """Returns whether to choose another place for the robot that serves, or another robot."""
+        """Returns whether to choose another position for the robot that serves, or another robot."""
         pose = status.pose
         if self.goal is not None:
             what = status.goal.value
@@ -152,7 +152,7 @@ class Fleet:
         avoided = [*self._blind, *self._failures_of(self.serving)]
         fits = planner.shows_target(wanted) and (under_way is None or planner.has_room_at(wanted))
         fits = fits and all(math.dist(wanted[:2], (x, y)) >= radius for x, y, radius in avoided)
-        # on its way off the seed's side it goes on: the border would lock it in
+        # a robot that is leaving the seed's side goes on: the border would lock it in
         if fits or (under_way is not None and not under_way.sees_spot):
             self._unfit_since = None
             waited = 0.0 if under_way is not None else min(unseen, self._awaits(now, "seen", pose))
@@ -161,7 +161,7 @@ class Fleet:
             self._blind.append((pose[0], pose[1], FAILED_RADIUS))  # something hides the spot from there
             self.goal = None
         if under_way is None:
-            self._awaits(now, "", pose)  # it waits for the spot only where it should see it
+            self._awaits(now, "", pose)  # the wait for the spot counts only where the robot should see it
         if self.goal is None:
             return True
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
@@ -173,14 +173,14 @@ class Fleet:
         return [around for robot, _, around in self._failed if robot == name]
 
     def _awaits(self, now: float, what: str, pose: Pose) -> float:
-        """Measures for how long [s] the same has been awaited without the robot getting anywhere."""
+        """Measures for how long [s] the same event has been awaited without the robot moving on."""
         before, _, start = self._awaited
         if what != before or start is None or pose_distance(start, pose) >= STUCK_DISTANCE:
             self._awaited = (what, now, pose)
         return now - self._awaited[1]
 
     def _choose(self, now: float, able: Mapping[str, Tuple[DispatchStatus, ViewpointPlanner]]) -> None:
-        """Accepts the best bid; without one everything stays as it is."""
+        """Accepts the best bid; without any bid nothing changes."""
         bids: Dict[str, Tuple[tuple, Optional[Viewpoint]]] = {}
         for name, (status, planner) in able.items():
             failures, serves = self._failures_of(name), name == self.serving
@@ -202,12 +202,12 @@ class Fleet:
         if best == self.serving and self._is_about_the_goal(chosen, status):
             self._unfit_since = now
             return
-        # a copy: to be sent to the same place again is another goal
+        # a copy: being sent to the same position again is another goal
         self.serving, self.goal = best, chosen and replace(chosen)
         self._sent, self._unfit_since, self._awaited = now, None, ("", now, None)
 
     def _is_about_the_goal(self, chosen: Optional[Viewpoint], status: DispatchStatus) -> bool:
-        """Returns whether a viewpoint is about where the robot already is or goes."""
+        """Returns whether a viewpoint is close to where the robot already is or is going."""
         goal = self.goal
         if chosen is None or goal is None or math.dist(chosen.pose[:2], goal.pose[:2]) >= MIN_GAIN:
             return False

@@ -1,4 +1,4 @@
-"""One robot that is sent to where its camera sees the spot: what it sees, and what became of its goal. Nothing here waits."""
+"""One robot that is sent to where its camera sees the spot: its view, and its goal's state. Nothing here blocks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vb_robot.floor_view import FloorView
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
 
-MARK = "-looks-"  # in the ids of goals, so that those of a process that died are known
+MARK = "-looks-"  # in the ids of goals, so that those of a process that died are recognised
 OUTCOMES = {
     GoalStatus.PENDING: SentGoalState.SENT,
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
@@ -71,7 +71,7 @@ class DispatchedRobot:
             rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: what {who} sees is not known: {error}")
 
     def set_goal(self, goal: Optional[Viewpoint]) -> None:
-        """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
+        """Sends it to a new goal, which replaces the previous one; None: cancels the previous one if it still runs."""
         if goal is self._goal:
             return
         self._goal = goal
@@ -91,7 +91,7 @@ class DispatchedRobot:
         others = {goal for goal, status in goals.items() if status in running} - self._ids
         for goal in others:
             if goal.startswith(rospy.get_name() + MARK):
-                # again each time: while publishers are being connected a message may be lost
+                # repeated: while publishers are being connected a message may be lost
                 self._robot.cancel_goals(goal)
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: cancels a goal from before a restart: {goal}")
         if wanted:

@@ -1,4 +1,4 @@
-"""Decides where robots go, from all that is known of spot, drawing, maps and robots; the node only wires it."""
+"""Decides where robots go, from spot, drawing, maps and robots; the node only connects it to topics."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.floor_view import FloorView
 from vb_robot.spots import LOST_TIMEOUT, Sightings
 
-# [s] after which people are told: spots are confirmed late at the start of a stroke, and choosing a robot takes a second
+# [s] after which people are told: spots are confirmed late at the start of a stroke, and choosing a robot takes 1 s
 UNSERVED_TIME = 2.0
 
 
 class RobotMap:
-    """The maps that apply to one robot of a radius [m], and what its camera sees of the floor."""
+    """The maps that apply to one robot of a radius [m], and its camera's view of the floor."""
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
@@ -31,7 +31,7 @@ class RobotMap:
         self._clearance_map: Optional[Tuple[Window, ClearanceMap]] = None
 
     def update(self, view: Optional[FloorView], borders: Optional[GridMap], physical: Optional[GridMap]) -> None:
-        """Stores what the camera sees, the map with the borders that are for this robot, and the one without any."""
+        """Stores the camera's view, the map with the borders that are for this robot, and the map without borders."""
         self._view = view
         if borders is not self._maps[0] or physical is not self._maps[1]:
             self._maps, self._clearance_map = (borders, physical), None
@@ -39,7 +39,7 @@ class RobotMap:
     def make_planner(
         self, drawing: DrawingState, status: DispatchStatus, others: Sequence
     ) -> Optional[ViewpointPlanner]:
-        """Makes the planner that knows what the robot can see of a drawing; None before map, pose and camera are known."""
+        """Makes the robot's viewpoint planner for a drawing; None until map, pose and camera are known."""
         borders, physical = self._maps
         if self._view is None or status.pose is None or borders is None:
             return None
@@ -53,16 +53,16 @@ class RobotMap:
 class Dispatcher:
     """Decides where robots go, from an interaction's messages. It must be used by one thread at a time.
 
-    A goal is given only after a stationary camera saw the spot in this interaction: before, and where there is no such
-    camera, the person guides the robot. From then on the spots of every camera tell where the spot is.
+    A goal is given only after a stationary camera saw the spot in this interaction: before that, and where there is no
+    such camera, the person guides the robot. From then on the sightings of every camera count.
 
     Args:
         radii: [m] of the robots, by name; "" is the only one, without a namespace.
 
     Attributes:
-        maps: of each robot, with what its camera sees.
+        maps: of each robot, by name, with its camera's view.
         sightings: of the spot in this interaction.
-        notice: what to tell people now.
+        notice: the one to show to people now, if any.
     """
 
     def __init__(self, radii: Mapping[str, float]) -> None:
@@ -80,7 +80,7 @@ class Dispatcher:
         self.sightings.add_contributors(interaction, cameras)
 
     def decide(self, now: float, robots: Mapping[str, DispatchStatus]) -> Dict[str, Optional[Viewpoint]]:
-        """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new place."""
+        """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new goal."""
         sightings, robot_wanted = self.sightings, self.sightings.should_dispatch()
         sightings.forget_after(now)
         drawing = self._drawing(now) if robot_wanted else None
@@ -105,8 +105,8 @@ class Dispatcher:
         elif sightings.newest() is not None:
             target = sightings.target()
         else:
-            # this program was restarted in the middle of a drawing: the line ends where the spot was seen last; the seed of
-            # a closed line is most likely within it, where a robot would hide it
+            # this program was restarted in the middle of a drawing: the line ends where the spot was seen last; the
+            # seed of a closed line is most likely within it, where a robot would hide it
             within = drawn.inside() if sightings.state == SEED else None
             target = drawn.spot if within is None else within
         if target is None:

@@ -1,7 +1,7 @@
 """Derives from a drawing what a robot should look at, and which floor the border will probably restrict.
 
-The idea: a robot looks a little ahead of the spot, to where the line goes on, so that it is there before ceiling cameras
-lose the spot; and it goes nowhere that the border will probably restrict.
+A robot looks a little ahead of the spot, to where the line continues, so that it is there before ceiling cameras lose
+the spot; and it goes nowhere that the border will probably restrict.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from shapely.geometry import Polygon
 
 from vb_robot.clearance_map import ClearanceMap
 
-STEP = 0.05  # [m] between places of an extrapolated line
-# A quick hand is farther on by the time that a robot has come: it looks at the middle of the way that the hand may have
+STEP = 0.05  # [m] between points of an extrapolated line
+# A quick hand has moved on by the time a robot arrives: the robot looks at the middle of the way that the hand may have
 # gone until then, as long as the spot stays in view too.
 MIN_LOOKAHEAD, REACTION, MAX_LOOKAHEAD = 0.3, 1.2, 0.6  # [m] at least, [s] of the hand's motion, [m] at most
-LINE_AHEAD = 0.8  # [m] how far the line is extrapolated for what else a robot sees, and keeps off
+LINE_AHEAD = 0.8  # [m] how far the line is extrapolated: a robot should see this part too, and keeps off it
 MIN_LINE = 0.3  # [m] a shorter line encloses nothing yet
 NO_POINTS = np.zeros((0, 2))
 
@@ -33,7 +33,7 @@ class DrawingState:
         chain: (M, 2) [m] what has been drawn.
         velocity: (2,) [m/s] how the spot moves, or None.
         closed: whether the chain is a polygon.
-        seeding: the spot marks the side to be restricted: stay off that side.
+        seeding: the spot marks the side to be restricted, from which robots keep off.
         seen_by_stationary: a stationary camera sees the spot, so a robot need not.
         seed: (2,) [m] the one that the border would be saved with now, or None.
     """
@@ -47,13 +47,13 @@ class DrawingState:
     seed: Optional[np.ndarray] = None
 
     def inside(self) -> Optional[np.ndarray]:
-        """Returns a place (2,) [m] within a closed line, about its middle; None if the line is open."""
+        """Returns a point (2,) [m] within a closed line, near its middle; None if the line is open."""
         if not self.closed or len(self.chain) < 3:
             return None
         return np.array(Polygon(self.chain).representative_point().coords[0])
 
     def line_ahead(self, clearance_map: ClearanceMap) -> np.ndarray:
-        """Extrapolates the line from the spot, (K, 2) [m], not into a wall; the spot alone if it does not move."""
+        """Extrapolates the line from the spot, (K, 2) [m], up to a wall at most; the spot alone if it does not move."""
         if self.velocity is None or self.seeding:
             return np.array([self.spot])
         room = float(np.linalg.norm(clearance_map.ray_end(self.spot, self.velocity) - self.spot)) - STEP
@@ -61,16 +61,16 @@ class DrawingState:
         return self.spot + lengths[:, None] * self.velocity / np.linalg.norm(self.velocity)
 
     def look_at(self, ahead: np.ndarray) -> np.ndarray:
-        """Returns which place (2,) [m] on the line ahead (K, 2) [m] a robot should look at."""
+        """Returns the point (2,) [m] of the line ahead (K, 2) [m] that a robot should look at."""
         speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
         length = min(max(0.5 * REACTION * speed, MIN_LOOKAHEAD), MAX_LOOKAHEAD)
         return ahead[min(int(round(length / STEP)), len(ahead) - 1)]
 
     def expected_area(self, clearance_map: ClearanceMap) -> Optional[np.ndarray]:
-        """Predicts (H, W) bool what the border will restrict; None if that cannot be told yet.
+        """Predicts which cells (H, W) bool the border will restrict; None if it is too early to tell.
 
-        While the seed is shown, the seed's side; before, what the line encloses together with the straight line between
-        its ends, since a polygon that is half drawn looks like a curve.
+        While the seed is shown, the seed's side; before that, the area between the line and the straight line joining
+        its ends, since a half-drawn polygon looks like a curve.
         """
         if self.seeding:
             return clearance_map.side_of(self.spot, self.chain, self.closed)

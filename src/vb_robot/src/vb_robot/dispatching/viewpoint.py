@@ -1,7 +1,7 @@
 """Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area).
 
-The idea: one test says whether a pose shows what the camera has to see, for the robot's pose, its goal and every
-candidate alike; candidates need some more margin, and the cheapest in metres of path is taken.
+One test decides whether the camera sees what it must from a pose, be it the robot's pose, its goal or a candidate.
+Candidates need some more margin, and the cheapest in metres of path is taken.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.floor_view import FloorView
 
-# [m] to what the camera looks at: nearer it leaves the image, farther it is small
+# [m] to the point that the camera looks at: nearer, it leaves the image; farther, the spot is small
 MIN_DISTANCE, MAX_DISTANCE = (0.8, 1.5)
 BEST_DISTANCE = 1.1  # [m]
-DISTANCES, BEARINGS = 4, 36  # how many are checked
-IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose looks at ...
-SEEN_MARGIN = 0.06  # ... and beyond all that any pose must see
-LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and from where it goes on
-# What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing
-# where the line goes on, and being on the expected area when the border is saved, on the way and again if it is there.
+DISTANCES, BEARINGS = 4, 36  # how many of each are checked
+IMAGE_MARGIN = 0.15  # least fraction of the image between its edge and the point that a new pose looks at ...
+SEEN_MARGIN = 0.06  # ... and all that any pose must see
+LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and its extrapolation
+# What a pose costs, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing where
+# the line continues, and the expected area: once if the path crosses it, and again if the pose is on it.
 TURN_COST, DISTANCE_COST, UNSEEN_COST, LOCKED_COST = 0.4, 0.5, 0.5, 5.0
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pose, and what it costs [m]. `sees_spot`: False for a place that only leaves the side to be restricted."""
+    """A pose, and its cost [m]. `sees_spot`: False for a pose that only leaves the side to be restricted."""
 
     pose: Pose
     cost: float
@@ -44,7 +44,7 @@ class ViewpointPlanner:
     """Computes what one robot can see of a drawing, from where it is and from where it could go.
 
     Args:
-        others: (K, 2) [m] where other robots are.
+        others: (K, 2) [m] positions of other robots.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class ViewpointPlanner:
         self._ahead = drawing.line_ahead(clearance_map)
         self.look_at = drawing.look_at(self._ahead)
         area = drawing.expected_area(clearance_map)
-        # the border to come would lock a robot in: it stands clear of its area, and drives over none of it
+        # the future border would lock a robot in: it stands clear of the border's area, and does not drive over it
         apart = None if area is None else clearance_grid(area, clearance_map.grid.resolution)
         self._outside = None if apart is None else apart >= clearance_map.radius + STOP_MARGIN
         self._touching = None if apart is None else apart < clearance_map.radius
@@ -67,19 +67,19 @@ class ViewpointPlanner:
         return bool(self._shows(np.array([pose[:2]]), np.array([pose[2]]))[0])
 
     def has_room_at(self, pose: Pose) -> bool:
-        """Returns whether there still is room for the robot at a goal."""
+        """Returns whether there is still room for the robot at a goal."""
         return bool(self.clearance_map.has_room_at(np.array([pose[:2]]))[0])
 
     def best_viewpoint(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
         """Finds the cheapest reachable pose that shows the target; None if there is none.
 
-        It is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead, and if it can be
-        off the area that the border will probably restrict, like the path to it; off the side that the seed marks in any
-        case. The robot's own place counts if it only has to turn. If there is no such pose and the robot itself is on that
-        side, the nearest place off it.
+        The pose is clear of obstacles and borders by radius and margin, off the drawn line and its extrapolation, and
+        always off the side that the seed marks. If possible, pose and path avoid the area that the border will probably
+        restrict. The robot's own position is a candidate too: it then only turns. If there is no such pose and the
+        robot is on the seed's side, returns the nearest pose off it.
 
         Args:
-            avoid: (x, y, radius) [m]: places that failed.
+            avoid: (x, y, radius) [m] around positions that failed.
         """
         places, yaws, distances = _poses_round(self.look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
@@ -96,7 +96,7 @@ class ViewpointPlanner:
         lengths = self.clearance_map.path_lengths(robot[:2], places, self._others)
         crossing = self._cross_area(robot, places, lengths)
         lengths[moves < 1e-6] = 0.0
-        # the robot turns towards the place and there to the yaw, or only to the yaw if it is there already
+        # the robot turns towards the position and there to the yaw, or only to the yaw if it is there already
         heading = np.where(moves < 0.1, robot[2], np.arctan2(off[:, 1], off[:, 0]))
         turns = np.abs([np.arctan2(np.sin(turn), np.cos(turn)) for turn in (heading - robot[2], yaws - heading)])
         cost = lengths + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
@@ -110,9 +110,9 @@ class ViewpointPlanner:
         return Viewpoint((*places[best].tolist(), geometry.wrap_angle(float(yaws[best]))), float(cost[best]))
 
     def _cross_area(self, robot: Pose, places: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: to which places the shortest path, of these lengths [m], leads over the expected area.
+        """Returns (N,) bool: whether the shortest path to each place, of these lengths [m], crosses the expected area.
 
-        Navigation knows no border yet that is being drawn. A robot that is on the area has to leave it anyhow.
+        Navigation does not yet know the border being drawn. A robot that is on the area has to leave it in any case.
         """
         touching, grid = self._touching, self.clearance_map.grid
         if touching is None or sample(grid, touching, np.array([robot[:2]]), outside=0.0)[0]:
@@ -121,7 +121,7 @@ class ViewpointPlanner:
 
     # ------------------------------------------------------------- one test for all poses
     def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: which poses show what must be seen, off the line and off the seed's side."""
+        """Returns (N,) bool: which poses see what they must, and are off the line and the seed's side."""
         drawing = self.drawing
         required = [self.look_at] if drawing.seen_by_stationary else [self.look_at, drawing.spot]
         keep = self._seen(np.array(required), places, yaws, SEEN_MARGIN).all(axis=1)
@@ -147,7 +147,7 @@ class ViewpointPlanner:
         return self.view.sees(in_base.reshape(-1, 2), margin).reshape(len(places), len(points))
 
     def _retreat(self, robot: Pose) -> Optional[Viewpoint]:
-        """Returns the nearest place off the side that the seed marks, if the robot is on it."""
+        """Returns the nearest pose off the side that the seed marks, if the robot is on it."""
         clearance_map, spot = self.clearance_map, self.drawing.spot
         if not self.drawing.seeding or self._is_outside(np.array([robot[:2]]))[0]:
             return None
@@ -162,13 +162,13 @@ class ViewpointPlanner:
 
 
 def _poses_round(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses that face a point; the robot's place too."""
+    """Returns places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point; the robot's place too."""
     own = look_at - robot[:2]
     home = float(np.hypot(*own)), math.atan2(own[1], own[0])
-    # from the robot's own bearing on, so that a robot that only has to come nearer need not go round
+    # starting at the robot's own bearing, so that a robot that only has to come nearer need not drive round
     yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + home[1]
     distance, yaw = (values.ravel() for values in np.meshgrid(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), yaw))
     if 0.8 * MIN_DISTANCE <= home[0] <= 1.3 * MAX_DISTANCE:
-        # turning is quicker than driving to a slightly better place
+        # turning is quicker than driving to a slightly better position
         distance, yaw = np.append(distance, home[0]), np.append(yaw, home[1])
     return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance

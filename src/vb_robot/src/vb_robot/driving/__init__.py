@@ -1,1 +1,1 @@
-"""Decides whether a robot may drive, and makes it follow the spot and get off what is too near."""
+"""Decides whether a robot may drive, makes it follow the spot, and drives it clear of what it is too near to."""

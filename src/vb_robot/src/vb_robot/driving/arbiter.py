@@ -1,10 +1,10 @@
 """The arbiter between the sources that want to drive one robot.
 
-The idea: several sources may request motion (a person with a joystick, the spot, the way off something too near, navigation);
-exactly one drives, and every command passes one gate (gate.py). In doubt the robot stops, and a code says why.
+Several sources may request motion (a joystick, the spot, the escape, navigation); exactly one drives at a time, and
+every command passes one gate (gate.py). In doubt the robot stops, and a code says why.
 
 The sources, in order of priority: stop (it holds until resume), teleoperation, following the spot, escape from
-something too near, navigation.
+a border or obstacle that is too near, navigation.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.spots import Sighting, Sightings
 
-# [s] of zeros for each new listener: a base may still hold the last command of a driver that died
+# [s] for which each new listener is sent zeros: a base may still hold the last command of a driver that died
 START_ZEROS = 3.0
-GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
-CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
-STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
+GOAL_TIMEOUT = 1.0  # [s] after navigation last reported a goal, the goal counts as gone; five reports come a second
+CANCEL_PERIOD = 1.0  # [s] between cancellations of navigation's goals while the robot follows the spot
+STILL = 0.1  # [rad/s] a robot that turns more slowly counts as standing: navigation's slowest turn is twice as fast
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class DriveCommand:
         v, w: [m/s, rad/s]
         source: who drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
         code: "driving", or what stops or slows the robot.
-        publish: whether to publish it: a robot that no source drives is left alone.
+        publish: whether to publish it; a robot that no source drives is left alone.
         cancel: whether to cancel navigation's goals.
     """
 
@@ -55,16 +55,16 @@ class DriveCommand:
 class Arbiter:
     """Chooses which source drives a robot, and passes its requests through the gate.
 
-    Several threads may feed it; one calls `step`.
+    Several threads may feed it; only one may call `step`.
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
-        stops: those that it holds from before this program started.
+        stops: the stops that the robot holds from before this program started.
 
     Attributes:
-        gate: what every command passes; it takes the inputs that decide how fast the robot may drive.
-        follower: the spot's source of commands.
-        stops: that hold; while there is one, nothing else drives.
+        gate: limits every command; takes the inputs that decide how fast the robot may drive.
+        follower: requests the motion that follows the spot.
+        stops: the stops in force; while there is one, no other source drives.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class Arbiter:
         self._camera = camera
         self.follower, self._escape = SpotFollower(), Escape(profile.radius)
         self._rotation_shim = RotationShim()
-        self._goal_at = -math.inf  # [s] when navigation said last that it has a goal
-        self._silent_after = -math.inf  # [s] when it stops publishing zeros for a new listener
+        self._goal_at = -math.inf  # [s] when navigation last reported a goal
+        self._silent_after = -math.inf  # [s] until when a new listener is sent zeros
         self._listeners = 0
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self.stops = stops or HeldStops()
@@ -99,7 +99,7 @@ class Arbiter:
         """Adds a spot of any camera."""
         with self._lock:
             counts = self._spots.add(sighting)
-            # the camera's own order: others may be quicker
+            # in the order of this camera alone: spots of other cameras may arrive sooner
             if counts and sighting.mobile and sighting.camera == self._camera:
                 self.follower.spot, self.gate.stamps["spot"] = sighting.position, sighting.stamp
 
@@ -109,7 +109,7 @@ class Arbiter:
             self._spots.add_contributors(interaction, cameras)
 
     def set_goal(self, active: bool, now: float) -> None:
-        """Stores whether navigation has a goal, as its status of a time [s] says."""
+        """Stores whether navigation has a goal, according to its status at a time [s]."""
         self._goal_at = now if active else -math.inf
 
     def recover(self, now: float) -> None:
@@ -128,13 +128,13 @@ class Arbiter:
 
     # ------------------------------------------------------------- who drives
     def halt(self, code: str) -> DriveCommand:
-        """Stops the robot, whatever is requested: the program has a fault."""
+        """Stops the robot, whatever is requested, because the program has a fault."""
         with self._lock:
             self._last = DriveCommand(0.0, 0.0, self._last.source, code, True)
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Decides the command for a time [s]; called once in 1 / RATE. `listeners`: how many hear the commands now."""
+        """Decides the command for a time [s]; called RATE times a second. `listeners`: subscribers to the commands."""
         with self._lock:
             if listeners > self._listeners:
                 self._silent_after = now + START_ZEROS
@@ -155,13 +155,13 @@ class Arbiter:
             return self._last
 
     def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
-        """Chooses who drives; returns the source and its request."""
+        """Chooses the source that drives; returns it and its request."""
         if self.stops.stopped:
             return STOP, VelocityRequest(code="stopped")
         teleop = self._command(TELEOP, now)
         if teleop is not None:
             return TELEOP, teleop
-        # a robot that a person guides stays theirs when the state is lost: the gate then stops it
+        # a robot that a person guides does not change its source when the state is lost: the gate then stops it
         if self._spots.should_follow(self._camera, now):
             return FOLLOW, self.follower.compute_request(self.gate.pose(now))
         request = self._compute_escape(now, goal)
@@ -181,7 +181,7 @@ class Arbiter:
         pose, workspace = self.gate.pose(now), self.gate.workspace
         if pose is None or workspace is None:
             return None
-        # a command that the gate has stopped, at a border or beside a wall, moves nothing, whatever navigation believes
+        # a command that the gate stopped, at a border or a wall, does not move the robot, whatever navigation believes
         granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = granted and self._command(NAVIGATION, now) is not None
         return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)

@@ -1,7 +1,7 @@
-"""Drives a robot away from what it stands too near to, so that navigation finds a path again.
+"""Drives a robot away from a border or obstacle that it is too near to, so that navigation finds a path again.
 
-Navigation's paths keep PATH_MARGIN more from everything than its controller does, which may end where no path begins. The
-idea: the robot then drives straight to the nearest place with room, and its goal waits meanwhile.
+Navigation's planner keeps PATH_MARGIN more clearance than its controller, which may stop the robot where no path can
+begin. The robot then drives straight to the nearest position with room, while its goal waits.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from vb_core.geometry import Pose
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 
-NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: it begins, it ends; cells flicker
-ROOM = FREE + 0.05  # [m] beyond the radius: a robot that stops a few centimetres short, or one cell away, is free
-REACH = 0.5  # [m] to such a place: a robot that is farther from any is caught, not pinched
-PINCHED_AFTER = 1.5  # [s] for which navigation has a goal and moves nothing
-TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s]: what is in the way may have gone
+NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: start, end (hysteresis, as cells flicker)
+ROOM = FREE + 0.05  # [m] beyond the radius: a robot that stops a few centimetres short, or one cell away, is still free
+REACH = 0.5  # [m] to the farthest such position: a robot with none so near is trapped, not pinched
+PINCHED_AFTER = 1.5  # [s] for which navigation has a goal but does not move the robot
+TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s] until it gives up, and until it tries again: the obstacle may have gone
 
 
 class Escape:
     """Helps a pinched robot: one that has a goal, is not moved by navigation, and stands too near to something.
 
-    A robot whose centre is within a border does not count as pinched: somebody drew the border there, or took the robot into it.
+    A robot whose centre is within a border is not pinched: somebody drew the border there, or took the robot into it.
 
     Args:
         radius: [m] of the robot.
@@ -39,7 +39,7 @@ class Escape:
         self._target: Optional[np.ndarray] = None  # (2,) [m] where it drives to; None: it needs no help
 
     def interrupt(self, now: float) -> None:
-        """Forgets where it was driving to: a person stops or drives the robot, which may be elsewhere afterwards."""
+        """Forgets its target: a person stops or drives the robot, which may be elsewhere afterwards."""
         self._target, self._began, self._idle_since = None, -math.inf, now
 
     def compute_request(
@@ -48,9 +48,9 @@ class Escape:
         """Computes how the robot should move at a time [s]; None if it needs no help.
 
         Args:
-            goal: navigation has one, and nobody draws or guides; moves: navigation moves the robot.
+            goal: whether navigation has one, and nobody draws or guides; moves: whether navigation moves the robot.
         """
-        if moves or not goal or now < self._idle_since:  # at the start, and when time was set back, it waits as well
+        if moves or not goal or now < self._idle_since:  # also at the start, and when time was set back
             self._idle_since = now
         gap = workspace.distance_to_blocked(pose) - self._radius
         if not (goal and -self._radius < gap < (NEAR if self._target is None else FREE)):

@@ -1,12 +1,12 @@
-"""The one gate that every command passes: it lets through what can be shown to be safe, and says what limited the rest.
+"""The gate that every command passes: it limits each command to what is known to be safe, and says what limited it.
 
-Before each command it asks one question: is everything known that this command depends on? What is not known is a stop
-with a code. Whatever comes periodically has one age limit: INPUT_TIMEOUT after the last message of any input the robot
-stops. The older the oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message
-that is a little late, on a busy computer, slows the robot for a moment and does not stop it.
+If anything that a command depends on is unknown, the robot stops, with a code that says why. All periodic inputs share
+one age limit: INPUT_TIMEOUT after the last message of any of them, the robot has stopped. The older the oldest input,
+the slower the robot drives, so that it can brake in time from any speed. A message that is a little late, as on a busy
+computer, slows the robot for a moment but does not stop it.
 
-Use it to put borders and a laser scanner between any source of velocities and a robot's base, with or without ROS:
-feed it whatever comes, and send what `limit` returns.
+Use it, with or without ROS, to make any source of velocities respect borders and a laser scanner: feed it every input,
+and send what `limit` returns to the base.
 
 >>> import numpy as np
 >>> from vb_core.grid_map import GridMap
@@ -49,23 +49,23 @@ from vb_robot.driving.safety import (
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
-RATE = 20.0  # [1/s] how soon late messages are noticed
+RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
 INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot stops
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
-USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] what comes less often may be older by that much, at most by MAX_SLACK
+USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] an input with a longer period may be older by the excess, up to MAX_SLACK
 JUMP_WINDOW = 1.0  # [s] over which the localisation is compared with the odometry
-POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known where the borders are
-OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing is let through: two nodes at one wheel
+POSE_JUMP_HOLD = 1.0  # [s] for which, after a jump of the localisation, it is not known where the borders are
+OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing passes: two nodes must not drive one base
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 
 OTHER_PUBLISHER = "other_cmd_vel_publisher"  # the code while another node could command the base
 NONE, STOP, TELEOP, FOLLOW, ESCAPE, NAVIGATION = "none", "stop", "teleop", "follow", "escape", "navigation"
 CLEARANCES = {
     TELEOP: Clearance(0.05, 0.02, 0.0),
-    FOLLOW: Clearance(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
+    FOLLOW: Clearance(0.12, 0.04, 0.06),  # navigation must find a path from wherever a person leaves the robot
     ESCAPE: Clearance(0.12, 0.04, 0.05),
-    NAVIGATION: Clearance(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
+    NAVIGATION: Clearance(0.04, 0.0, -0.04),  # it keeps its own distance; these only rule out what must never happen
 }
 
 
@@ -73,10 +73,10 @@ class Gate:
     """Limits one robot's commands by what is ahead of it and by the age of its inputs. Several threads may feed it.
 
     Attributes:
-        workspace: the maps; None before there are any.
-        speed_limits: the map of them, where there are slow zones.
-        contacts: by topic and sensor what its contact forbids, "forward" or "all".
-        pose_uncertain: whether the localisation itself says that it may be anywhere.
+        workspace: the maps; None while they are not known.
+        speed_limits: the map of the slow zones' limits, if there is one.
+        contacts: for each (topic, sensor), which motion its contact forbids: "forward" or "all".
+        pose_uncertain: whether the localisation itself says that the robot may be anywhere.
         registered: other nodes that could command this robot's base now.
         clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
@@ -94,11 +94,11 @@ class Gate:
         self._lock = threading.RLock()
         self._scan: Optional[Scan] = None
         self._fixes: Deque[Fix] = deque(maxlen=64)
-        self._located = False  # whether the newest of them holds
+        self._located = False  # whether the newest fix still holds
         self._periods: Dict[str, Deque[float]] = {}  # [s] between an input's newest messages
-        self._correction = 0.0, -math.inf  # its stamp, and when that was new [s]
+        self._correction = 0.0, -math.inf  # the newest one's stamp, and when that was new [s]
         self._jump_hold_until = -math.inf
-        self._other_publishers: Dict[str, float] = {}  # who else commanded this robot, and when
+        self._other_publishers: Dict[str, float] = {}  # other nodes that commanded this robot, and when [s]
         self._limited_at = -math.inf  # [s] the time of the last command
 
     # ------------------------------------------------------------- inputs
@@ -114,9 +114,9 @@ class Gate:
         """Stores the robot's pose (x, y, yaw), map frame, at a time [s]; None: it is not known.
 
         Args:
-            odometry: the same in the odometry's frame, if there is any.
+            odometry: the pose in the odometry frame, if there is odometry.
             correction: stamp [s] of the newest correction that localisation has made to odometry; 0: none is to be
-                expected. AMCL stamps its corrections ahead, so that what counts is when the stamp changes.
+                expected. AMCL post-dates its corrections, so the time counts at which the stamp changes.
         """
         with self._lock:
             if correction != self._correction[0]:
@@ -128,8 +128,8 @@ class Gate:
                 return
             fixes, fix = self._fixes, Fix(stamp, pose, odometry)
             if not was_located or not fixes or stamp != fixes[-1].stamp:
-                self.record_input("pose", stamp)  # the same one again is as old as before
-            # the last one stays, however old: also after a pause it must be where the odometry says
+                self.record_input("pose", stamp)  # a repeated pose is as old as before
+            # the last fix stays, however old: even after a pause, the pose must agree with the odometry
             while len(fixes) > 1 and not stamp - JUMP_WINDOW <= fixes[0].stamp <= stamp:
                 fixes.popleft()
             compared = {fixes[0], fixes[-1]} if fixes else ()
@@ -148,7 +148,7 @@ class Gate:
             self.stamps[what] = stamp
 
     def set_contact(self, sensor: Tuple[str, int], blocks: str) -> None:
-        """Stores what the contact of one sensor of a topic forbids: "forward" or "all"; "": it is clear."""
+        """Stores which motion the contact of one sensor of a topic forbids: "forward" or "all"; "": no contact."""
         with self._lock:
             self.contacts.pop(sensor, None)
             if blocks:
@@ -160,7 +160,7 @@ class Gate:
 
     # ------------------------------------------------------------- what is known
     def other_publishers(self, now: float) -> str:
-        """Returns the other nodes that can command the robot, or have in the last second."""
+        """Returns the other nodes that can command the robot, or did in the last second."""
         heard = [name for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_PUBLISHER_HOLD]
         return ", ".join(sorted({*heard, *self.registered}))
 
@@ -176,7 +176,7 @@ class Gate:
         """Limits a source's request at a time [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
         with self._lock:
             self._limited_at = now
-            # two nodes at one wheel: in every state, also if nobody means to drive
+            # two nodes must not drive one base, in any state, even if no source requests motion
             if self.other_publishers(now):
                 return 0.0, 0.0, OTHER_PUBLISHER
             if source in (NONE, STOP):
@@ -189,19 +189,18 @@ class Gate:
             v, w, code = request.v, min(max(request.w, -limits.max_turn_rate), limits.max_turn_rate), request.code
             allowed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
             if abs(v) > allowed:
-                # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is
-                # round
+                # the same arc, which was checked, but more slowly; turning enters no new floor, as the robot is round
                 share = allowed / abs(v)
                 v, w, code = (share * v, share * w, reason) if allowed >= 0.02 else (0.0, w, reason)
             share, missing = self._age_factor(now, source, v, w)
             return (0.0, 0.0, missing) if missing else (share * v, share * w, code)
 
     def _age_factor(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
-        """Returns which part of a command the brakes can end before the oldest of its inputs is too old.
+        """Returns the fraction of a command from which the robot can stop before the oldest input is too old.
 
-        If that is nothing, it returns what is missing as a code; else "".
+        If that is 0, it also returns the code of what is missing; else "".
         """
-        # a person with a joystick beside the robot may have come because all else is lost
+        # a person with a joystick beside the robot may have come because all other inputs are lost
         alone = source != TELEOP
         missing = {
             "pose_jumped": alone and now < self._jump_hold_until,
@@ -233,7 +232,7 @@ class Gate:
         blind, delay = self._scan is None or not self.profile.scanner.present, limits.reaction_time
         if not blind:
             assert self._scan is not None
-            # what it saw is as old as its scan
+            # the delay since the scan counts too, if it is longer
             late = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
             speeds.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, late), "obstacle"))
             blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, late))
@@ -251,9 +250,9 @@ class Gate:
         return min(speeds, key=lambda entry: entry[0])
 
     def _age(self, now: float, what: str) -> float:
-        """Returns how old [s] the newest of something is, less what its period accounts for.
+        """Returns the age [s] of an input's newest message, less the slack that its period allows.
 
-        Returns inf if it never came, or comes from another clock.
+        Returns inf if none has come, or its stamp is from another clock.
         """
         age = now - self.stamps.get(what, -math.inf)
         period = statistics.median(self._periods[what]) if what in self._periods else 0.0

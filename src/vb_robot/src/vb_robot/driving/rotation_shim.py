@@ -1,11 +1,11 @@
 """Turns a robot towards navigation's path before navigation drives it.
 
-DWA compares where short turns end. A robot that faces away from its path ends as far from it whichever way it turns, so it
-turns to and fro on the spot, for minutes. The idea, which Nav2 calls a rotation shim: while the path begins behind the
-robot there is nothing to choose, it turns the shorter way until the path is ahead. A round robot can always do so.
+DWA compares the end poses of short turns. If a robot faces away from its path, turns to either side end equally far
+from it, so that the robot turns to and fro on the spot for minutes. While the path begins behind the robot, the shim
+(Nav2's term) therefore turns it the shorter way until the path is ahead. A round robot can always do so.
 
-It acts only while navigation's controller is what drives, forward, on a path that goes on: a recovery that rotates has its
-own plan and never ends if it is turned back, and at the goal it is navigation's matter which way the robot faces.
+It acts only while navigation's controller drives, not backwards, on a path that continues: a rotating recovery follows
+its own plan and never ends if it is turned back, and at the goal navigation decides which way the robot faces.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy as np
 from vb_core.geometry import Pose, look_ahead
 from vb_robot.driving.spot_follower import VelocityRequest
 
-AHEAD = 0.3  # [m] along the path: where it leads from here
-NEAR = 0.5  # [m] of path to the goal: twice the usual tolerance
-RECOVERY = 20.0  # [s] a recovery that turns once round, at 0.4 rad/s, takes 16; a command that drives ends it earlier
-LOST = 0.5  # [m] from the path: it is not the one that navigation follows
+AHEAD = 0.3  # [m] along the path, to the point that gives its direction
+NEAR = 0.5  # [m] of path left to the goal, below which the shim does not act: twice the usual tolerance
+RECOVERY = 20.0  # [s] a recovery's full turn, at 0.4 rad/s, takes 16; a command that drives ends the recovery earlier
+LOST = 0.5  # [m] from the path, beyond which it is not the one that navigation follows
 BEHIND = 0.5 * math.pi  # [rad] off the robot's heading, at which a turn begins
-ALIGNED = math.radians(30)  # and ends: from here on DWA knows which way is better
+ALIGNED = math.radians(30)  # and at which it ends: from there on DWA can tell which way is better
 TURN = 0.5  # [rad/s] at least
 
 
@@ -44,7 +44,7 @@ class RotationShim:
         self._recovers_until, self._direction = now + RECOVERY, 0.0
 
     def align(self, request: VelocityRequest, pose: Optional[Pose], now: float) -> VelocityRequest:
-        """Returns what navigation requests at a time [s], or the turn towards its path.
+        """Returns navigation's request at a time [s], or instead a turn towards its path.
 
         Args:
             pose: (x, y, yaw) [m, m, rad], map frame; without one all requests pass.
@@ -60,13 +60,13 @@ class RotationShim:
         elif abs(angle) > BEHIND:
             self._direction = self._direction or math.copysign(1.0, angle)
         elif stops:
-            self._direction = 0.0  # what comes after a stop is another turn
+            self._direction = 0.0  # a stop ends the turn
         if stops or self._direction == 0.0:
             return request
         return VelocityRequest(0.0, self._direction * max(abs(request.w), TURN))
 
     def _angle_to_path(self, pose: Pose) -> Optional[float]:
-        """Returns by which angle [rad] the path leads away from the heading; None if there is none to follow here."""
+        """Returns the angle [rad] from the heading to the path's direction; None if there is no path to follow here."""
         if self.path is None or not len(self.path):
             return None
         target, off, rest = look_ahead(self.path, pose[:2], AHEAD)

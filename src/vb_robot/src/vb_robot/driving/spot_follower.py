@@ -1,9 +1,9 @@
 """Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
 
 Position-based: the error is the spot's position in the robot's base frame, measured by the camera. The robot
-moves only when the spot is about to leave the zone ahead or the good distance, and then until the spot is well
-inside again, so that small strokes do not make it restless. The spot stays in its place on the floor while the
-robot moves; how old it is, and whether the localisation has jumped, is the gate's business.
+moves only when the spot is about to leave the zone ahead or the range of good distances, and then until the spot is
+well inside again, so that small strokes do not make it restless. The spot keeps its position on the floor while the
+robot moves; the gate checks how old it is, and whether the localisation has jumped.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from vb_core.geometry import Pose, to_base
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
 MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
-# [m] from the base to the spot. The image of a usual mount ends at 0.45 m: nearer than NEAR_DISTANCE a spot that is
-# drawn towards the robot slips under it.
+# [m] from the base to the spot. With a usual mount the image ends at 0.45 m: nearer than NEAR_DISTANCE, a spot that
+# is drawn towards the robot soon leaves it.
 GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR it drives nearer, to GOOD
 NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR it backs off, to BACK_TO
-# bearings of the spot: outside of INNER, half of what usual cameras see, it turns, until within SETTLED
+# bearings of the spot: beyond INNER, half of a usual camera's view, the robot turns until it is within SETTLED
 INNER_ZONE, SETTLED_ZONE = math.radians(14.0), math.radians(4.0)
 DRIVE_CONE = math.radians(25.0)  # if the spot is farther off the axis, the robot only turns
 DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
@@ -30,7 +30,7 @@ DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
 
 @dataclass(frozen=True)
 class VelocityRequest:
-    """What a behaviour requests: forward speed [m/s], turn rate [rad/s], and why, as a code."""
+    """A source's request: forward speed [m/s], turn rate [rad/s], and the reason as a code."""
 
     v: float = 0.0
     w: float = 0.0
@@ -38,7 +38,7 @@ class VelocityRequest:
 
 
 def steer(bearing: float, speed: float) -> Tuple[float, float]:
-    """Computes (v, w) [m/s, rad/s] that turn the robot to a bearing [rad], and drive it the more the less it is off."""
+    """Computes (v, w) [m/s, rad/s] that turn the robot to a bearing [rad], and drive it faster the smaller that is."""
     return speed * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE), min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN)
 
 
@@ -46,7 +46,7 @@ class SpotFollower:
     """Visual servoing on the spot that the robot's own camera sees.
 
     Attributes:
-        spot: (x, y) [m] where the spot is that the robot follows, map frame; None: there is none.
+        spot: (x, y) [m] of the spot that the robot follows, map frame; None: there is none.
     """
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class SpotFollower:
             self._driving = 1
         elif distance < NEAR_DISTANCE:
             self._driving = -1
-        # it has come to where it should be
+        # the distance is good again
         elif distance <= GOOD_DISTANCE if self._driving == 1 else distance >= BACK_TO_DISTANCE:
             self._driving = 0
         # while it drives it also steers: the spot ahead stays ahead

@@ -1,8 +1,8 @@
-"""The maps as one robot's driver sees them: how near its footprint is to what.
+"""The maps as one robot's driver uses them: how far the robot is from borders and obstacles.
 
-The idea: a scanner shows how far a wall is from the robot, but only the localisation tells how far a border is. So the
-robot keeps off borders, and only off them, by its localisation uncertainty. Borders are inflated by that much once, in
-one map, `Workspace.keep_out`, which the gate, the escape and navigation share, so that they agree.
+A scanner measures how far a wall is from the robot, but only the localisation tells how far a border is. So the robot
+keeps its localisation uncertainty as an additional distance to borders, and only to them. Borders are inflated by it
+once, in one map, `Workspace.keep_out`, which the gate, the escape and navigation share, so that they agree.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from vb_core.geometry import Pose
 from vb_robot.driving.safety import HORIZON, arc
 
 LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
-# How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean,
-# is off by much less: at 96 of 100 updates by less than what robots keep with these values
-# (docs/results/robots/navigation.md). For the rest there is what navigation itself keeps.
+# How far off the localisation may be. AMCL reports the spread of its particles; its pose, which is their mean, is off
+# by much less: at 96 of 100 updates by less than the distance that robots keep with these values
+# (docs/results/robots/navigation.md). For the rest there is the clearance of navigation itself.
 STD_FACTOR = 0.75  # of the particles' standard deviation
 MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
 MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] beyond these, three times what the margin covers, the robot counts as lost
-MAX_UNCERTAINTY = 0.10  # [m] viewpoints may be that near to borders: with more, navigation would refuse them
-UNCERTAINTY_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
-UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
+MAX_UNCERTAINTY = 0.10  # [m] viewpoints may be this near to borders: with more, navigation would refuse them
+UNCERTAINTY_STEP = 0.025  # [m] with each step navigation gets another map
+UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: the largest uncertainty among them counts
 
 
 class PoseUncertainty:
-    """The localisation uncertainty, by its own covariance, in the worst direction.
+    """The localisation uncertainty in the worst direction, from the localisation's own covariance.
 
     Attributes:
         meters: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
@@ -43,7 +43,7 @@ class PoseUncertainty:
         self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
-        """Adds the covariance (3, 3) [m, m, rad] of x, y and yaw of one update; returns whether `meters` has changed."""
+        """Adds the covariance (3, 3) [m, m, rad] of one update's x, y and yaw; returns whether `meters` has changed."""
         finite = bool(np.isfinite(covariance).all())
         worst = float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) if finite else math.inf
         self.lost = worst > MAX_STD**2 or not 0.0 <= float(covariance[2, 2]) <= MAX_YAW_STD**2
@@ -55,23 +55,23 @@ class PoseUncertainty:
 
 
 def forbidden(borders: GridMap, physical: GridMap) -> np.ndarray:
-    """Returns (H, W) bool: where only a border forbids the robot to be; also on floor that was unknown."""
+    """Returns (H, W) bool: the cells that only a border forbids, including cells that were unknown."""
     return (borders.data >= LETHAL_THRESHOLD) & (borders.data > physical.data)
 
 
 class Workspace:
-    """What a robot may enter. Cells more occupied in the map with borders than in the one without are restricted by borders.
+    """The floor that a robot may enter. Cells more occupied in the map with borders than without are restricted.
 
     The maps decide what is restricted, so that this always agrees with navigation.
 
     Args:
         borders: the map with borders.
-        physical: the one without, of the same geometry.
+        physical: the map without borders, of the same geometry.
         radius: [m] of the robot.
         uncertainty: [m] of its localisation.
 
     Attributes:
-        keep_out: the map with borders, with those that must not be entered inflated by the uncertainty.
+        keep_out: the map with borders; those that must not be entered are inflated by the uncertainty.
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
@@ -84,23 +84,23 @@ class Workspace:
         self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
 
     def distance_to_keep_out(self, point) -> float:
-        """Returns the distance [m] from a point (2,) [m] to what borders forbid to enter; 0 within it."""
+        """Returns the distance [m] from a point (2,) [m] to the nearest cell that a border forbids; 0 within it."""
         return self._at(self._to_lethal, point)
 
     def distance_to_blocked(self, point) -> float:
-        """Returns the distance [m] from a point (2,) [m] to all that the robot keeps out of; 0 within it."""
+        """Returns the distance [m] from a point (2,) [m] to the nearest blocked cell of `keep_out`; 0 within it."""
         return self._at(self._to_blocked, point)
 
     def nearest_room(self, point, clearance: float, reach: float) -> Optional[np.ndarray]:
-        """Finds the nearest known point (2,) [m] within reach [m] with a clearance [m] from all that the robot keeps out of."""
+        """Finds the nearest known point (2,) [m] within reach [m] with a clearance [m] to all blocked cells."""
         room = (self._to_blocked >= clearance) & (self.borders.data >= 0)
         cell, center = nearest_cell(self.borders, room, point[:2], reach)
         return None if cell is None else center
 
     def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
-        """Returns how far [m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
+        """Returns how far [m] the robot can drive on the arc of (v, w) until a blocked cell is within `margin` [m].
 
-        A robot that is too near already may move so that it does not come nearer; one that a new border has
+        A robot that is already too near may move if it comes no nearer; one that a new border has
         enclosed may move within it, so that a person can guide it out. Off the map nothing is free.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)

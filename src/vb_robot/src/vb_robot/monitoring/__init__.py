@@ -1,1 +1,1 @@
-"""Robots as they are connected: what their own navigation does with borders, and what can be asked of it."""
+"""Watches what is connected to the robots: what their navigation does with borders, and what it can be asked to do."""

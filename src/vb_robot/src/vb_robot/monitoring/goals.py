@@ -1,7 +1,7 @@
-"""Which border a robot is in, and why a goal cannot be reached, before navigation has found out. No ROS.
+"""Finds which border a robot is in, and why a goal cannot be reached, before navigation has found out. No ROS.
 
-The idea: navigation gives up after its recoveries, half a minute later, and does not say why. The maps tell at once:
-the goal has no room, or no free floor joins it to the robot; and the map without borders tells whether borders are why.
+Navigation gives up after its recoveries, half a minute later, and does not say why. The maps show at once whether there
+is no room at the goal, or no free floor from the robot to it; the map without borders shows whether borders are why.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class KnownBorder:
     polygon: bool
 
     def may_restrict(self, point) -> bool:
-        """Returns whether a point is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
+        """Returns whether a point is on the seed's side of a polygon; always true for a curve, which has no inside."""
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
         inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (point, self.seed)]
         return not self.polygon or inside[0] == inside[1]
@@ -41,7 +41,7 @@ class KnownBorder:
 def name_of(known: Sequence[KnownBorder], point) -> str:
     """Returns the name of the border that restricts a point (2,) [m]; "" if none is known.
 
-    A polygon that encloses it, or else a curve, the nearest: the maps do not say which border a cell is from.
+    Polygons that may restrict it go before curves, nearer ones first: the maps do not say which border a cell is from.
     """
 
     def order(border: KnownBorder) -> tuple:
@@ -52,13 +52,13 @@ def name_of(known: Sequence[KnownBorder], point) -> str:
 
 
 def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
-    """Returns whether a point (2,) [m] is where only a border forbids the robot to be."""
+    """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
     there, without = (sample(grid, grid.data, np.reshape(point, (1, 2)), -1.0)[0] for grid in (borders, physical))
     return bool(there >= LETHAL_THRESHOLD and there > without)
 
 
 def quoted(name: str) -> str:
-    """Returns a border's name as it stands in sentences."""
+    """Returns a border's name as it appears in sentences."""
     return f"'{name}'" if name else "$border_without_name"
 
 
@@ -66,9 +66,9 @@ class GoalChecker:
     """Checks goals on one pair of maps.
 
     Args:
-        borders: the map with borders, to plan on; physical: the one without, of the same geometry.
+        borders: the map with borders, to plan on; physical: the map without, of the same geometry.
         radius: [m] of the robot's inscribed circle.
-        known: the borders that are in force for this robot; they lend names.
+        known: the borders that are in force for this robot, for their names.
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
@@ -86,7 +86,7 @@ class GoalChecker:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m] or None: (code, border's name).
 
         Codes: "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border", "goal_out_of_reach". None if
-        nothing speaks against the goal.
+        nothing is known against the goal.
         """
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
@@ -106,7 +106,7 @@ class GoalChecker:
         return None
 
     def _connected(self, grid: GridMap) -> np.ndarray:
-        """Labels the connected parts of the floor (H, W) on which the robot has room; 0: no room. Unknown floor may be free."""
+        """Labels the connected parts of the floor (H, W) with room for the robot; 0: none. Unknown may be free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
@@ -126,7 +126,7 @@ class GoalChecker:
         allowed, passable = (_any_of(self._rooms[which] > 0, step) for which in ("borders", "physical"))
         passable |= allowed
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
-        passable[tuple(ends.T)] = True  # between two blocks that have room
+        passable[tuple(ends.T)] = True  # even if they lie beside the blocks that have room
         cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
         for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
             if not allowed[row, column]:

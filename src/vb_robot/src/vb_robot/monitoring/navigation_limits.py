@@ -1,8 +1,8 @@
-"""Obeys slow zones without the driver: by requests to a robot's own navigation.
+"""Obeys slow zones without the driver, by requests to a robot's own navigation.
 
-The idea: a local planner's highest speed is a parameter that can be set while it drives, and a goal can be cancelled.
-Both are requests: a planner that hangs, a joystick or another program that commands the wheels do not hear them. Each
-planner is asked in its own thread, so that one that hangs keeps no other robot waiting.
+A local planner's highest speed is a parameter that can be set while it drives, and a goal can be cancelled. Both are
+only requests: a planner that hangs, a joystick or another program that commands the wheels ignores them. Each planner
+is called in its own thread, so that one that hangs keeps no other robot waiting.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 from vb_core.errors import CodedError
 from vb_core.ros import node, services
 
-TIMEOUT = 2.0  # [s] a planner that has not answered by then does not obey
+TIMEOUT = 2.0  # [s] a planner that has not answered by then counts as not obeying
 
 
 def limited(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
-    """Returns a planner's values under a limit [m/s]: highest speeds up to it, lowest speeds up to half of it."""
+    """Returns a planner's values capped by a limit [m/s]: highest speeds at it, all others at half of it."""
     return {name: min(value, limit if name.startswith("max") else 0.5 * limit) for name, value in usual.items()}
 
 
 class PlannerSpeed:
     """The speed limit of one local planner.
 
-    Its usual values are kept on the parameter server while it is limited, so that they come back although this node or
-    the planner was restarted meanwhile. What a person sets while there is no limit is its usual value from then on; a
-    higher speed that is set, or that a restarted planner has, while there is one is limited again.
+    While it is limited, its usual values are kept on the parameter server, so that they are restored even if this node
+    or the planner restarts meanwhile. A value that a person sets while there is no limit becomes the usual one; while
+    there is a limit, a higher speed that is set, or that a restarted planner has, is limited again.
 
     Args:
         server: the planner's name, for instance /move_base/DWAPlannerROS; names: of its values.
@@ -43,14 +43,14 @@ class PlannerSpeed:
         self._server, self._names = server, tuple(names)
         self._kept = f"/usual_speed{server}"
         self._set: Optional[float] = None  # the limit in force; None: not known
-        self._highest: Mapping[str, float] = {}  # the values under it
+        self._highest: Mapping[str, float] = {}  # the values that it allows
         self.obeys = False
         self._requests: node.Mailbox = node.Mailbox()
         self._worker = node.Worker(self._requests, self.apply)
         self._updates = rospy.Subscriber(f"{server}/parameter_updates", Config, self._on_update, queue_size=5)
 
     def request_limit(self, limit: float) -> None:
-        """Requests a limit [m/s] of the planner, inf for none, without waiting for it."""
+        """Requests a limit [m/s] from the planner, inf for none, without waiting for the answer."""
         self._requests.put(limit)
 
     def close(self) -> None:
@@ -59,7 +59,7 @@ class PlannerSpeed:
         self._updates.unregister()
 
     def release(self) -> None:
-        """Gives the planner its usual speed back, and ends the requests."""
+        """Restores the planner's usual speed, and ends the requests."""
         self.close()
         self._worker.join(2.0 * TIMEOUT)
         try:
@@ -72,7 +72,7 @@ class PlannerSpeed:
             self._set = None
 
     def apply(self, limit: float) -> None:
-        """Sets the limit [m/s], inf for none; asks nothing of the planner if it is in force already.
+        """Sets the limit [m/s], inf for none; does nothing if it is already in force.
 
         Raises:
             CodedError: "no_service", "no_response", or "planner_refused" if it keeps a higher speed.

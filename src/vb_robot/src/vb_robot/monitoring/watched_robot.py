@@ -1,4 +1,4 @@
-"""One robot as robot_monitor watches it: its navigation, its driver, its goal, its place. Nothing here waits."""
+"""One robot as robot_monitor watches it: its navigation, driver, goal and pose. Nothing here blocks."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from vb_robot.monitoring.goals import GoalChecker, KnownBorder, is_inside, quote
 from vb_robot.monitoring.navigation_limits import PlannerSpeed
 from vb_robot.monitoring.wiring import Wiring, within
 
-DRIVER_SILENCE = 3.0  # [s] a driver reports twice a second
-NAVIGATION_SILENCE = 2.0  # [s] navigation sends its status five times a second
-POSE_SILENCE = 3.0  # [s] localisation that has not spoken for this long does not know where the robot is
+DRIVER_SILENCE = 3.0  # [s] after which a driver counts as gone: it reports twice a second
+NAVIGATION_SILENCE = 2.0  # [s] after which navigation counts as gone: it sends its status five times a second
+POSE_SILENCE = 3.0  # [s] without a message from localisation, after which the pose counts as unknown
 MIN_REPORTED = 10.0  # [s] a refusal is reported while navigation works on its goal, and at least for this long
-PATH_POINTS = 100  # of a path are published
-DEFAULT_RADIUS = 0.18  # [m] of a robot of which neither costmap nor profile tells it
+PATH_POINTS = 100  # of a path, roughly, that are published
+DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile gives
 
 
 class WatchedRobot:
@@ -42,11 +42,11 @@ class WatchedRobot:
 
     Args:
         name: its namespace; "" for the only one; frame: of its base.
-        on_goal: called with this robot when its navigation got a goal.
+        on_goal: called with this robot when its goal has to be checked.
 
     Attributes:
-        goals: of its navigation, as its newest message has them: status by id.
-        refusal: why its present goal is refused, to be reported; None: it is not.
+        goals: status by id of its navigation's goals, from the newest message.
+        refusal: the notice that says why its present goal is refused; None: it is not.
     """
 
     def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
@@ -62,7 +62,7 @@ class WatchedRobot:
         self._maps: dict = {}
         self._known: Sequence[KnownBorder] = ()
         self._goal_checker: Optional[GoalChecker] = None
-        self._checker_inputs: tuple = (None,) * 4  # maps, radius and borders that it was made of
+        self._checker_inputs: tuple = (None,) * 4  # maps, radius and borders from which it was made
         self.refusal: Optional[Notice] = None
         self._goal_at = -math.inf
         self._transforms, self._on_goal = transforms, on_goal
@@ -84,12 +84,12 @@ class WatchedRobot:
         self._request_check()
 
     def set_borders(self, known: Sequence[KnownBorder]) -> None:
-        """Adopts the borders that are in force for it; they lend names."""
+        """Adopts the borders that are in force for it, for their names."""
         self._known = known
         self._request_check()
 
     def _request_check(self) -> None:
-        """Asks for another check of the present goal: a border may have come into its way."""
+        """Asks for another check of the present goal: a border may now be in its way."""
         if self.goal is not None and self._is_reported(rospy.get_time()):
             self._on_goal(self)
 
@@ -100,7 +100,7 @@ class WatchedRobot:
         return self._has_goal() or now - self._goal_at < MIN_REPORTED
 
     def look(self, graph: Any) -> None:
-        """Looks at the ROS graph and the parameters of its navigation."""
+        """Updates its wiring from the ROS graph and its navigation's parameters."""
         node = wiring.find_move_base(graph, self.name)
         parameters = rospy.get_param(node, {}) if node else {}
         seen = wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
@@ -116,7 +116,7 @@ class WatchedRobot:
         self.wiring = seen
 
     def locate(self) -> None:
-        """Looks up where it is."""
+        """Looks up its pose."""
         self.pose = self._transforms.pose_on_map(self.frame, POSE_SILENCE)
 
     def is_driven(self) -> bool:
@@ -133,7 +133,7 @@ class WatchedRobot:
             frame = target.header.frame_id.lstrip("/")
             place = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ [x, y, 0.0, 1.0]
         except CodedError:
-            return  # navigation cannot know either where that is
+            return  # navigation cannot transform it either
         self.goal, self._path, self.refusal = (float(place[0]), float(place[1])), np.zeros((0, 2)), None
         self._goal_at = rospy.get_time()
         self._on_goal(self)
@@ -143,7 +143,7 @@ class WatchedRobot:
         self._status_at = rospy.get_time()
 
     def is_navigating(self) -> bool:
-        """Returns whether its navigation is there: connected, and heard of lately."""
+        """Returns whether its navigation is running: connected, and heard recently."""
         heard = 0.0 <= rospy.get_time() - self._status_at < NAVIGATION_SILENCE
         return heard and self._goals.get_num_connections() > 1  # the monitor itself is one
 
@@ -154,7 +154,7 @@ class WatchedRobot:
 
     # ------------------------------------------------------------- what follows
     def status(self, stops: Optional[Sequence[str]]) -> RobotStatus:
-        """Returns what is connected. `stops`: for which its goals are cancelled; None: they never are."""
+        """Returns what is connected. `stops`: the stops for which its goals are cancelled; None: they never are."""
         seen = self.wiring
         obeys_stop = stops is not None and bool(seen.move_base)
         goal = self.goal if self._has_goal() else None
@@ -177,14 +177,14 @@ class WatchedRobot:
         )
 
     def driving_maps(self) -> Tuple[Optional[GridMap], Optional[GridMap]]:
-        """Returns the map with the borders that are for it, and the one without any; None: not known yet."""
+        """Returns the map with the borders that are for it, and the map without borders; None: not known yet."""
         return self._maps.get("own" if self.name else "borders"), self._maps.get("physical")
 
     def _with_borders(self) -> Optional[GridMap]:
         return self._maps.get("own", self._maps.get("borders"))
 
     def goal_checker(self) -> Optional[GoalChecker]:
-        """Returns what checks this robot's goals on the newest maps; None before there are any that belong together."""
+        """Returns the checker of this robot's goals on the newest maps; None until matching maps arrive."""
         grid, physical = self._with_borders(), self._maps.get("physical")
         if grid is not None and any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
             grid = self._maps.get("keep_out", grid)  # its plans keep the margin that its driver keeps
@@ -197,19 +197,19 @@ class WatchedRobot:
         return self._goal_checker
 
     def check_goal(self, goal) -> Optional[Notice]:
-        """Returns why a goal (2,) [m] will be refused; None if nothing speaks against it."""
+        """Returns a notice why a goal (2,) [m] will be refused; None if nothing is known against it."""
         checker = self.goal_checker()
         refusal = checker.check(self.pose[:2] if self.pose else None, np.asarray(goal)) if checker else None
         return self.notice(refusal[0], Severity.WARNING, border=quoted(refusal[1])) if refusal else None
 
     def notices(self, now: float) -> List[Notice]:
-        """Returns what people should know of its goal and its place at a time [s]."""
+        """Returns the notices about its goal and its position at a time [s]."""
         notices = []
         if self.refusal is not None and self._is_reported(now):
             notices.append(self.refusal)
         checker, pose = self.goal_checker(), self.pose
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
-            # not by the map that it plans on, which may have a margin
+            # not on the map that it plans on, whose borders may have a margin
             if is_inside(self._with_borders(), self._maps["physical"], pose[:2]):
                 border = quoted(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
@@ -221,12 +221,12 @@ class WatchedRobot:
 
     # ------------------------------------------------------------- what is asked of navigation
     def send_to(self, position) -> None:
-        """Sends it to a position (2,) [m]; there it faces the way it set out."""
+        """Sends it to a position (2,) [m], to face there in the direction from its present one."""
         x, y = position
         self.send((x, y, math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0))
 
     def send(self, pose: Pose, mark: str = "-") -> str:
-        """Sends it to a pose; returns the goal's id, which has a mark in it."""
+        """Sends it to a pose; returns the goal's id, which contains the mark."""
         now = rospy.Time.now()
         identity = f"{rospy.get_name()}{mark}{next(self._ids)}-{now.to_nsec()}"
         message = MoveBaseActionGoal(goal_id=GoalID(now, identity))
@@ -238,5 +238,5 @@ class WatchedRobot:
         return identity
 
     def cancel_goals(self, identity: str = "") -> None:
-        """Cancels one goal of its navigation, or whatever goals that has."""
+        """Cancels one goal of its navigation, or all of them."""
         self._cancel.publish(GoalID(id=identity))

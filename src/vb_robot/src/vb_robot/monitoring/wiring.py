@@ -1,4 +1,4 @@
-"""How a robot's navigation is wired, from the ROS graph and its parameters. No ROS."""
+"""Finds how a robot's navigation is wired, from the ROS graph and its parameters. No ROS."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Wiring:
 
     Attributes:
         move_base: its node; "": none is running.
-        maps: those it subscribes to; missing_maps: those of them that it waits for in vain.
+        maps: the map topics that it subscribes to; missing_maps: those of them that it waits for in vain.
         unheard, plans_round_borders: see vb_msgs/RobotStatus.
-        path: the topic of its path; planner: the name of a local planner of PLANNERS; "": neither is known.
-        radius: [m] of the robot's inscribed circle, by its costmap; None: not given.
+        path: the topic of its path; planner: the name of its local planner, one of PLANNERS; "": not known.
+        radius: [m] of the robot's inscribed circle, from its costmap; None: not given.
     """
 
     move_base: str = ""
@@ -46,12 +46,12 @@ class Wiring:
 
 
 def within(robot: str, name: str) -> str:
-    """Returns a topic or node in a robot's namespace."""
+    """Returns the full name of a topic or node in a robot's namespace."""
     return f"/{robot}/{name}" if robot else f"/{name}"
 
 
 def find_move_base(graph: Any, robot: str) -> str:
-    """Finds the node that plans for a robot, whatever it is called, even while it waits for a map; "" if there is none."""
+    """Finds the node that plans for a robot, whatever its name, even while it waits for a map; "" if there is none."""
     serving = graph.publishers.get(within(robot, "move_base/status")) or graph.subscribers.get(
         within(robot, "move_base_simple/goal")
     )
@@ -59,7 +59,7 @@ def find_move_base(graph: Any, robot: str) -> str:
 
 
 def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
-    """Observes a robot's navigation.
+    """Finds the wiring of a robot's navigation.
 
     Args:
         graph: a vb_core.node_graph.NodeGraph; parameters: the move_base node's.
@@ -73,7 +73,7 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
     return Wiring(
         node,
         maps,
-        # its action server starts once it has all maps: one that runs does not wait
+        # its action server starts once it has all maps: a running one waits for none
         tuple(topic for topic in maps if not (serves or graph.publishers.get(topic))),
         tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
         _plans_round_borders(robot, maps, parameters),
@@ -88,7 +88,7 @@ def _plans_round_borders(robot: str, maps: Sequence[str], parameters: Mapping[st
     own = {names.MAP_WITH_BORDERS, within(robot, names.MAP_WITH_BORDERS.strip("/"))}
     if own.isdisjoint(maps) or names.PHYSICAL_MAP in maps or within(robot, "map") in maps:
         return False
-    # a local costmap without the map: borders are noticed only where the global plan is made again by itself
+    # if the local costmap lacks the map, borders are noticed only if the global plan is renewed periodically
     local = parameters.get("local_costmap")
     return not local or _has_static_map(local) or float(parameters.get("planner_frequency", 0.0)) > 0.0
 

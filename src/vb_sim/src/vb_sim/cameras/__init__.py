@@ -1,1 +1,1 @@
-"""What the simulated cameras see, and when."""
+"""The simulated cameras: what they see, and when."""

@@ -13,15 +13,15 @@ from vb_core.errors import CodedError
 from vb_sim.models import Optics, make_generator
 from vb_sim.room.world import CeilingCamera
 
-_RIM = 0.85  # share of the distance from the centre of the view to its rim: where a person marks places
-_MAX_DISTANCE = 8.0  # [m] a floor point farther from the camera is none that a person would choose
+_RIM = 0.85  # share of the distance from the centre of the view to its rim, at which a person marks points
+_MAX_DISTANCE = 8.0  # [m] a person would not choose a floor point farther from the camera
 
 
 def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndarray:
-    """Estimates T_map_optical, 4x4: the pose that fits best to places which a person measured in the map.
+    """Estimates T_map_optical, 4x4: the pose that best fits points that a person measured in the map.
 
-    Position and angles come out wrong by centimetres and tenths of a degree that belong together: the camera puts the
-    floor where the person said it is, so that its points are right to less than what one place is measured to.
+    Position and angles come out wrong by centimetres and tenths of a degree that compensate each other: the camera puts
+    the floor where the person measured it, so that its points on the floor are more accurate than one measured point.
     docs/results/detection/calibration.md compares with what calibrate_camera finds.
     """
     rng = make_generator(seed, f"calibration of {camera.name}")
@@ -33,7 +33,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
     def on_floor(pose: np.ndarray) -> np.ndarray:
         points = intersect_floor(pose, rays)[:, :2]
-        # a trial pose may have a ray miss the floor
+        # rays of a trial pose may miss the floor
         return np.nan_to_num(points, nan=1e3)
 
     measured = on_floor(true) + rng.normal(0.0, optics.calibration_point_m, (len(rays), 2))
@@ -41,7 +41,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
 
 def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Chooses (count, 2) [px] all around near the rim of the floor that the camera sees; the first ones in its corners."""
+    """Chooses points (count, 2) [px] all round, near the rim of the floor that the camera sees."""
     grid = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33)), axis=-1).reshape(-1, 2)
     size = np.array([model.width - 1.0, model.height - 1.0])
     seen = grid[_on_near_floor(model, pose, grid * size)]

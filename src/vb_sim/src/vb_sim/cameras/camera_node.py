@@ -28,12 +28,12 @@ _REPORT_PERIOD = 60.0  # [s]
 
 
 class ImageStream:
-    """One kind of images of a camera, rendered only while somebody listens.
+    """One stream of a camera's images, rendered only while it has subscribers.
 
     Args:
-        topic: below which image_raw and camera_info are.
-        frame: of the images.
-        every: only every n-th image of the camera is of this kind, for instance 2: every second one.
+        topic: the namespace of image_raw and camera_info.
+        frame: name of the images' frame.
+        every: the stream has only every n-th image of the camera, for instance 2: every second one.
     """
 
     def __init__(
@@ -62,11 +62,11 @@ class ImageStream:
 
 @dataclass
 class SimulatedCamera:
-    """A camera that takes images.
+    """A camera with its image streams.
 
     Attributes:
         rate: [1/s]
-        taken: images so far.
+        taken: how many images it has taken.
     """
 
     name: str
@@ -78,7 +78,7 @@ class SimulatedCamera:
 
 
 class CameraNode:
-    """Takes the images of cameras when they are due. Its topics are in the modules of the nodes.
+    """Takes the cameras' images when they are due. The nodes' modules list the topics.
 
     Args:
         latency_ms: [ms] from an image's stamp to its delivery.
@@ -105,7 +105,7 @@ class CameraNode:
             stream.publish(number, stamp, wanted)
 
     def _is_wanted(self, _camera: SimulatedCamera, _snapshot: Snapshot) -> bool:
-        """Returns whether an image of this moment is sent."""
+        """Returns whether the image of this scene is sent."""
         return True
 
     def _run(self) -> None:
@@ -122,7 +122,7 @@ class CameraNode:
             except rospy.ROSException:
                 # the topics close during shutdown
                 return
-            # simulated time may run slower than the wall's: look again at least every few milliseconds
+            # simulated time may run slower than wall time: look again at least every few milliseconds
             time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
 
 

@@ -1,8 +1,8 @@
 """Renders what a ceiling camera sees.
 
-Everything static is drawn once, with several draws of sensor noise. A frame takes one of
-these images and changes only the rectangles where something moves; the next frame undoes that. So
-a frame costs little, whatever its size.
+The static scene is drawn once, as several images with different sensor noise. A frame takes one of these images and
+changes only the rectangles in which something moves; the next frame undoes that. So a frame costs little, whatever its
+size.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.spot import SpotImage
 from vb_sim.room.world import CeilingCamera
 
-# moving things are drawn with half the resolution; a Bayer pattern has no more colour anyway
+# moving things are drawn at half the resolution: a Bayer pattern resolves colour no better
 _HALF = 2
 _NOISE_OFFSET = 16
 _SHIFT = 4
 
 
 def _fixed(points: np.ndarray) -> np.ndarray:
-    """Points as OpenCV's drawing functions want them, with fractional bits."""
+    """Converts points to fixed-point integers, as OpenCV's drawing functions need them."""
     return np.rint(points * (1 << _SHIFT)).astype(np.int32)
 
 
@@ -50,7 +50,7 @@ class _Sprite:
 
 
 def _draw_shadow(outline: np.ndarray, blur_px: float, shape: Tuple[int, int]) -> np.ndarray:
-    """Draws (h, w) uint8 how much light a soft shadow leaves: 255 is all of it."""
+    """Draws how much light a soft shadow leaves, (h, w) uint8; 255 is all of it."""
     lit = np.full(shape, 255, np.uint8)
     if len(outline):
         small = np.zeros((shape[0] // 4 + 1, shape[1] // 4 + 1), np.uint8)
@@ -85,7 +85,7 @@ class CeilingView(View):
         self._background = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
         self._noise_tile = self._make_noise_tile()
         self._chosen: Optional[int] = 0
-        self._undo: List[Tuple[np.ndarray, np.ndarray]] = []  # a part of an image, and what it was
+        self._undo: List[Tuple[np.ndarray, np.ndarray]] = []  # a part of an image, and its previous content
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
         self._shown: List[_Sprite] = []
 
@@ -97,7 +97,7 @@ class CeilingView(View):
     def _draw_background(self, floor: FloorTexture, mesh: Mesh) -> np.ndarray:
         grid, to_texture = RayGrid(self.model), floor.matrix()
         rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
-        # where each pixel's ray meets the floor; far away from the horizon on
+        # where each pixel's ray meets the floor; far away for pixels at and above the horizon
         steps = np.float32(-origin[2]) / np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
         columns, rows = (
             (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis])) * np.float32(to_texture[axis, axis])
@@ -131,7 +131,7 @@ class CeilingView(View):
         return images
 
     def _make_noise_tile(self) -> np.ndarray:
-        """Makes noise of a mid-grey surface, shifted to above zero, larger than the image to be cut from anywhere."""
+        """Makes the noise of a mid-grey surface, offset to be positive, on a tile from which any part can be cut."""
         shape = (self.model.height + 64, self.model.width + 64)
         if self._images[0].ndim == 3:
             shape += (3,)
@@ -140,14 +140,14 @@ class CeilingView(View):
 
     # ------------------------------------------------------------- moving parts
     def restart(self, models: Models) -> None:
-        """Forgets what moved, for another person in the same room: only the body may differ from before."""
+        """Forgets what moved, for another person in the same room; in `models`, only the body may differ."""
         super().restart(models)
         self._clean()
         self._sprites.clear()
         self._chosen = 0
 
     def draw_from(self, source: np.random.Generator) -> None:
-        """Sets another source of noise, for frames that do not depend on those before."""
+        """Sets another random generator for the noise, so that frames do not depend on earlier ones."""
         super().draw_from(source)
         self._chosen = None
 
@@ -157,7 +157,7 @@ class CeilingView(View):
         self._undo.clear()
 
     def frame(self, snapshot: Snapshot) -> np.ndarray:
-        """Renders the image of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding; the next call changes it."""
+        """Renders a scene, (H, W) or (H, W, 3) uint8 in the camera's encoding; the next call changes the image."""
         self._clean()
         count = len(self._images)
         if self._chosen is None:
@@ -202,7 +202,7 @@ class CeilingView(View):
         lit = _draw_shadow(shadow / _HALF + offset, blur_px, shape)
         keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
-        # a shadow alone keeps more
+        # a shadow alone keeps more than that
         solid = cv2.inRange(keep, 0, 126)
         pattern = pixels.encode_doubled(color, self.encoding)
         darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
@@ -214,18 +214,18 @@ class CeilingView(View):
     def _draw_body(
         self, outlines: bodies.Outlines, offset: np.ndarray, before: np.ndarray
     ) -> Tuple[np.ndarray, np.ndarray]:
-        """Draws a body's pieces, the furthest first: colour (h, w, 3), and how much it hides (h, w), uint8.
+        """Draws a body's pieces, the furthest first: colour (h, w, 3) and opacity (h, w), uint8.
 
         Args:
             offset: (2,) [px] to be added to the halved outlines.
-            before: (h, w) [1/m] inverse depth of what stands in the room.
+            before: (h, w) [1/m] inverse depth of the static scene.
         """
         color, inverse = np.zeros((*before.shape, 3), np.uint8), np.zeros(before.shape, np.float32)
         outer = outlines.points / _HALF + offset
         middle = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
         inner = _fixed(middle + 0.72 * (outer - middle))
         outer = _fixed(outer)
-        # lighter inside than at the rim looks round
+        # lighter inside than at the rim, which looks round
         dark, light = (0.72 * outlines.colors).tolist(), (0.92 * outlines.colors).tolist()
         for index, depth in enumerate(outlines.depths):
             hull = cv2.convexHull(outer[index], returnPoints=False)[:, 0]
@@ -233,18 +233,18 @@ class CeilingView(View):
             cv2.fillConvexPoly(color, inner[index][hull], light[index], cv2.LINE_8, _SHIFT)
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
         opacity = np.where(inverse > 0.0, np.uint8(255), np.uint8(0))
-        # soft edges; both alike, since the colour is what is added to what shines through
+        # soft edges, the same for both, since the colour is premultiplied by the opacity
         color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
         hidden = cv2.compare(before, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
         if cv2.countNonZero(hidden):
             seen = cv2.bitwise_not(hidden)
             color, opacity = cv2.bitwise_and(color, color, mask=seen), cv2.bitwise_and(opacity, seen)
-        # what the camera's gain and lens do to everything
+        # the exposure applies to bodies too
         gain = self._optics.exposure_gain
         return (cv2.convertScaleAbs(color, alpha=gain) if gain != 1.0 else color), opacity
 
     def _shadow_outline(self, pose, radius: float) -> np.ndarray:
-        """Draws the outline (N, 2) [px] of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""
+        """Returns the outline (N, 2) [px] of a shadow on the floor: small, as lamps hang all over the ceiling."""
         circle = bodies._CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
         points = np.column_stack([circle, np.zeros(len(circle))]) - self.pose[:3, 3]
         in_camera = points @ self.pose[:3, :3]

@@ -6,15 +6,15 @@ from collections import deque
 from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
-BEHIND = 3  # late frames that are still taken; older ones are dropped
+BEHIND = 3  # frames of delay at which all but the newest are dropped
 
 
 class SmoothClock:
-    """Simulated time between the ticks of /clock, which come only every few hundredths of a second.
+    """Simulated time, extrapolated between the ticks of /clock, which come only every few hundredths of a second.
 
     Args:
         simulated: returns the simulated time [s], which moves in steps.
-        steady: returns a steady wall time [s].
+        steady: returns a monotonic wall time [s].
     """
 
     def __init__(self, simulated: Callable[[], float], steady: Callable[[], float]) -> None:
@@ -28,7 +28,7 @@ class SmoothClock:
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             self._last = simulated
-            # a step is noticed late but never early: the largest difference is the best
+            # a step is noticed late but never early, so the largest offset is the most accurate
             self._offsets.append(simulated - steady)
         carried = steady + max(self._offsets)
         return min(max(carried, simulated), simulated + TICK)
@@ -37,7 +37,7 @@ class SmoothClock:
 class FrameSchedule:
     """Spreads the images of several cameras evenly over the time between two frames.
 
-    Each camera's stamps are on a fixed grid of its period, shifted against the others'.
+    Each camera's stamps are on a fixed grid of its period, offset from the others'.
 
     Args:
         rates: [1/s] frames of each camera.
@@ -52,7 +52,7 @@ class FrameSchedule:
         self.skipped = 0  # images that were left out
 
     def due(self, now: float) -> List[Tuple[int, float]]:
-        """Images (camera index, stamp [s]) to deliver now, oldest first."""
+        """Returns the images (camera index, stamp [s]) to deliver now, oldest first."""
         images = []
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
@@ -65,7 +65,7 @@ class FrameSchedule:
         return sorted(images, key=lambda image: image[1])
 
     def wait(self, now: float) -> float:
-        """Returns how long [s] it is until the next image is due."""
+        """Returns the time [s] until the next image is due."""
         moments = [
             self._next.get(index, 0) * period + phase + self._latency_s
             for index, (period, phase) in enumerate(zip(self._periods, self._phases))

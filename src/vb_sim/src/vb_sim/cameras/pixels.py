@@ -7,7 +7,7 @@ import numpy as np
 
 
 def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """Encodes (H, W, 3) rgb as (H, W) or (H, W, 3) of an encoding of sensor_msgs; type kept. H and W even for Bayer."""
+    """Encodes rgb (H, W, 3), H and W even for Bayer, in a sensor_msgs encoding: (H, W) or (H, W, 3), same type."""
     if encoding == "bgr8":
         return np.ascontiguousarray(rgb[..., ::-1])
     if encoding == "mono8":
@@ -16,7 +16,7 @@ def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """Encodes an image (h, w, 3) of half the size: (2h, 2w) or (2h, 2w, 3)."""
+    """Encodes an image (h, w, 3) at twice its size: (2h, 2w) or (2h, 2w, 3)."""
     if encoding == "bayer_rggb8":
         red, green, blue = cv2.split(rgb)
         return _mosaic(red, green, green, blue)
@@ -24,7 +24,7 @@ def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def _mosaic(red: np.ndarray, right: np.ndarray, below: np.ndarray, blue: np.ndarray) -> np.ndarray:
-    """Builds a Bayer pattern (2h, 2w) of its four pixels (h, w): red, the green ones to the right and below, and blue."""
+    """Builds a Bayer pattern (2h, 2w) from its four pixels (h, w): red, green to its right and below it, and blue."""
     mosaic = np.empty((2 * red.shape[0], 2 * red.shape[1]), red.dtype)
     mosaic[0::2, 0::2], mosaic[0::2, 1::2] = red, right
     mosaic[1::2, 0::2], mosaic[1::2, 1::2] = below, blue

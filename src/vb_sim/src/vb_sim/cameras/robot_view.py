@@ -20,12 +20,12 @@ from vb_sim.room.world import Robot
 
 _CEILING = (206, 204, 198)
 _TILES = 7
-# a flat piece represents a round one: its front is this much nearer than its middle [m]
+# a flat piece represents a round one: its front is this much nearer than its centre [m]
 _FRONT = 0.05
 
 
 class RobotView(View):
-    """Renders the camera of one robot, with the arguments of a `CeilingView`; colour and depth show the same geometry."""
+    """Renders one robot's camera; arguments as of `CeilingView`. Colour and depth show the same geometry."""
 
     def __init__(
         self, robot: Robot, radii: Dict[str, float], floor: FloorTexture, mesh: Mesh, models: Models, seed: int
@@ -45,14 +45,14 @@ class RobotView(View):
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
-        # the colour pixel nearest to the middle of each depth pixel
+        # the colour pixel nearest to the centre of each depth pixel
         sizes = (self.depth_model.height, self.model.height), (self.depth_model.width, self.model.width)
         self._sampled = [np.floor((np.arange(coarse) + 0.5) * fine / coarse).astype(int) for coarse, fine in sizes]
         self._drawn: Optional[Tuple] = None  # what the buffers show
         self._make_noise()
 
     def restart(self, models: Models) -> None:
-        """Forgets what moved, for another person in the same room: only the body may differ from before."""
+        """Forgets what moved, for another person in the same room; in `models`, only the body may differ."""
         super().restart(models)
         self._pose = self.robot.start_pose()
         self._drawn = None
@@ -61,7 +61,7 @@ class RobotView(View):
         shape = (self.model.height + 32, self.model.width + 32, 3)
         sigma = math.sqrt(self._figures.read_sigma**2 + 110.0 * 255.0 / self._figures.full_well_e)
         noise = sigma * self._rng.standard_normal(shape, dtype=np.float32)
-        # two unsigned halves: adding and subtracting with saturation is what processors do best
+        # two unsigned halves, as saturating addition and subtraction are fast
         self._brighter = np.clip(noise + 0.5, 0, 255).astype(np.uint8)
         self._darker = np.clip(0.5 - noise, 0, 255).astype(np.uint8)
         size = (self.depth_model.height, self.depth_model.width)
@@ -69,7 +69,7 @@ class RobotView(View):
         self._depth_holes = self._rng.random((_TILES, *size)) < self._figures.depth_holes
 
     def camera_pose(self, snapshot: Snapshot) -> np.ndarray:
-        """Returns T_map_optical, 4x4. A robot that the scene does not hold stays where it was."""
+        """Returns T_map_optical, 4x4. A robot that is missing from the scene stays where it was."""
         for name in self._names:
             if name in snapshot.robots:
                 self._pose = snapshot.robots[name]
@@ -77,7 +77,7 @@ class RobotView(View):
 
     # ------------------------------------------------------------- what stands there
     def _draw(self, snapshot: Snapshot) -> None:
-        """Draws everything but spot and noise, unless nothing else has moved since the last time."""
+        """Draws everything but spot and noise, unless nothing has moved since the last call."""
         pose = self.camera_pose(snapshot)
         others = [body for body in self._bodies(snapshot) if body.name not in self._names]
         key = (self._pose, [(body.name, body.key) for body in others])
@@ -129,19 +129,19 @@ class RobotView(View):
         return self._clean[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
 
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
-        """Draws the floor through its homography, farther away from a coarser texture."""
+        """Draws the floor by its homography, with coarser textures farther away."""
         camera, rotation, origin = self.model, pose[:3, :3], pose[:3, 3]
         height, width = camera.height, camera.width
         # from homogeneous (column, row) [px] to map coordinates [m] on the floor
         level = [origin[axis] * rotation[2] - origin[2] * rotation[axis] for axis in (0, 1)]
         to_floor = np.array([*level, rotation[2]]) @ np.linalg.inv(camera.matrix)
         image = np.empty((height, width, 3), np.uint8)
-        # how steeply each row looks down, per unit of depth, decides how far away its floor is; 0 is the horizon
+        # each row's slope downwards, per unit of depth, decides how far away its floor is; 0 is the horizon
         ahead = (np.arange(height) - camera.matrix[1, 2]) / camera.matrix[1, 1]
         down = -(rotation[2, 1] * ahead + rotation[2, 2])
         with np.errstate(divide="ignore"):
             depth = np.where(down > 1e-3, origin[2] / down, np.inf)
-        # a pixel covers depth/f across and 1/down times that along the view: their mean, geometrically
+        # a pixel covers depth/f across and 1/down times that along the view: their geometric mean
         footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
         levels = np.clip(
             np.floor(np.log2(np.maximum(footprint / self._floors[0].resolution, 1.0))), 0, len(self._floors) - 1
@@ -160,7 +160,7 @@ class RobotView(View):
                 texture.matrix() @ shifted,
                 (width, int(last - first)),
                 dst=image[first:last],
-                # the textures are as fine as the pixels: the nearest texel does, for a third of the time
+                # the textures are as fine as the pixels: the nearest texel suffices, in a third of the time
                 flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
                 borderMode=cv2.BORDER_REPLICATE,
             )
@@ -174,7 +174,7 @@ class RobotView(View):
         tile = int(self._rng.integers(_TILES))
         growth = np.float32(figures.depth_sigma_quadratic) * (depth - np.float32(0.4)) ** 2
         sigma = np.float32(figures.depth_sigma) + growth
-        # the same tile turned round is another one
+        # the same tile flipped is another one
         noise = self._depth_noise[tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))]
         depth = depth + sigma * noise
         millimeters = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)

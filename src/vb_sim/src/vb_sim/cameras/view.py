@@ -1,4 +1,4 @@
-"""What the views of both kinds of cameras share: the bodies that move, the laser's light, the source of noise."""
+"""What the views of both kinds of cameras share: moving bodies, the laser's light, the random generator."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _PERSON_RADIUS = 0.26  # [m] of the average person's shadow
 
 @dataclass(frozen=True)
 class Body:
-    """Somebody or something that moves.
+    """A person or robot that moves.
 
     Attributes:
-        key: the same for bodies that look the same.
+        key: equal for bodies that look the same.
         build: makes its pieces.
         pose: (x, y, yaw) [m, m, rad].
         radius: [m] of its shadow.
@@ -39,7 +39,7 @@ class View:
     """Renders what a camera sees.
 
     Args:
-        name: by which the noise differs from other views'.
+        name: of the view; makes its noise differ from other views'.
         model: the camera.
         encoding: of the images, one of sensor_msgs.
         radii: name of each robot to its radius [m].
@@ -72,15 +72,15 @@ class View:
         raise NotImplementedError
 
     def restart(self, models: Models) -> None:
-        """Forgets what moved, for another person in the same room: only the body may differ from before."""
+        """Forgets what moved, for another person in the same room; in `models`, only the body may differ."""
         self._body, self._hand_height = models.body, models.hand_height
 
     def draw_from(self, source: np.random.Generator) -> None:
-        """Sets another source of noise, for frames that do not depend on those before."""
+        """Sets another random generator for the noise, so that frames do not depend on earlier ones."""
         self._rng = source
 
     def _bodies(self, snapshot: Snapshot) -> List[Body]:
-        """Lists what moves in a scene; what shows the same has the same name and key."""
+        """Lists the moving bodies of a scene; those that look the same have the same name and key."""
         found = []
         for name, pose in snapshot.robots.items():
             radius = self._radii.get(name, 0.18)
@@ -96,7 +96,7 @@ class View:
 
     # ------------------------------------------------------------- the laser
     def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
-        """Renders the light of the laser's spot, as if nothing hid it; None if the camera does not look there."""
+        """Renders the light of the laser's spot, as if nothing hid it; None if it is off or out of view."""
         if snapshot.laser is None:
             return None
         person, pose = snapshot.person, self.camera_pose(snapshot)
@@ -109,7 +109,7 @@ class View:
         return 0.0 if spot is None else self._visible(spot)
 
     def _visible(self, spot: SpotImage) -> float:
-        """Returns the share of a spot's light that nothing hides; 0 if its middle is hidden or outside the image."""
+        """Returns the share of a spot's light that nothing hides; 0 if its centre is hidden or outside the image."""
         column, row = spot.pixel
         floor = self._floor_is_free()
         if not (0 <= column < self.model.width and 0 <= row < self.model.height and floor[row, column]):
@@ -117,18 +117,18 @@ class View:
         return float(floor[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2].mean())
 
     def _floor_is_free(self) -> np.ndarray:
-        """Returns (H, W) where nothing stands before the floor."""
+        """Returns (H, W): in which pixels nothing stands before the floor."""
         raise NotImplementedError
 
     def _albedo(self, spot: SpotImage) -> np.ndarray:
-        """Returns (3,) how bright the floor below a spot is drawn, 1 is white."""
+        """Returns the brightness (3,) with which the floor below a spot is drawn; 1 is white."""
         raise NotImplementedError
 
     def _add_light(self, image: np.ndarray, snapshot: Snapshot, exposure: float = 1.0) -> None:
         """Adds the laser's light to an image, in place.
 
         Args:
-            exposure: of the camera, as a multiple of the drawn one.
+            exposure: of the camera, as a multiple of that with which the image was drawn.
         """
         spot = self.spot(snapshot)
         visible = 0.0 if spot is None else self._visible(spot)
@@ -139,4 +139,4 @@ class View:
         add_spot(image, spot, weights, self.encoding, self._full_well_e, self._rng)
 
     def _before_change(self, image: np.ndarray, area: Tuple[slice, slice]) -> None:
-        """Prepares for a change of an area of an image."""
+        """Prepares for a change to an area of an image."""

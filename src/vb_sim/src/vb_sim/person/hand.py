@@ -1,9 +1,9 @@
 """The hand with the laser pointer: its tremor, and the stroke that it draws.
 
-A person moves as one real person did (config/strokes.json, made by bench/extraction/quickdraw_strokes.py of revision
-dd21bbd0): each side is drawn with that person's deviation from the straight line and with that person's speed along it,
-so that stops at corners, peak speeds, uneven sides, overshot corners and gaps are people's own. What is assumed is that
-they scale with the side's length.
+A simulated person moves as one real person did (config/strokes.json, made by bench/extraction/quickdraw_strokes.py of
+revision dd21bbd0): each side is drawn with that person's deviation from the straight line and speed along it, so that
+stops at corners, peak speeds, uneven sides, overshot corners and gaps are those of real people. It is assumed that they
+scale with the side's length.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from vb_sim.models import MODELS, ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = MODELS.with_name("strokes.json")
-SINES = 24  # that a tremor is made of
-BIN = 0.02  # [m] of arc over which the pace is given: a pause is within one
-MAX_SIDE_DEVIATION = 0.45  # [side] an overshoot or a gap leaves a separate side
+SINES = 24  # in the sum that makes a tremor
+BIN = 0.02  # [m] of arc length for which one pace is given: a pause falls within a bin
+MAX_SIDE_DEVIATION = 0.45  # [share of the side] limit of overshoots and gaps, so that no side vanishes
 
 
 class Tremor:
-    """Band-limited motion of the spot around its intended place.
+    """Band-limited motion of the spot around its intended position.
 
-    A sum of sines with random phases: smooth, of known strength, and the same for the same seed at any rate.
+    A sum of sines with random phases: smooth, of known strength, and the same for the same seed at any sampling rate.
 
     Args:
         rms: [m] root mean square of the offset's length.
@@ -51,9 +51,9 @@ class Side:
     """How a person drew one straight side; samples at equal times.
 
     Attributes:
-        along: (N,) share of the side that is done, from 0 to 1.
+        along: (N,) share of the side that is completed, from 0 to 1.
         lateral: (N,) deviation from the straight line [share of the side's length].
-        tempo: time that the side took, over what its length would have taken at that person's mean speed.
+        tempo: time that the side took, divided by the time for its length at that person's mean speed.
     """
 
     along: np.ndarray
@@ -66,7 +66,7 @@ class Style:
     """How one real person draws.
 
     Attributes:
-        overshoot: how far corners are passed [share of the side]; negative where they are cut.
+        overshoot: how far the hand passes each corner [share of the side]; negative where it cuts the corner.
         gap: how far the end of a closed figure is beyond its start [share of the diagonal]; negative: short of it.
     """
 
@@ -77,7 +77,7 @@ class Style:
 
 @lru_cache(maxsize=1)
 def load_styles() -> Tuple[Style, ...]:
-    """Reads all people of the resource; one who drew no closed figure gets the gap of another."""
+    """Reads the styles of all people in strokes.json; one who drew no closed figure gets another's gap."""
     people = json.loads(RESOURCE.read_text(encoding="utf-8"))["people"]
     gaps = [person["gap"] for person in people if person["gap"] is not None]
     return tuple(
@@ -91,13 +91,13 @@ def load_styles() -> Tuple[Style, ...]:
 
 
 class Stroke:
-    """What the hand draws instead of the chain that the person has in mind.
+    """The line that the hand draws in place of the chain that the person has in mind.
 
     Args:
         border: (N, 2) [m] the chain that the person has in mind.
-        closed: whether it comes back to its start.
-        style: whose movement it is; `model.stroke_scale` times its deviations are made, 0 draws straight and evenly.
-        is_floor: says for places (N, 2) [m] whether they are floor; ends are drawn only as far as the floor goes.
+        closed: whether the chain returns to its start.
+        style: whose movement it is; `model.stroke_scale` multiplies its deviations: 0 draws straight and evenly.
+        is_floor: tells whether points (N, 2) [m] are on the floor; the ends of an open border are drawn only there.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Stroke:
         style = style or load_styles()[0]
         scale = model.stroke_scale
         border = np.asarray(border, dtype=float)
-        # every corner is missed, the ends of an open border too
+        # every corner is missed a little, and so are the ends of an open border
         aimed = border + model.aim_sigma / math.sqrt(2.0) * rng.standard_normal(border.shape)
         if closed:
             reach = scale * style.gap * bounding_diagonal(border)
@@ -132,7 +132,7 @@ class Stroke:
 
     @staticmethod
     def _draw(chain: np.ndarray, style: Style, scale: float) -> Tuple[np.ndarray, np.ndarray]:
-        """Draws points (M, 2) [m], and when (M,) the hand is there, in seconds at a mean speed of 1 m/s."""
+        """Returns the points (M, 2) [m] drawn, and the times (M,) [s] of the hand there at a mean speed of 1 m/s."""
         points: List[np.ndarray] = [chain[:1]]
         times: List[np.ndarray] = [np.zeros(1)]
         begin = chain[0]
@@ -141,13 +141,13 @@ class Stroke:
             if np.linalg.norm(straight) < 1e-9:
                 continue
             if index < len(chain) - 2 and style.overshoot:
-                # beyond the corner or short of it, and from there on to the next one
+                # the side ends beyond the corner or short of it, and the next one starts there
                 share = scale * style.overshoot[index % len(style.overshoot)]
                 corner = corner + straight * np.clip(share, -MAX_SIDE_DEVIATION, MAX_SIDE_DEVIATION)
                 straight = corner - begin
             length = float(np.linalg.norm(straight))
             across = np.array([-straight[1], straight[0]])
-            # between the samples as densely as 1 cm
+            # resampled to about 1 cm, or more densely
             fine = np.linspace(0.0, 1.0, max(int(length / 0.01), len(side.along)) + 1)
             known = np.linspace(0.0, 1.0, len(side.along))
             along = (1.0 - min(scale, 1.0)) * fine + min(scale, 1.0) * np.interp(fine, known, side.along)
@@ -159,22 +159,22 @@ class Stroke:
         return np.vstack(points), np.concatenate(times)
 
     def at(self, arc: float) -> np.ndarray:
-        """Returns the place (2,) [m] at an arc length [m] from the stroke's start."""
+        """Returns the position (2,) [m] at an arc length [m] from the stroke's start."""
         return np.array([np.interp(arc, self._arc, self.points[:, i]) for i in range(2)])
 
     def pace(self, arc: float) -> float:
-        """Returns the share of the mean speed at which the hand moves there: nearly 0 at corners, several times 1 between them."""
+        """Returns the hand's speed there as a multiple of its mean: nearly 0 at corners, several times 1 between."""
         return float(self._pace[min(max(int(arc / self._bin), 0), len(self._pace) - 1)])
 
 
 def perceive_border(
     border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float
 ) -> np.ndarray:
-    """Returns the chain that a person has in mind, who sees marks on the floor and no map.
+    """Returns the chain that a person who sees marks on the floor, but no map, has in mind.
 
     Args:
         border: (N, 2) [m] as the map has it.
-        offset, turn: [m], [rad] by which the marks are off, about its middle.
+        offset, turn: [m], [rad] by which the marks are displaced, and rotated about the border's centre.
         margin: [m] by which the person keeps outside of a closed border's marks; negative: inside.
     """
     middle = border.mean(axis=0)
@@ -183,14 +183,14 @@ def perceive_border(
         return moved
     before, after = moved - np.roll(moved, 1, axis=0), np.roll(moved, -1, axis=0) - moved
     area = float(np.sum(moved[:, 0] * np.roll(moved[:, 1], -1) - np.roll(moved[:, 0], -1) * moved[:, 1]))
-    outwards = np.array([[0.0, 1.0], [-1.0, 0.0]]) * math.copysign(1.0, area)  # turns a side to its right or left
+    outwards = np.array([[0.0, 1.0], [-1.0, 0.0]]) * math.copysign(1.0, area)  # rotates a side to its right or left
     normals = [(side / np.linalg.norm(side, axis=1, keepdims=True)) @ outwards.T for side in (before, after)]
     bisector = normals[0] + normals[1]
     return moved + margin * 2.0 * bisector / np.maximum((bisector**2).sum(axis=1, keepdims=True), 0.2)
 
 
 def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
-    """Returns a closed chain whose end is beyond its start [m], along its first side, or short of it on the last."""
+    """Moves a closed chain's end by `reach` [m] past its start along the first side, or short of it on the last."""
     side, kept = (chain[1] - chain[0], chain) if reach >= 0.0 else (chain[-1] - chain[-2], chain[:-1])
     length = float(np.linalg.norm(side))
     most = MAX_SIDE_DEVIATION * length
@@ -198,7 +198,7 @@ def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _ends_on_floor(border: np.ndarray, is_floor: IsFloor) -> np.ndarray:
-    """Returns the chain with its first and last point moved along it to a centimetre within where the floor begins."""
+    """Returns the chain with each end that is off the floor moved along it to a centimetre inside the floor."""
     result = border.copy()
     for end, neighbor in ((0, 1), (-1, -2)):
         side = border[neighbor] - border[end]

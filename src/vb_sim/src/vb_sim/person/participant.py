@@ -1,8 +1,8 @@
 """The simulated person: what they perceive and do, and the skills that both methods share.
 
-A person is a script (a generator) that is resumed once per step. It knows only what a person in the room
-could know: where they and the robot are, the feedback that the spot is being seen, the answers to the commands,
-and whether the display shows a seed point.
+A person's behaviour is a script (a generator) that is resumed once per step. It knows only what a person in the room
+could know: where they and the robot are, the feedback that the spot is being seen, the answers to the commands, and
+what the display shows.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from vb_sim.models import ParticipantModel
 from vb_sim.room.world import Scenario, World
 
 Step = Generator[None, None, None]
-FEEDBACK_GAP = 0.3  # [s] between two sounds of "I see it" after which there is none
-OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is not taken for it
+FEEDBACK_GAP = 0.3  # [s] since the last sound of "I see it" after which the spot counts as unseen
+OWN_SPOT = 0.5  # [m] a dot on the display farther from the person's spot than this is not taken for it
 
 DEFAULT = "default"
-# codes of what the display says, and of what the interaction answers
+# codes of a notice on the display, and of an answer to a command
 HOLD_STILL = "spot_not_seen_robot_looks"
 CONFIRM_SAVE = "confirm_save"
 COMMANDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
@@ -36,7 +36,7 @@ COMMANDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
 
 @dataclass(frozen=True)
 class CommandReply:
-    """What the system answers to a command."""
+    """The system's answer to a command."""
 
     success: bool
     code: str
@@ -48,12 +48,12 @@ class Perception:
     """What the person perceives now; times in seconds.
 
     Attributes:
-        robot: true pose (x, y, yaw) [m, m, rad] of the robot, which the person sees; None before it is known.
-        last_seen: when some camera reported the spot last.
-        last_seen_by_robot: when the robot's camera did.
+        robot: true pose (x, y, yaw) [m, m, rad] of the robot, which the person sees; None until it is known.
+        last_seen: when a camera last reported the spot.
+        last_seen_by_robot: when a robot's camera last did.
         has_seed: whether the display shows a seed point.
         state: name of the state that the display shows.
-        hold_requested: when the display last said that a robot is coming and to hold still.
+        hold_requested: when the display last said to hold still because a robot is coming.
         answer: to the command with the number `answered`.
     """
 
@@ -70,12 +70,12 @@ class Perception:
     def record_spot(
         self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool
     ) -> None:
-        """Records that some camera saw something.
+        """Records that a camera saw a spot, if it is the person's own.
 
         Args:
             spot: (x, y) [m] where the person's own spot is now; None while the laser is off.
             stamp: [s] of the camera's image.
-            seen: (x, y) [m] where the camera saw it.
+            seen: (x, y) [m] where the camera saw a spot.
             mobile: whether it is a robot's camera.
         """
         # a spot seen seconds ago is not feedback, nor is one from the future
@@ -95,7 +95,7 @@ class Action:
         laser: (x, y) [m] where the spot is; None while the laser is off.
         pose: (x, y, yaw) [m, m, rad].
         command: to send now, with its number; empty otherwise.
-        outcome: "saved", "gave_up" or "failed" once everything is over; empty before.
+        outcome: "saved" or "gave_up" once everything is over; empty before.
     """
 
     laser: Optional[Tuple[float, float]]
@@ -108,7 +108,7 @@ class Action:
 
 
 class ParticipantGaveUp(Exception):
-    """The person has had enough; the message says why."""
+    """The person gave up; the message says why."""
 
 
 class DrawingSlip(Exception):
@@ -116,13 +116,13 @@ class DrawingSlip(Exception):
 
 
 class Person:
-    """Body, hand and speech. `ParticipantScript` classes control it.
+    """A person's body, hand and speech, controlled by a `ParticipantScript`.
 
     Args:
         scenario: what is to be drawn.
         seed: of everything that differs between people.
-        start_near: (2,) [m] the person comes from somewhere near this place.
-        method: that the person draws with. What a person is like is drawn once; how a run goes (aim, tremor, mistakes) is
+        start_near: (2,) [m] the person comes from somewhere near this point.
+        method: with which the person draws. A person's style is drawn once; how a run goes (aim, tremor, mistakes) is
             drawn again for each scenario and method, as nobody repeats a movement or a mistake.
     """
 
@@ -146,7 +146,7 @@ class Person:
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
         self.percept = Perception()
         self.spot: Optional[np.ndarray] = None  # where the laser is meant to point
-        # whose movement it is: the same person in all scenarios, with all methods
+        # whose movement it is: the same real person in all scenarios, with all methods
         chosen = np.random.default_rng([seed, 2]).integers(len(load_styles()))
         self.style = load_styles()[int(chosen)]
         self.doing = "comes in"
@@ -157,16 +157,16 @@ class Person:
         self._draw_mistakes()
 
     def _draw_mistakes(self) -> None:
-        """Decides what this person will do wrong; separately from all other chance, so that those who err are otherwise the same."""
+        """Decides this person's mistakes, with separate generators, so that all else is the same without mistakes."""
         self._slips_of_the_tongue = np.random.default_rng([*self._run, 3])
         rng = np.random.default_rng([*self._run, 1])
         slips, wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
-        # where along the border it goes wrong [share], and to which side
+        # where along the border the hand slips [share], and to which side
         self._slip: Optional[Tuple[float, float]] = (rng.uniform(0.2, 0.9), rng.choice([-1.0, 1.0])) if slips else None
         self.seed = self._mirrored_seed() if wrong_side else self.scenario.seed.copy()
 
     def _mirrored_seed(self) -> np.ndarray:
-        """Finds the seed (2,) [m] on the other side of the border, by the shortest path across it that ends on free floor."""
+        """Mirrors the seed across the border: to the nearest point (2,) [m] that is on free floor, or not at all."""
         chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
         across = chain - self.scenario.seed
         for index in np.argsort(np.linalg.norm(across, axis=1), kind="stable"):
@@ -178,7 +178,7 @@ class Person:
 
     # ------------------------------------------------------------ the world's side
     def step(self, percept: Perception, script: Step) -> None:
-        """Perceives, acts for the time since the last percept, and goes on with the script."""
+        """Takes in a percept, resumes the script, and walks on for the time since the last percept."""
         self.dt = min(max(percept.now - self.percept.now, 0.0), 0.1) if self.percept.now else 0.0
         self.percept = percept
         self.walker.robot = None if percept.robot is None else np.array(percept.robot[:2])
@@ -191,23 +191,23 @@ class Person:
         pose, beam = (*map(float, self.walker.here), self.walker.yaw), None
         if self.spot is not None:
             trembling = self.spot + self._tremor.at(self.percept.now)
-            # on a wall's foot people hold the spot on the floor
+            # at the foot of a wall, people keep the spot on the floor
             x, y = trembling if self.is_floor(trembling)[0] else self.spot
             beam = float(x), float(y)
         return Action(beam, pose, self.doing, self._command, self._number, self._source, outcome)
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
+        """Returns (N,) bool: which points (N, 2) [m] are on the floor, where a spot can be seen."""
         return sample(self.grid, self.grid.data, points, UNKNOWN) == FREE
 
     # ------------------------------------------------------------ perception
     def unseen_for(self, by_robot: bool = False) -> float:
-        """Returns how long [s] it is since any camera, or the robot's, reported the spot last."""
+        """Returns the time [s] since any camera, or `by_robot` a robot's, last reported the spot."""
         return self.percept.now - (self.percept.last_seen_by_robot if by_robot else self.percept.last_seen)
 
     # ------------------------------------------------------------ skills
     def wait(self, seconds: float) -> Step:
-        """Does nothing new for a while."""
+        """Waits for `seconds`."""
         until = self.percept.now + seconds
         while self.percept.now < until:
             yield
@@ -217,17 +217,17 @@ class Person:
         yield from self.wait(self.model.reaction_time * float(self.rng.uniform(0.7, 1.6)))
 
     def arrive(self) -> Step:
-        """Walks on to where the person is going."""
+        """Waits until the person has walked to the goal."""
         while self.walker.walking:
             yield
 
     def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
-        """Begins to walk to where the spot can be pointed at, if it cannot from here."""
+        """Starts walking to where the spot is within reach, unless it already is."""
         if not self.walker.walking and np.linalg.norm(self.walker.here - spot) > self.model.reach:
             self.walker.go_to_point_at(spot, line)
 
     def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
-        """Begins to walk to another side of the spot: perhaps the person's body is in the way."""
+        """Starts walking to another side of the spot, in case the person's body is in the way."""
         self.walker.go_to_point_at(spot, line, self.walker.here)
 
     def give_command(self, command: str, source: str = "participant") -> Step:
@@ -246,11 +246,11 @@ class Person:
         self.doing = before
 
     def repeat_command(self, command: str, source: str = "participant") -> Step:
-        """Repeats a command while there is no answer or the system is busy.
+        """Gives a command up to six times, until it succeeds.
 
         Raises:
-            ParticipantGaveUp: if it stays without a good answer.
-            DrawingSlip: if another command came out and changed something.
+            ParticipantGaveUp: if it never succeeds.
+            DrawingSlip: if a wrong command was given first and changed the state.
         """
         yield from self._maybe_give_wrong_command(command, source)
         for _ in range(6):
@@ -261,10 +261,10 @@ class Person:
         raise ParticipantGaveUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
 
     def _maybe_give_wrong_command(self, command: str, source: str) -> Step:
-        """Gives another command now and then, as if misspoken or misheard; the person sees on the display what it did.
+        """Sometimes gives another command, as if misspoken or misheard; the display shows the person its effect.
 
         Raises:
-            DrawingSlip: if the state is another one now, so that the person starts over.
+            DrawingSlip: if the state has changed, so that the person starts over.
         """
         others = [word for word in COMMANDS if word != command]
         wrong = self._slips_of_the_tongue.random() < self.model.wrong_word
@@ -283,7 +283,7 @@ class Person:
         yield from self.wait(self.model.look_time * float(self.rng.uniform(0.5, 1.5)))
 
     def move_spot(self, target: np.ndarray, speed: float) -> Step:
-        """Moves the spot straight to a place [m] at a speed [m/s]."""
+        """Moves the spot straight to a target (2,) [m] at a speed [m/s]."""
         target = np.asarray(target, dtype=float)
         if self.spot is None:
             self.spot = target.copy()
@@ -292,21 +292,21 @@ class Person:
             yield
 
     def bring_spot(self, target: np.ndarray, stride: float) -> None:
-        """Brings the spot nearer to another place (2,) [m], by at most a stride [m]."""
+        """Moves the spot towards a target (2,) [m], by at most a stride [m]."""
         way = target - self.spot
         distance = float(np.linalg.norm(way))
         self.spot = self.spot + way / distance * min(stride, distance)
 
     def new_stroke(self, border: Optional[np.ndarray] = None) -> Stroke:
-        """Decides how this person is going to draw the border, or the same in another order (N, 2) [m], this time."""
+        """Makes this attempt's stroke of the border, or of `border`, its points (N, 2) [m] in another order."""
         border = self.scenario.border if border is None else border
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
     def maybe_make_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
-        """Makes the hand go wrong, at most once per run, at some place of the stroke.
+        """Makes the hand slip, at most once per run, at some point of the stroke.
 
         Raises:
-            DrawingSlip: when the person has noticed.
+            DrawingSlip: when the person has noticed the slip.
         """
         if self._slip is None or arc < self._slip[0] * stroke.length:
             return
@@ -320,7 +320,7 @@ class Person:
         raise DrawingSlip()
 
     def see_and_wait(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
-        """Holds the spot until it has been seen for some time in all, or patience ends."""
+        """Holds the spot until it has been seen for `seconds` in total, or patience runs out."""
         seen, began = 0.0, self.percept.now
         while seen < seconds and self.percept.now - began < patience + seconds:
             if self.unseen_for(by_robot) < FEEDBACK_GAP:
@@ -328,14 +328,14 @@ class Person:
             yield
 
     def wait_for_seed(self, seconds: float) -> Step:
-        """Waits until the display shows the seed, which it does a moment after the camera saw it."""
+        """Waits until the display shows the seed, a moment after a camera has seen it, or `seconds` are over."""
         began = self.percept.now
         while not self.percept.has_seed and self.percept.now - began < seconds:
             yield
 
 
 class ParticipantScript:
-    """Runs a border from entering to walking away; the methods add how to get ready, draw and show the seed."""
+    """The course of a run, from entering to walking away; subclasses add how to prepare, draw and show the seed."""
 
     source = "participant"
 
@@ -351,7 +351,7 @@ class ParticipantScript:
 
     # ------------------------------------------------------------ for subclasses
     def prepare(self) -> Step:
-        """Prepares the border: walks there, or guides the robot."""
+        """Prepares to draw: walks to the border, or guides the robot there."""
         raise NotImplementedError
 
     def draw(self) -> Step:
@@ -359,7 +359,7 @@ class ParticipantScript:
         raise NotImplementedError
 
     def show_seed(self) -> Step:
-        """Shines at the seed; the state is Seed."""
+        """Asks to define the seed, and points at it."""
         raise NotImplementedError
 
     # ------------------------------------------------------------ the common course
@@ -395,7 +395,7 @@ class ParticipantScript:
     def _course(self) -> Step:
         person = self.person
         if person.percept.state != DEFAULT:
-            # another person, or an earlier process of this one, left something half done
+            # another person, or an earlier process of this one, left an interaction unfinished
             person.doing = "starts over"
             yield from person.repeat_command("cancel", self.source)
         refusal = person.last_answer
@@ -413,7 +413,7 @@ class ParticipantScript:
         raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
 
     def _attempt(self) -> Generator[None, None, bool]:
-        """Draws, shows the seed and saves once; returns whether a border was saved.
+        """Makes one attempt to draw, show the seed and save; returns whether a border was saved.
 
         Raises:
             DrawingSlip: the person has noticed that something went wrong.
@@ -436,7 +436,7 @@ class ParticipantScript:
         for _ in range(4):
             yield from self.person.give_command("save", self.source)
             if self.person.last_answer.code == CONFIRM_SAVE:
-                # the display shows what would be restricted: looks at it, and means it
+                # the display shows what would be restricted: the person looks at it, and confirms
                 yield from self.person.react()
             elif self.person.last_answer.code == "busy":
                 yield from self.person.wait(1.5)

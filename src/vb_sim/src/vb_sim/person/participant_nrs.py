@@ -8,14 +8,14 @@ from vb_sim.person.hand import Stroke
 from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
 from vb_sim.person.participant_robot_only import RobotOnlyScript
 
-GO_BACK = 0.08  # [m] by which a missed part is begun again before the place where feedback ended
+GO_BACK = 0.08  # [m] a missed part is drawn again from this far before the point where feedback ended
 
 
 class NetworkRobotSystemScript(ParticipantScript):
     """Walks to the border, says "define border", draws, shows the seed, says "save".
 
-    Where no camera sees the spot they hold still, as the robot is on its way, and then draw the missed part
-    again. Where no camera sees the spot at either end of the border they guide the robot there, as without any
+    Where no camera sees the spot, the person holds still while the robot is on its way, and then draws the missed part
+    again. If no camera sees the spot at either end of the border, the person guides the robot there, as without any
     ceiling camera (paper, Sect. 4.2, Guide).
     """
 
@@ -33,7 +33,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         yield from person.react()
 
     def draw(self) -> Step:
-        """Draws the border, and what was not seen of it again."""
+        """Draws the border, and redraws the parts that were not seen."""
         person = self.person
         person.doing = "draws"
         stroke = yield from self._seen_start()
@@ -50,14 +50,14 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.spot = None
 
     def _draw_along(self, stroke: Stroke, begin: float, end: float) -> Generator[None, None, float]:
-        """Draws from one arc length [m] to another, in either direction; returns the one where the spot was seen first."""
+        """Draws from one arc length [m] to another, either way; returns that at which the spot was first seen."""
         person = self.person
         sign = 1.0 if end >= begin else -1.0
         arc = seen_at = begin
         first_seen: Optional[float] = None
         missed = 0
         person.spot = stroke.at(arc)
-        # the end counts only once it was seen, as any other place
+        # like any other point, the end counts only once it was seen
         while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.unseen_for() >= FEEDBACK_GAP):
             if person.unseen_for() < FEEDBACK_GAP:
                 seen_at = arc
@@ -68,7 +68,7 @@ class NetworkRobotSystemScript(ParticipantScript):
                 arc = max((seen_at - GO_BACK * sign) * sign, begin * sign) * sign
                 person.doing = "draws"
                 yield from person.move_spot(stroke.at(arc), person.drawing_speed)
-                # the way back counts as feedback: what follows is assessed again
+                # this point counts as seen: what follows is assessed anew
                 yield from person.see_and_wait(0.1, 2.0)
                 seen_at = arc
             yield from person.maybe_make_slip(stroke, arc, person.drawing_speed)
@@ -93,7 +93,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         return stroke
 
     def _hold(self, stroke: Stroke) -> Step:
-        """Holds still where no camera sees the spot, until one does or patience ends."""
+        """Holds still where no camera sees the spot, until one does or patience runs out."""
         person = self.person
         person.doing = "waits for the robot"
         began = person.percept.now
@@ -107,7 +107,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             yield
 
     def show_seed(self) -> Step:
-        """Walks near, and points at the area that is restricted."""
+        """Walks to within reach, and points at the area to be restricted."""
         person = self.person
         if self._without_cameras is not None:
             yield from self._without_cameras.show_seed()

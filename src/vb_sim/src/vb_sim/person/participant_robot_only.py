@@ -1,4 +1,4 @@
-"""A person with the robot alone: guides it with the spot, draws in front of its camera, presses its buttons."""
+"""A person who has only the robot: guides it with the spot, draws in front of its camera, presses its buttons."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from vb_sim.person.hand import Stroke
 from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
 from vb_sim.person.walking import distance_to_chain
 
-LOST = 1.5  # [s] without feedback after which the robot has lost the spot
-SIDE = math.radians(24.0)  # off the robot's axis, where the camera's image is about to end
+LOST = 1.5  # [s] without feedback after which the robot counts as having lost the spot
+SIDE = math.radians(24.0)  # bearing at which the spot is about to leave the image of the robot's camera
 RETURN_SPEED = 0.6  # [m/s] of the spot on its way back to the robot
-FOLLOWING_DISTANCE = 1.0  # [m] the distance from the spot to which the robot drives
-STEP = 0.05  # [m] between the places at which an order is judged
+FOLLOWING_DISTANCE = 1.0  # [m] from the spot, at which the robot stops
+STEP = 0.05  # [m] between the points at which an order is judged
 
 
 def list_orders(border: np.ndarray, closed: bool) -> List[np.ndarray]:
-    """Lists every order (N, 2) [m] of drawing a border (N, 2) [m]: from either end, or around from each corner."""
+    """Lists every order (N, 2) [m] of drawing a border (N, 2) [m]: from either end, or from each corner both ways."""
     if not closed:
         return [border, border[::-1]]
     turned = [np.roll(border, -shift, axis=0) for shift in range(len(border))]
@@ -29,7 +29,7 @@ def list_orders(border: np.ndarray, closed: bool) -> List[np.ndarray]:
 
 
 def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
-    """Simulates how near, (N,) [m], the spot at its places (N, 2) comes to a robot from (2,) [m] that drives up to it."""
+    """Computes the distances (N,) [m] from the spot at points (N, 2) [m] to a robot that follows it from (2,) [m]."""
     place = np.asarray(robot, dtype=float)
     distances = []
     for spot in spots:
@@ -42,9 +42,9 @@ def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
 
 
 def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndarray:
-    """Chooses the order (N, 2) [m] that keeps the spot in front of the robot; among equals the one that begins nearest.
+    """Chooses the order (N, 2) [m] that keeps the spot in front of the robot; of equals, the one that begins nearest.
 
-    A robot follows forwards and sees nothing at its own feet, so the spot should not come towards it.
+    A robot follows only forwards and sees nothing close to itself, so the spot should not come towards it.
 
     Args:
         robot: (2,) [m] where the robot is before it is led to the border's beginning.
@@ -89,7 +89,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.react()
 
     def draw(self) -> Step:
-        """Draws the border before the robot, which follows; leads it back to what it missed."""
+        """Draws the border in front of the following robot, and leads it back to each part that it missed."""
         person = self.person
         stroke = self._stroke
         arc = seen_at = stroke.start
@@ -109,7 +109,7 @@ class RobotOnlyScript(ParticipantScript):
                 yield from self._lead_back(stroke, seen_at)
                 arc = max(seen_at - 0.05, stroke.start)
             elif unseen > person.model.patience:
-                # often enough: draws on, as people do
+                # tried often enough: draws on, as people do
                 arc = min(arc + person.model.robot_drawing_speed * person.dt, stroke.length)
                 person.spot = stroke.at(arc)
             self._follow(stroke.points)
@@ -117,7 +117,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.see_and_wait(0.3, 2.0, by_robot=True)
 
     def _lead_back(self, stroke: Stroke, arc: float) -> Step:
-        """Picks the robot up where it looks, and leads it to where it lost the spot; nothing is drawn meanwhile."""
+        """Picks the robot up in its view, and leads it to where it lost the spot; nothing is drawn meanwhile."""
         person = self.person
         person.spot = None
         yield from person.repeat_command("guide_robot", self.source)
@@ -127,7 +127,7 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = "draws"
 
     def show_seed(self) -> Step:
-        """Leads the robot on, and points at the area that is restricted."""
+        """Leads the robot on, and points at the area to be restricted."""
         person = self.person
         end = person.spot
         person.spot = None
@@ -136,13 +136,13 @@ class RobotOnlyScript(ParticipantScript):
         person.spot = end.copy() if end is not None else self._before_robot()
         yield from self._lead([person.seed], "shows the seed", self._is_as_good)
         person.doing = "shows the seed"
-        # longer than anywhere on the path, as the place where the spot dwells is the seed
+        # longer than anywhere on the path, as the seed is where the spot dwells
         yield from person.see_and_wait(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
         yield from person.wait_for_seed(3.0)
 
     # ------------------------------------------------------------ leading
     def _is_as_good(self, place: np.ndarray) -> bool:
-        """Returns whether a place (2,) [m] is on the side of the seed that the person has in mind, and clearly so."""
+        """Returns whether a point (2,) [m] is clearly on the same side of the border as the seed."""
         person = self.person
         region, border = Polygon(person.scenario.region), person.scenario.border
         chain = np.vstack([border, border[:1]]) if person.scenario.closed else border
@@ -158,8 +158,8 @@ class RobotOnlyScript(ParticipantScript):
         """Moves the spot along waypoints (2,) [m], no faster than the robot follows.
 
         Args:
-            good_enough: asked about where the robot was picked up after it lost the spot twice; if so, that is where
-                the way ends.
+            good_enough: asked about the spot's position when the robot is picked up after losing the spot more than
+                twice; if True, the way ends there.
         """
         person = self.person
         person.doing = doing
@@ -179,10 +179,10 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.see_and_wait(0.5, person.model.patience, by_robot=True)
 
     def _pick_up(self, waypoint: np.ndarray, lost: int) -> Step:
-        """Brings the spot back to where the robot looks and waits until it sees it.
+        """Brings the spot back to where the robot looks, and waits until the robot sees it.
 
-        Of several times the robot is picked up a little more to the side on which it should go on: straight ahead
-        it perhaps cannot go.
+        Each further time, the spot is put a little more to the side on which the robot should go on: perhaps it cannot
+        go straight ahead.
         """
         person = self.person
         before, person.doing = person.doing, "waits for the robot"
@@ -194,7 +194,7 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = before
 
     def _before_robot(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
-        """Finds a place (2,) [m] ahead of the robot, on the floor."""
+        """Finds a point (2,) [m] on the floor ahead of the robot."""
         person = self.person
         x, y, yaw = person.percept.robot
         direction = np.array([math.cos(yaw + turn), math.sin(yaw + turn)])
@@ -206,7 +206,7 @@ class RobotOnlyScript(ParticipantScript):
         return np.array([x, y]) + distance * direction
 
     def _pace(self) -> float:
-        """Computes the share of its speed that the spot moves at: less where the robot may lose it, 0 where it lags."""
+        """Returns the share of full speed at which the spot moves: less if the robot may lose it, 0 if that lags."""
         person = self.person
         x, y, yaw = person.percept.robot
         dx, dy = person.spot[0] - x, person.spot[1] - y
@@ -215,16 +215,16 @@ class RobotOnlyScript(ParticipantScript):
         if distance <= person.model.leading_distance_max:
             self._lags_since = person.percept.now
         else:
-            # a robot that does not come after some time will not come; as long as the spot is seen one goes on
+            # a robot that has not come for some time will not come; while the spot is seen, the person goes on
             return 0.0 if person.percept.now - self._lags_since < person.model.patience / 2.0 else 0.5
         if bearing > SIDE and distance > 0.3:
-            # the robot is turning; a person who still hears that it sees goes on with care
+            # the robot is turning; a person who still hears that it sees the spot goes on with care
             return 0.25
         return 1.0 if distance > 0.5 else 0.6
 
     # ------------------------------------------------------------ walking along
     def _follow(self, line: np.ndarray) -> None:
-        """Keeps near the spot, out of the robot's path and view."""
+        """Keeps the person near the spot, out of the robot's path and view."""
         person = self.person
         if person.walker.walking or person.spot is None or person.percept.now < self._look_again:
             return

@@ -1,4 +1,4 @@
-"""A person's walking between the furniture, and finding places to point from."""
+"""A person's walking among the furniture, and the search for positions to point from."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from vb_sim.models import ParticipantModel
 from vb_sim.robot.costmap import Costmap
 from vb_sim.robot.planner import Planner
 
-ROBOT_DISTANCE = 0.5  # [m] between a person's and a robot's middle
-BERTH = 0.15  # [m] that a person gives to things where there is room
+ROBOT_DISTANCE = 0.5  # [m] least distance between the centres of a person and a robot
+BERTH = 0.15  # [m] clearance that a person keeps from obstacles where there is room
 NEAREST_STAND = 0.8  # [m] from the spot: nearer, the person's body blocks the view
 
 
@@ -27,14 +27,14 @@ def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
 
 
 class Walker:
-    """A person's place and path through a room.
+    """A person's position and path in a room.
 
     Args:
         grid: the physical map.
         here: (2,) [m] where the person is.
 
     Attributes:
-        robot: (2,) [m] where the robot is, which the person sees; None before it is known.
+        robot: (2,) [m] where the robot is, which the person sees; None until it is known.
     """
 
     def __init__(self, grid: GridMap, model: ParticipantModel, here: np.ndarray) -> None:
@@ -50,13 +50,13 @@ class Walker:
 
     @property
     def walking(self) -> bool:
-        """Returns whether some path is left."""
+        """Whether the person is still walking."""
         return len(self._way) > 0
 
     def find_place_near(
         self, place: np.ndarray, nearest: float, farthest: float, rng: np.random.Generator
     ) -> np.ndarray:
-        """Draws a random place (2,) [m] from which one can walk to `place`, between `nearest` and `farthest` [m] away."""
+        """Draws a random position (2,) [m], `nearest` to `farthest` [m] from `place`, with a path to it."""
         for _ in range(200):
             angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, farthest)
             candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
@@ -66,16 +66,16 @@ class Walker:
         return np.asarray(place, dtype=float)
 
     def go(self, place: np.ndarray) -> None:
-        """Begins to walk, if there is a path. A place that is too narrow is approached within 0.4 m."""
+        """Starts walking to a position (2,) [m], or within 0.4 m of it if it is too narrow, if there is a path."""
         self._way = self._plan(self.here, np.asarray(place, dtype=float), self.robot, 0.4)
         self._waited = 0.0
 
     def go_to_point_at(self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None) -> None:
-        """Begins to walk to the nearest good place for pointing at a spot (2,) [m], if there is one.
+        """Starts walking to the nearest good position for pointing at a spot (2,) [m], if there is one.
 
         Args:
             line: (N, 2) [m] what is being drawn: the person does not stand on it.
-            away_from: (2,) [m] a place to leave, since the body hides the spot from there.
+            away_from: (2,) [m] a position to leave, since the body hides the spot from there.
         """
         angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
         around = [np.array([math.cos(angle), math.sin(angle)]) for angle in angles]
@@ -94,7 +94,7 @@ class Walker:
         self._way = np.zeros((0, 2))
 
     def step(self, dt: float, look_at: Optional[np.ndarray]) -> None:
-        """Walks on for `dt` [s]; does not walk into the robot; turns to what it looks at."""
+        """Walks on for `dt` [s] without running into the robot, and turns to `look_at` (2,) [m] or the goal."""
         left = self._model.walking_speed * dt
         facing = look_at
         while left > 0.0 and len(self._way):
@@ -119,7 +119,7 @@ class Walker:
             self.yaw = geometry.wrap_angle(self.yaw + min(max(turn, -limit), limit))
 
     def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray) -> bool:
-        """Returns whether a place (2,) [m] is good for pointing at the spot: neither at the robot nor in its view of it."""
+        """Returns whether a place (2,) [m] suits pointing: in reach, off the line, clear of the robot and its view."""
         distance = float(np.linalg.norm(place - spot))
         if not (NEAREST_STAND <= distance <= self._model.reach and self._planner.is_traversable(place)):
             return False
@@ -142,7 +142,7 @@ class Walker:
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
     ) -> np.ndarray:
         """Plans a path (N, 2) [m]; (0, 2) if there is none."""
-        # the robot is in a doorway, or at the person's feet: plan as if it will move on
+        # if no path leads round the robot (in a doorway, at the person's feet), plan as if it will move on
         planners = [self._planner] if robot is None else [self._planner_avoiding(robot), self._planner]
         for planner in planners:
             with contextlib.suppress(CodedError):
@@ -155,7 +155,7 @@ class Walker:
             rows, columns = np.indices(self._grid.shape)
             column, row = self._grid.world_to_grid(robot)[0]
             radius, away = self._model.body_radius, np.hypot(rows - row, columns - column) * self._grid.resolution
-            # a disc that makes, with the person's own radius, the distance that is kept
+            # the disc's radius and the person's own make the distance that is kept
             costmap = Costmap(self._grid, radius, away < ROBOT_DISTANCE - radius, BERTH)
             self._planner_with_robot = (np.array(robot), Planner(costmap))
         return self._planner_with_robot[1]

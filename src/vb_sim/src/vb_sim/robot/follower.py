@@ -18,20 +18,20 @@ _LOOKAHEAD = 0.35  # [m] of pure pursuit
 _TURN_ON_SPOT_ABOVE, _DRIVE_AGAIN_BELOW = 0.8, 0.3
 _TURN_GAIN = 2.5  # [1/s] turn rate per heading error
 GOAL_DISTANCE, GOAL_ANGLE = 0.06, 0.08  # [m], [rad] within which the goal is reached
-_SEES = 1.5  # [m] along its arc up to which it looks for obstacles
-_OBSTACLE_MARGIN = 0.03  # [m] kept to what the scanner sees ahead
+_SEES = 1.5  # [m] along the robot's arc, up to which obstacles count
+_OBSTACLE_MARGIN = 0.03  # [m] clearance kept from what the scanner sees ahead
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The command for now.
+    """The command of a step, and the state of the drive.
 
     Attributes:
         speed, turn_rate: [m/s, rad/s] to be sent as cmd_vel.
         arrived: the goal is reached.
         blocked: something blocks the path.
         off_path: [m] distance from the path.
-        path: (N, 2) [m] a new path, if there is one since the last step.
+        path: (N, 2) [m] the path planned since the last step, if there is one.
     """
 
     speed: float = 0.0
@@ -43,7 +43,7 @@ class Motion:
 
 
 class Follower:
-    """Follows one path at a time; what it remembers of a goal outlives a new path to the same goal.
+    """Follows one path at a time; its state for a goal outlasts a new path to the same goal.
 
     Args:
         radius: [m] of the robot.
@@ -60,7 +60,7 @@ class Follower:
         self._speed = 0.0
 
     def set_goal(self, goal: Pose) -> None:
-        """Begins a new goal (x, y, yaw) [m, m, rad]."""
+        """Sets a new goal (x, y, yaw) [m, m, rad]."""
         self._goal = goal
         self._path = np.zeros((0, 2))
         self._turning = self._at_goal = False
@@ -78,7 +78,7 @@ class Follower:
 
         Args:
             pose: (x, y, yaw) [m, m, rad], map frame.
-            obstacles: (N, 2) [m] what the scanner sees, robot's frame.
+            obstacles: (N, 2) [m] points that the scanner sees, robot's frame.
             dt: [s] since the last step.
         """
         if self._goal is None or not len(self._path):
@@ -86,7 +86,7 @@ class Follower:
             return Motion()
         end = self._path[-1]
         to_end = math.hypot(end[0] - pose[0], end[1] - pose[1])
-        # once there it stays there: turning on the spot shifts the estimate by a centimetre or so
+        # hysteresis, as turning on the spot shifts the estimated position by a centimetre or so
         self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * GOAL_DISTANCE
         if self._at_goal:
             self._speed = 0.0

@@ -25,7 +25,7 @@ _MAP_TOLERANCE = 0.10  # [m] a scan point this near to a mapped obstacle is that
 
 
 class Navigator:
-    """Plans on the map with the virtual borders and follows the plan. Maps may come from another thread."""
+    """Plans on the map with the virtual borders and follows the plan. Maps may be set from another thread."""
 
     def __init__(self, profile: RobotProfile) -> None:
         radius, limits = profile.radius, profile.limits
@@ -37,7 +37,7 @@ class Navigator:
 
     def _forget(self) -> None:
         self._planned_at: Optional[float] = None
-        self._reached_at: Optional[float] = None  # when there was a plan last
+        self._reached_at: Optional[float] = None  # when there last was a plan
         self._moved_at: Optional[float] = None
         self._planned_on: Optional[Planner] = None
         self._failed = False
@@ -56,12 +56,12 @@ class Navigator:
         return self._planner
 
     def _with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
-        """Makes the planner on map and scan; returns that on the map alone where the scan shows nothing new."""
+        """Makes the planner on map and scan; returns that on the map alone if the scan shows nothing new."""
         grid, distance = static.costmap.grid, static.costmap.distance
         seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < _OBSTACLE_RANGE]
         cells = grid.world_to_cell(to_map(seen, pose))
         cells = cells[grid.contains_cells(cells)]
-        # a wall seen slightly off its place is not a new obstacle
+        # a wall seen slightly off its position is not a new obstacle
         cells = cells[distance[tuple(cells.T)] > _MAP_TOLERANCE]
         if not len(cells):
             return static
@@ -71,8 +71,8 @@ class Navigator:
 
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:
-        """Begins a new goal (x, y, yaw) [m, m, rad], map frame; raises CodedError "no_map"."""
-        self.static()  # before anybody asks for the robot's pose, which may not be known yet either
+        """Sets a new goal (x, y, yaw) [m, m, rad], map frame; raises CodedError "no_map"."""
+        self.static()  # checked before the robot's pose is asked for, which may be unknown too
         self._goal = goal
         self._follower.set_goal(goal)
         self._forget()
@@ -87,7 +87,7 @@ class Navigator:
         Args:
             now: [s]
             pose: (x, y, yaw) [m, m, rad], map frame.
-            obstacles: (N, 2) [m] what the scanner sees, robot's frame.
+            obstacles: (N, 2) [m] points that the scanner sees, robot's frame.
             dt: [s] since the last step.
 
         Raises:
@@ -119,7 +119,7 @@ class Navigator:
             try:
                 path = self._with_obstacles(static, pose, obstacles).plan(start, end)
             except CodedError:
-                # a person at the goal or at the robot's side: plan by the map alone, the follower stops before them
+                # perhaps a person is at the goal or beside the robot: plan on the map; the follower stops before them
                 path = static.plan(start, end)
         except CodedError:
             self._failed = True

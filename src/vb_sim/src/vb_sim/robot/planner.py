@@ -15,15 +15,15 @@ from vb_core.grid_layers import nearest_cell, sample
 from vb_sim.robot.costmap import LETHAL, Costmap
 
 Cell = Tuple[int, int]  # row, column
-NEUTRAL_COST = 50.0  # of a free cell, and how much a cell's cost adds to it: navfn's figures
+NEUTRAL_COST = 50.0  # cost of a free cell, and the weight of a cell's own cost: navfn's figures
 COST_FACTOR = 0.8
-# [m] up to this far inside the inscribed zone a robot may plan its way out; from inside an obstacle it may not
+# [m] depth in the inscribed zone from which a robot may still plan its way out; never from inside an obstacle
 _ESCAPE = 0.10
-_SPACING = 0.05  # [m] of a plan's poses
+_SPACING = 0.05  # [m] between a plan's poses
 
 
 class Planner:
-    """Plans on one costmap. The search from the last start is kept: more goals from there cost nothing."""
+    """Plans on one costmap. The search from the last start is kept, so that further goals from there cost nothing."""
 
     def __init__(self, costmap: Costmap) -> None:
         self.costmap, self._grid = costmap, costmap.grid
@@ -40,7 +40,7 @@ class Planner:
             tolerance: [m] how far from the goal the path may end if the goal itself cannot be reached.
 
         Returns:
-            (N, 2) [m], from the start to the goal, at most 5 cm apart.
+            Points (N, 2) [m] from the start to the goal, at most 5 cm apart.
 
         Raises:
             CodedError: "off_map", "start_blocked", "goal_blocked" or "no_path".
@@ -53,7 +53,7 @@ class Planner:
             nodes.append(int(before[nodes[-1]]))
         way = np.column_stack(np.unravel_index(nodes[::-1], costs.shape))
         middle = self._grid.cell_to_world(self._shortened(way, costs))
-        # the exact places, in those cells or beside them, replace the cells' centres
+        # the exact ends, in those cells or beside them, replace the cells' centres
         path = np.vstack([start[None], middle[1:-1], end[None]])
         if not np.allclose(middle[0], path[0], atol=self._grid.resolution):
             path = np.vstack([path[:1], middle[:1], path[1:]])
@@ -62,7 +62,7 @@ class Planner:
         return geometry.resample_chain(path, _SPACING)
 
     def is_traversable(self, place: np.ndarray) -> bool:
-        """Returns whether the robot's centre may be at a place (2,) [m]."""
+        """Returns whether the robot's centre may be at a position (2,) [m]."""
         return bool(sample(self._grid, self._free, place)[0])
 
     # ------------------------------------------------------------ ends of the path
@@ -77,8 +77,8 @@ class Planner:
         cell = self._cell(start, "start")
         if self._free[cell]:
             return cell
-        # move_base frees the robot's own cell only. A robot that touches the inscribed zone by an error of its
-        # localisation gets out of it here; one whose middle is in an obstacle or border does not, nor does it cross one.
+        # move_base frees the robot's own cell only. A robot that is in the inscribed zone by a localisation error gets
+        # out of it here, but not across an obstacle or border, nor if its centre is in one.
         near, place = nearest_cell(self._grid, self._free, start, _ESCAPE)
         between = self._grid.world_to_cell(np.linspace(start, place, 16))
         if near is not None and (self.costmap.costs[tuple(between.T)] != LETHAL).all():
@@ -102,7 +102,7 @@ class Planner:
 
     # ------------------------------------------------------------ search
     def _search(self, start: Cell) -> Tuple[np.ndarray, np.ndarray]:
-        """Searches from a cell: what the cheapest way to each cell costs (H, W), and the node before it (H * W,)."""
+        """Searches from a cell; returns the least cost of reaching each cell (H, W), and its predecessor (H * W,)."""
         if self._searched is None or self._searched[0] != start:
             first = np.ravel_multi_index(start, self._free.shape)
             costs, before = dijkstra(self._graph, indices=first, return_predecessors=True)
@@ -111,7 +111,7 @@ class Planner:
 
     @cached_property
     def _graph(self) -> csr_matrix:
-        """What it costs to go from one cell to the next; cells are counted row by row."""
+        """The cost of going from one cell to the next; cells are numbered row by row."""
         rows, columns = self._free.shape
         nodes = np.arange(self._free.size).reshape(self._free.shape)
         ends: List[np.ndarray] = []
@@ -120,7 +120,7 @@ class Planner:
         for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
             a = (slice(0, rows - dy), slice(max(0, -dx), columns - max(0, dx)))
             b = (slice(dy, rows), slice(max(0, dx), columns + min(0, dx)))
-            # no diagonal step between two blocked cells
+            # no diagonal step past a blocked cell
             both = self._free[a] & self._free[b] & self._free[a[0], b[1]] & self._free[b[0], a[1]]
             i, j = nodes[a][both], nodes[b][both]
             w = (self._weights[a][both] + self._weights[b][both]) / 2.0 * np.hypot(dx, dy)
@@ -132,7 +132,7 @@ class Planner:
 
     # ------------------------------------------------------------ shape of the path
     def _shortened(self, way: np.ndarray, costs: np.ndarray) -> np.ndarray:
-        """Keeps of a way's cells (N, 2) those between which straight lines cost no more than the way (eight directions)."""
+        """Reduces a way (N, 2), which has only eight directions, to cells between which straight lines cost no more."""
         spent, last, kept = costs[tuple(way.T)], len(way) - 1, [0]
 
         def line_is_cheap(a: int, b: int) -> bool:

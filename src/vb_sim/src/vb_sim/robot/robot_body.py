@@ -33,8 +33,8 @@ class RobotBody:
     Args:
         start: true pose at the beginning, (x, y, yaw) [m, m, rad], map frame.
         radius: [m] of the round body.
-        clearance: returns the distance [m] from a place to the nearest obstacle.
-        rng: source of all its noise.
+        clearance: returns the distance [m] from a point to the nearest obstacle.
+        rng: the generator of all its noise.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class RobotBody:
 
     # ------------------------------------------------------------ motion
     def step(self, dt: float, now: float) -> None:
-        """Moves on by `dt` [s] to the time `now` [s]."""
+        """Moves the robot on by `dt` [s], to the time `now` [s]."""
         speed, turn_rate = self._velocity_after(dt, now)
         distance, turn = speed * dt, turn_rate * dt
         after = advance(self.pose, distance, turn)
@@ -121,6 +121,6 @@ class RobotBody:
         return x + self._error[0], y + self._error[1], geometry.wrap_angle(yaw + self._error[2])
 
     def map_to_odom(self) -> np.ndarray:
-        """Returns T_map_odom, 4x4: what makes odometry the estimate."""
+        """Returns T_map_odom, 4x4, which transforms odometry into the estimate."""
         odometry = geometry.transform_from_pose2d(*self.odometry)
         return geometry.transform_from_pose2d(*self.estimate()) @ geometry.invert(odometry)

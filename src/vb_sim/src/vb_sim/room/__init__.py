@@ -1,1 +1,1 @@
-"""What a simulated room consists of."""
+"""The simulated room: world file, floor plan, geometry, appearance and the laser spot."""

@@ -1,4 +1,4 @@
-"""Person and robot as stacks of rounded pieces; all measures of the person are assumed for 1.75 m and scaled."""
+"""Person and robot as stacks of rounded pieces; the person's dimensions are assumed for 1.75 m, and scaled."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
 from vb_sim.models import BodyProportions
 
-_NEAR = 0.15  # [m] along the optical axis, from which on pieces are drawn
+_NEAR = 0.15  # [m] along the optical axis; nearer pieces are not drawn
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
@@ -24,10 +24,10 @@ AVERAGE = BodyProportions()
 
 @dataclass(frozen=True)
 class BodyParts:
-    """Hulls of two flat ellipses each.
+    """Pieces of a body, each the convex hull of two flat ellipses.
 
     Attributes:
-        low, high: (N, 3) [m] the ellipses' middles, map frame.
+        low, high: (N, 3) [m] the ellipses' centres, map frame.
         low_radii, high_radii: (N, 2) [m] half axes along and across the heading.
         yaws: (N,) [rad] headings.
         colors: (N, 3) rgb.
@@ -54,7 +54,7 @@ class BodyParts:
         return replace(self, low=moved(self.low), high=moved(self.high), yaws=np.full(len(self), yaw))
 
     def scale_to(self, middle: Tuple[float, float], build: BodyProportions) -> "BodyParts":
-        """Scales a person's pieces, about the middle (x, y) [m], to another build than the average."""
+        """Scales a person's pieces from the average build to another, about the centre (x, y) [m]."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         at = np.array([*middle, 0.0])
         return replace(
@@ -72,7 +72,7 @@ def join_pieces(parts: Sequence[BodyParts]) -> BodyParts:
 
 
 def piece_outlines(pieces: BodyParts) -> np.ndarray:
-    """Returns points (N, 32, 3) [m] of both ellipses of each piece."""
+    """Returns points (N, 32, 3) [m] on both ellipses of each piece."""
     c, s = np.cos(pieces.yaws)[:, None], np.sin(pieces.yaws)[:, None]
     points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
     for end, (middles, radii) in enumerate(((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii))):
@@ -84,7 +84,7 @@ def piece_outlines(pieces: BodyParts) -> np.ndarray:
 
 
 def _stack(rows: Sequence[Tuple]) -> BodyParts:
-    """Pieces from rows (forward, left, z low, z high, radii low, radii high, colour)."""
+    """Makes pieces from rows (forward, left, z low, z high, radii low, radii high, colour)."""
     x, y, low, high, *radii, colors = (np.array(column, dtype=float) for column in zip(*rows))
     return BodyParts(np.column_stack([x, y, low]), np.column_stack([x, y, high]), *radii, np.zeros(len(x)), colors)
 
@@ -93,7 +93,7 @@ def _tinted(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
     return tuple(int(value * brightness) for value in color)
 
 
-# from both feet up to the hair; the right arm moves
+# from the feet up to the hair, without the right arm, which moves
 _PERSON = _stack(
     [
         *(
@@ -118,7 +118,7 @@ _PERSON = _stack(
         (-0.01, 0.0, 1.69, 1.75, (0.095, 0.078), (0.045, 0.04), HAIR),
     ]
 )
-# of the upper arm, the lower arm, and the pointer in the hand
+# of the upper arm, the forearm, and the pointer in the hand
 _ARM_LOW_RADII = np.array([(0.055, 0.055), (0.045, 0.045), (0.014, 0.014)])
 _ARM_HIGH_RADII = np.array([(0.046, 0.046), (0.035, 0.035), (0.01, 0.01)])
 _ARM_COLORS = np.array([_tinted(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
@@ -127,7 +127,7 @@ _ARM_COLORS = np.array([_tinted(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 def hand_position(
     person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float
 ) -> np.ndarray:
-    """Returns where the right hand holds the pointer, (3,) [m], at a height [m]."""
+    """Returns the position (3,) [m] at which the right hand holds the pointer, at a height [m]."""
     x, y, yaw = person
     shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
     along_x, along_y = math.cos(yaw), math.sin(yaw)
@@ -174,7 +174,7 @@ def person_pieces(
 
 
 def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float, float]]) -> Tuple:
-    """Returns the same key for people who look the same to within some centimetres: an image of one serves for the other."""
+    """Returns a key, equal for people who look the same to within some centimetres: one image serves for them."""
     hand: Tuple = ()
     if target is not None:
         x, y, _ = hand_position(person, target, 0.0)
@@ -183,7 +183,7 @@ def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float,
 
 
 def robot_key(pose: Tuple[float, float, float]) -> Tuple:
-    """Returns the same key for robots that look the same to within a few millimetres."""
+    """Returns a key that is equal for robots that look the same to within a few millimetres."""
     return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
 
 
@@ -208,7 +208,7 @@ _ROBOT = _stack(
 
 
 def robot_pieces(pose: Tuple[float, float, float], radius: float) -> BodyParts:
-    """Builds a robot with a TurtleBot 2's proportions, which fits into the cylinder of its profile."""
+    """Builds a robot with a TurtleBot 2's proportions, scaled to a radius [m]."""
     scale = radius / _ROBOT_RADIUS
     parts = (_ROBOT.low, _ROBOT.high, _ROBOT.low_radii, _ROBOT.high_radii)
     return BodyParts(*(scale * part for part in parts), _ROBOT.yaws, _ROBOT.colors).move_to(*pose)
@@ -220,7 +220,7 @@ class Outlines:
 
     Attributes:
         points: (N, 32, 2) [px]; each piece is the convex hull of its points.
-        depths: (N,) [m] of each piece's middle along the optical axis.
+        depths: (N,) [m] of each piece's centre along the optical axis.
         colors: (N, 3) rgb.
     """
 
@@ -230,7 +230,7 @@ class Outlines:
 
 
 def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray) -> Outlines:
-    """Outlines of pieces; without those that reach behind the camera."""
+    """Projects pieces, without those that reach behind the camera or far outside the image."""
     T = invert(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
     pixels = camera.project(points).reshape(len(pieces), -1, 2)

@@ -1,4 +1,4 @@
-"""The occupancy grid that SLAM would have made of a world, and the ground truth of its scenarios."""
+"""The occupancy grid that SLAM would make of a world, and the ground truth of its scenarios."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vb_sim.room.world import Furniture, Room, Scenario, Wall, World
 
 
 def physical_map(world: World) -> GridMap:
-    """Draws the physical map: walls and things on the floor; unknown beyond the walls."""
+    """Draws the physical map: walls and furniture are occupied, and cells beyond the walls unknown."""
     grid = _physical_map(world.room, world.walls, world.furniture)
     return grid.with_data(grid.data.copy())
 
@@ -38,10 +38,10 @@ def _physical_map(room: Room, walls: Tuple[Wall, ...], furniture: Tuple[Furnitur
 
 
 def ground_truth(world: World, scenario: Scenario) -> np.ndarray:
-    """Draws (H, W) bool the free cells that the scenario asks to restrict, in the geometry of `physical_map`.
+    """Returns (H, W) bool: which free cells the scenario asks to restrict, in the geometry of `physical_map`.
 
-    It stands for the ground truth map that the paper's authors drew by hand (Sect. 5.5) and uses
-    nothing of the code that integrates borders.
+    It corresponds to the ground truth map that the paper's authors drew by hand (Sect. 5.5), and uses none of the code
+    that integrates borders.
     """
     grid = physical_map(world)
     return outline_mask(grid, scenario.region) & (grid.data == FREE)
@@ -56,7 +56,7 @@ def wall_outline(wall: Wall) -> np.ndarray:
 
 
 def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
-    """Returns (H, W) bool: which cells have their centre within an outline (N, 2) [m]; at least one for small things."""
+    """Returns (H, W) bool: which cells have their centre within an outline (N, 2) [m]; at least one cell."""
     mask = np.zeros(grid.shape, bool)
     corners = grid.world_to_grid(outline)
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)

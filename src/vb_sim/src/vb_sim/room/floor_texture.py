@@ -1,4 +1,4 @@
-"""Draws the floor as an image from above, with everything flat on it."""
+"""Draws the floor, with everything flat on it, as an image from above."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_sim.room.world import Floor, FloorPatch, World
 
 @dataclass(frozen=True)
 class FloorTexture:
-    """A metric image.
+    """A metric image of the floor, seen from above.
 
     Attributes:
         rgb: (H, W, 3) uint8; row 0 holds the lowest y.
@@ -30,7 +30,7 @@ class FloorTexture:
     origin: Tuple[float, float]
 
     def matrix(self) -> np.ndarray:
-        """Returns the matrix (3, 3) from homogeneous map coordinates [m] to (column, row) [px]; centres are whole numbers."""
+        """Returns the matrix (3, 3) from homogeneous map coordinates [m] to (column, row) [px], whole at centres."""
         scale, (x, y) = 1.0 / self.resolution, self.origin
         return np.array([[scale, 0, -x * scale - 0.5], [0, scale, -y * scale - 0.5], [0, 0, 1.0]])
 
@@ -72,7 +72,7 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
 
 
 def _noise(shape: Tuple[int, int], step: Tuple[float, float], rng: np.random.Generator) -> np.ndarray:
-    """Makes (H, W) float32 smooth noise of unit deviation with features of (rows, columns) px."""
+    """Makes smooth noise (H, W) float32 of unit standard deviation, with features of (rows, columns) px."""
     coarse = tuple(max(2, int(math.ceil(size / max(1.0, length))) + 2) for size, length in zip(shape, step))
     values = rng.standard_normal(coarse, dtype=np.float32)
     grown = cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
@@ -131,7 +131,7 @@ def _carpet(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np
     step = 0.007 / texture.resolution
     tone = 1.0 + patch.contrast * (0.35 * weave + 0.22 * _noise(part.shape[:2], (step, step), rng))
     tone += 0.10 * patch.contrast * _noise(part.shape[:2], (60 * step, 60 * step), rng)
-    # a woven border and a few rhombs, so that it looks like a carpet and confuses as one does
+    # a woven border and a few diamonds, so that it looks like a carpet, and misleads a detector as one does
     stripe = (((edge > 0.05) & (edge < 0.065)) | ((edge > 0.10) & (edge < 0.125))).astype(np.float32)
     rhomb = np.abs(((x + 0.2) % 0.4) / 0.4 - 0.5) + np.abs(((y + 0.2) % 0.4) / 0.4 - 0.5)
     figure = (((rhomb > 0.16) & (rhomb < 0.21)) & (edge > 0.16)).astype(np.float32)
@@ -149,7 +149,7 @@ def _snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: 
         angle = rng.random() * math.pi
         half = patch.snippet * rng.uniform(0.3, 0.6, 2)
         axes = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]) * half[:, None]
-        # torn paper: four corners, none where it should be
+        # torn paper: a rectangle with each corner displaced
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.7, 1.1, (4, 2)) @ axes + at
         outline = texture.pixels(to_map(corners, (patch.x, patch.y, math.radians(patch.yaw))))
         shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
@@ -159,7 +159,7 @@ def _snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: 
 
 
 def _contact_shadows(image: np.ndarray, texture: FloorTexture, world: World) -> None:
-    """Darkens the floor beside things on it."""
+    """Darkens the floor beside walls and furniture."""
     step = 8
     small = (image.shape[0] // step + 1, image.shape[1] // step + 1)
     occluder = np.zeros(small, np.float32)

@@ -1,6 +1,6 @@
-"""The world's solid things as flat faces, and a depth buffer that draws them.
+"""The world's solid objects as flat faces, and a depth buffer that draws them.
 
-Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m]; 0 is nothing.
+Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m]; 0 where nothing is drawn.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Mesh:
     """Flat convex faces in the map frame: normals (N, 3), colours (N, 3), and the corners (M, 3) [m] of all of them.
 
     Args:
-        faces: corners (K, 3) [m] counter-clockwise as seen from outside, and colour, of each.
+        faces: of each face, its corners (K, 3) [m], counter-clockwise as seen from outside, and its colour.
     """
 
     def __init__(self, faces: Sequence[Face]) -> None:
@@ -48,7 +48,7 @@ def prism(
     """Makes the faces of an upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
 
     Args:
-        bands: (upper height [m], brightness) of strips of its sides, from the bottom; the rest is plain.
+        bands: (upper height [m], brightness) of each strip of its sides, from the bottom up; the rest is plain.
     """
     outline, color = np.asarray(outline, dtype=float), np.array(color, dtype=float)
     strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
@@ -65,7 +65,7 @@ def prism(
 
 
 def world_mesh(world: World) -> Mesh:
-    """Walls and furniture of a world."""
+    """Makes the mesh of a world's walls and furniture."""
     width, height = world.room.size
     t, top = world.room.wall_thickness, world.room.wall_height
     faces: List[Face] = []
@@ -113,7 +113,7 @@ class RayGrid:
 
     @staticmethod
     def _distorted(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
-        # exact on every eighth pixel; in between the lens bends nothing that linear interpolation does not follow
+        # exact at every eighth pixel; in between, linear interpolation follows the lens closely enough
         step = 8
         columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
         u, v = np.meshgrid(
@@ -130,13 +130,13 @@ class RayGrid:
     def combine(
         self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)
     ) -> np.ndarray:
-        """Computes (h, w) float32: a x + b y + c over a part of the image."""
+        """Computes a x + b y + c, (h, w) float32, over a part of the image."""
         x, y = (self.x[rows, columns], self.y[rows, columns]) if self.distorted else (self.x[:, columns], self.y[rows])
         return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c))
 
 
 class DepthBuffer:
-    """Buffer of the nearest surface in each pixel.
+    """The nearest surface in each pixel.
 
     Attributes:
         inverse: (H, W) float32 [1/m] inverse depth along the optical axis, 0 where there is only floor.
@@ -160,7 +160,7 @@ class DepthBuffer:
         self._count = 0
 
     def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
-        """Draws the faces of a mesh that this camera sees, their colours times a gain."""
+        """Draws the faces of a mesh that this camera sees, with their colours multiplied by a gain."""
         if not len(mesh.corners):
             return
         T = invert(T_map_optical)
@@ -179,7 +179,7 @@ class DepthBuffer:
             chosen = chosen[np.argsort(nearest[chosen])][: 255 - self._count]
         for index in chosen:
             face = corners[mesh.starts[index] : mesh.starts[index + 1]]
-            # without distortion what is beside the image is harmless: drawing clips it
+            # without distortion, parts outside the image are harmless: drawing clips them
             for side in np.nonzero(~inside[index])[0] if self.grid.distorted else [] if inside[index, 0] else [0]:
                 face = self._clip(face, int(side))
                 if len(face) < 3:
@@ -189,7 +189,7 @@ class DepthBuffer:
                 self._fill(self._outline(face), (a, b, c), mesh.colors[index] * gain, normals[index])
 
     def draw_flat(self, outline_px: np.ndarray, depth: float, color: Sequence[float], normal: np.ndarray) -> None:
-        """Draws the convex hull of points (N, 2) [px] that faces the camera at one depth [m]."""
+        """Draws the convex hull of points (N, 2) [px] as a face at one depth [m]."""
         if self._count < 255:
             hull = cv2.convexHull(np.asarray(outline_px, dtype=np.float32))[:, 0]
             self._fill(hull, (0.0, 0.0, 1.0 / depth), color, normal)
@@ -210,7 +210,7 @@ class DepthBuffer:
 
     def _outline(self, face: np.ndarray) -> np.ndarray:
         if self.grid.distorted:
-            # straight edges are bent by the lens
+            # the lens bends straight edges
             steps = np.linspace(0, 1, 12, endpoint=False)[None, :, None]
             face = (face[:, None, :] * (1 - steps) + np.roll(face, -1, axis=0)[:, None, :] * steps).reshape(-1, 3)
             return self.grid.camera.project(face)
@@ -244,7 +244,7 @@ class DepthBuffer:
         self.ids[rows, columns][nearer] = self._count
 
     def paint(self, image: np.ndarray) -> None:
-        """Puts the things' colours over the image (H, W, 3) of the floor, in place."""
+        """Paints the drawn objects over the image (H, W, 3) of the floor, in place."""
         left, top, width, height = cv2.boundingRect(self.ids)
         if width == 0:
             return

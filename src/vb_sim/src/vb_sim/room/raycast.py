@@ -1,4 +1,4 @@
-"""Computes distances in the physical map: how far a beam goes, how near the next obstacle is."""
+"""Computes distances in the physical map: the ranges of beams, and the clearance to the nearest obstacle."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 
 
 class DistanceField:
-    """Distance from any place to the nearest obstacle of a map, and ray casting by it.
+    """The distance from any point to a map's nearest obstacle, and ray casting by it.
 
     Args:
-        grid: a world's physical map, which is not turned. What is not free is an obstacle: unknown cells may contain
-            anything, and they are behind the walls.
+        grid: a world's physical map, not rotated. Every cell that is not free is an obstacle: unknown cells may contain
+            anything, and lie behind the walls.
     """
 
     def __init__(self, grid: GridMap) -> None:
@@ -26,13 +26,13 @@ class DistanceField:
         # from cell centre to the obstacle's edge, which is half a cell before its centre
         self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
         self._rows, self._columns = free.shape
-        # how far a beam may go from somewhere within a cell; 0 in obstacles. Corner to corner it could be
-        # 1.4 cells less than between the centres, but then it passes at most a corner of a cell.
+        # how far a beam may advance from any point of a cell; 0 in obstacles. From corner to corner the distance can be
+        # 1.4 cells less than between the centres, but then the beam crosses at most a corner of a cell.
         steps = np.where(free, np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution), 0.0)
         self._steps = steps.astype(np.float64).ravel()
 
     def clearance(self, x: float, y: float) -> float:
-        """Returns the distance [m] from a place to the nearest obstacle's edge, interpolated between cells; 0 off the map."""
+        """Returns the distance [m] from a point to the nearest obstacle's edge, interpolated; 0 off the map."""
         column = (x - self._origin[0]) / self._resolution + 0.5  # +1 for the rim, -0.5 to the cell's centre
         row = (y - self._origin[1]) / self._resolution + 0.5
         c, r = math.floor(column), math.floor(row)
@@ -45,10 +45,10 @@ class DistanceField:
         return float(low * (1 - fr) + high * fr)
 
     def cast(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
-        """Ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf where nothing is hit.
+        """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
-        Sphere tracing: each beam goes forward by the distance that is known to be free, so that a
-        hundred cells of open floor cost one step, and only beams that creep along a wall go on by half cells.
+        Sphere tracing: each beam advances by the distance that is known to be free, so that a hundred cells of open
+        floor cost one step, and only beams that graze a wall advance by half cells.
         """
         direction_x, direction_y = np.cos(angles) / self._resolution, np.sin(angles) / self._resolution
         start_x = (origin[0] - self._origin[0]) / self._resolution + 1.0
@@ -72,7 +72,7 @@ class DistanceField:
 def cast_disc(
     origin: Tuple[float, float], angles: np.ndarray, center: Tuple[float, float], radius: float
 ) -> np.ndarray:
-    """Ranges (N,) [m] at which beams meet a disc, for instance a person's legs; inf where they miss."""
+    """Returns the ranges (N,) [m] at which beams meet a disc, for instance a person's legs; inf where they miss."""
     to_center = np.asarray(center, dtype=float) - np.asarray(origin, dtype=float)
     along = np.cos(angles) * to_center[0] + np.sin(angles) * to_center[1]
     half_chord = radius**2 - (to_center @ to_center - along**2)

@@ -1,9 +1,9 @@
 """Renders a laser spot on the floor as a camera sees it.
 
-The beam's footprint is an ellipse of light, many times brighter than the floor. Lens and filter blur
-it, motion smears it over the exposure, a part is scattered into a halo. The sensor then cuts it off:
-a white core, since the light that leaks through the other colours' filters saturates too, with a
-coloured halo. Its size follows from power, exposure and distance; none is set by hand.
+The beam's footprint is an ellipse of light, many times brighter than the floor. Lens and filter blur it, motion during
+the exposure smears it, and part of the light is scattered into a halo. The sensor then saturates, which leaves a
+coloured halo round a white core, in which even the light that leaks through the other colours' filters saturates. The
+spot's size follows from power, exposure and distance; it is not set by hand.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class SpotImage:
 
     @property
     def pixel(self) -> Tuple[int, int]:
-        """Column and row of the pixel at its middle."""
+        """Column and row of the pixel at the spot's centre."""
         return int(round(self.center[0])), int(round(self.center[1]))
 
     @property
@@ -71,10 +71,10 @@ def render_spot(
     pixels_per_m2 = abs(_determinant(jacobian))
     if pixels_per_m2 < 1e-6:
         return None
-    # a pixel gathers light over its own area: another 1/12 px^2
+    # a pixel integrates light over its own area, which adds a variance of 1/12 px^2
     blur = (optics.psf_sigma_px**2 + 1.0 / 12.0) * np.eye(2)
     covariance = jacobian @ _footprint(point, source, optics) @ jacobian.T + blur
-    # power over ambient light, as if it all fell into one pixel
+    # laser power relative to ambient light, as if all of it fell into one pixel
     total = optics.laser_power_mw * 1e-3 * pixels_per_m2 / optics.ambient_w_m2
     total *= optics.white_level * optics.exposure_gain
     radius = _radius(total, covariance, optics) + float(np.linalg.norm(smear)) / 2.0
@@ -99,8 +99,8 @@ def add_spot(
     """Adds a spot's light to an image in place.
 
     Args:
-        weights: (3,) share of the light that arrives behind the red, green and blue filter.
-        full_well_e: [electrons] at 255; with rng it makes the light's photon noise.
+        weights: (3,) share of the light that passes the red, green and blue filters.
+        full_well_e: [electrons] at 255; sets the light's photon noise, drawn from `rng`.
     """
     light = pixels.apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
     sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
@@ -116,7 +116,7 @@ def _project(
     T_map_optical: np.ndarray,
     optics: Optics,
 ) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Projects the spot: its middle (2,) [px], the floor's axes there (2, 2) [px/m], its way during the exposure (2,) [px]."""
+    """Projects the spot: centre (2,) [px], Jacobian there (2, 2) [px/m], smear over the exposure (2,) [px]."""
     reach = optics.exposure_ms * 1e-3 / 2.0
     step, border = 1e-3, 30.0
     x, y = point
@@ -140,12 +140,12 @@ def _project(
 
 
 def _core(u: np.ndarray, v: np.ndarray, total: float, covariance: np.ndarray, smear: np.ndarray) -> np.ndarray:
-    """Spreads light over an ellipse that moves by `smear` (2,) [px]: (h, w) at u (1, w) and v (h, 1) [px] from its middle."""
+    """Spreads light over an ellipse that moves by `smear` (2,) [px]: (h, w) at offsets u (1, w), v (h, 1) [px]."""
     determinant = _determinant(covariance)
     uu, uv, vv = (np.float32(value / determinant) for value in (covariance[1, 1], -covariance[0, 1], covariance[0, 0]))
     length = float(np.linalg.norm(smear))
     count = 1 if length < 0.5 else min(11, 2 + int(length / 0.8))
-    # the moments of the exposure, all at once
+    # all instants of the exposure at once
     shares = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
     du, dv = u - (shares * smear[0]).astype(np.float32), v - (shares * smear[1]).astype(np.float32)
     light = np.exp(np.float32(-0.5) * (uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv)).sum(axis=0)
@@ -158,7 +158,7 @@ def _determinant(matrix: np.ndarray) -> float:
 
 
 def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
-    """Computes the covariance (2, 2) [m^2] of the light on the floor; a slanting beam leaves an ellipse."""
+    """Computes the covariance (2, 2) [m^2] of the light on the floor; an oblique beam makes an ellipse."""
     distance, covariance = 1.5, np.eye(2)
     if source is not None:
         along = np.array(point) - source[:2]

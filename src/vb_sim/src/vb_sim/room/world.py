@@ -1,8 +1,8 @@
-"""A simulated world: room, things, cameras, robots and scenarios, read from one YAML file.
+"""A simulated world: room, furniture, cameras, robots and scenarios, read from one YAML file.
 
-Everything is checked when it is read: an unknown key, a wrong type or a value out of range is a
-`ParameterError` that names the place in the file, for instance "cameras[1]/height".
-Angles are degrees in the file and radians from here on.
+Everything is checked when it is read: an unknown key, a wrong type or a value out of range raises a `ParameterError`
+that gives its position in the file, for instance "cameras[1]/height". Angles are degrees in the file and in the fields,
+radians in what the methods return.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Room(Parameters):
 
 @dataclass(frozen=True)
 class Floor(Parameters):
-    """What the floor looks like."""
+    """The floor's appearance."""
 
     kind: str = param("planks", choices=("planks", "tiles", "plain"))
     color: Color = _color((150, 122, 92))
@@ -64,7 +64,7 @@ class Wall(Parameters):
 
 @dataclass(frozen=True)
 class Furniture(Parameters):
-    """A box, a cylinder, or a table on four legs; x, y is its middle."""
+    """A box, a cylinder, or a table on four legs; x, y is its centre."""
 
     name: str = param("thing")
     kind: str = param("box", choices=("box", "cylinder", "table"))
@@ -78,14 +78,14 @@ class Furniture(Parameters):
     color: Color = _color((160, 160, 160))
 
     def footprint(self) -> np.ndarray:
-        """Returns the outline (N, 2) [m] of the thing seen from above, counter-clockwise."""
+        """Returns the outline (N, 2) [m] as seen from above, counter-clockwise."""
         if self.kind == "cylinder":
             angles = np.linspace(0, 2 * math.pi, 24, endpoint=False)
             return np.column_stack([self.x + self.radius * np.cos(angles), self.y + self.radius * np.sin(angles)])
         return _rectangle(self.x, self.y, self.size, self.yaw)
 
     def contact_outlines(self) -> List[np.ndarray]:
-        """Returns the outlines (N, 2) [m] of what stands on the floor, which a laser scanner sees."""
+        """Returns the outlines (N, 2) [m] of the parts that touch the floor, which a laser scanner sees."""
         if self.kind != "table":
             return [self.footprint()]
         legs = _rectangle(self.x, self.y, (self.size[0] - self.leg, self.size[1] - self.leg), self.yaw)
@@ -94,7 +94,7 @@ class Furniture(Parameters):
 
 @dataclass(frozen=True)
 class FloorPatch(Parameters):
-    """Something flat on the floor."""
+    """A carpet, or scattered paper snippets, flat on the floor."""
 
     name: str = param("patch")
     kind: str = param("rectangle", choices=("rectangle", "snippets"))
@@ -114,7 +114,7 @@ class FloorPatch(Parameters):
 
 @dataclass(frozen=True)
 class Light(Parameters):
-    """A bright place on the floor: a reflection, a sun patch."""
+    """A bright region of the floor, such as a reflection or a patch of sunlight."""
 
     name: str = param("light")
     x: float = param(0.0, "m")
@@ -127,8 +127,8 @@ class Light(Parameters):
 class CeilingCamera(Parameters):
     """A stationary camera.
 
-    Pitch 90 looks straight down, and at yaw 0 the top of its image is +y. A camera with less pitch looks towards
-    +y at yaw 0, towards -x at yaw 90.
+    At pitch 90 it looks straight down, and at yaw 0 the top of its image is then +y. With less pitch it looks towards
+    +y at yaw 0, and towards -x at yaw 90.
     """
 
     name: str = param("camera")
@@ -151,7 +151,7 @@ class CeilingCamera(Parameters):
         return CameraModel(self.width, self.image_height, ideal.matrix, np.array(self.distortion))
 
     def pose(self) -> np.ndarray:
-        """Returns T_map_optical, 4x4: where the camera truly is.
+        """Returns the camera's true pose, T_map_optical, 4x4.
 
         At pitch 90 and yaw 0 the image's right is +x and its top is +y.
         """
@@ -176,7 +176,7 @@ class Robot(Parameters):
     camera_rate: float = param(25.0, "1/s", above=0.0, high=120.0)
 
     def start_pose(self) -> Tuple[float, float, float]:
-        """Returns the pose (x, y, yaw) [m, m, rad] at the start."""
+        """Returns the start pose (x, y, yaw) [m, m, rad]."""
         return self.start[0], self.start[1], math.radians(self.start[2])
 
     def color_model(self) -> CameraModel:
@@ -195,7 +195,7 @@ class Robot(Parameters):
 
 @dataclass(frozen=True)
 class DetourCheck(Parameters):
-    """A path through the region, for showing that the border acts."""
+    """Start and goal of a path through the region, to show that the border takes effect."""
 
     start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
     goal: Tuple[float, float, float] = param((1.0, 0.0, 0.0), "m, m, deg")
@@ -203,17 +203,17 @@ class DetourCheck(Parameters):
 
 @dataclass(frozen=True)
 class Scenario(Parameters):
-    """The task of a participant; points are made arrays [m].
+    """A participant's task; its points are converted to arrays [m].
 
     Attributes:
         key: its name in the file.
         border: (N, 2) the chain to draw.
-        closed: whether it is a polygon.
-        seed: (2,).
+        closed: whether the border is a polygon.
+        seed: (2,) the seed point.
         region: (M, 2) outline of the ground truth.
         stand: (2,) where the person stands while drawing.
         guide: (K, 2) the path along which a person guides the robot when there are no ceiling cameras.
-        proof: start and goal of the path that is compared before and after.
+        proof: start and goal of the path that is compared without and with the border.
     """
 
     key: str = param("")
@@ -265,7 +265,7 @@ class World(Parameters):
         """Returns the scenario of that name.
 
         Raises:
-            ParameterError: with the names there are; so do the next two.
+            ParameterError: lists the known names; so do `camera` and `robot`.
         """
         return self._one("scenario", key, self.scenarios)
 
@@ -283,7 +283,7 @@ class World(Parameters):
         return known[name]
 
     def robot_radii(self) -> Dict[str, float]:
-        """Returns the radius [m] of each robot, by its name and by its namespace: people and topics call it by either."""
+        """Returns the radius [m] of each robot, by its name and by its namespace: people and topics use either."""
         radii = {robot.namespace.strip("/"): robot.radius for robot in self.robots}
         radii.update({robot.name: robot.radius for robot in self.robots})
         return radii
@@ -296,11 +296,11 @@ def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) ->
 
 
 def load_world(path: str) -> World:
-    """Reads a world file; with the key `like`, it extends another one beside it.
+    """Reads a world file, which extends another one in its folder if it has the key `like`.
 
     Raises:
         CodedError: "no_world" if there is no such file, "bad_world" if it is not YAML.
-        ParameterError: names the key that is wrong, or says that there is no path.
+        ParameterError: names the key that is wrong, or says that the path is empty.
     """
     if not path:
         raise ParameterError("world", "must be set: the path of a world's file")
@@ -314,14 +314,14 @@ def load_world(path: str) -> World:
 
 
 def world_from_mapping(document: Any, default_name: str = "world") -> World:
-    """Makes a world of a YAML document.
+    """Makes a world from a YAML document.
 
     Raises:
         ParameterError: names the key that is wrong.
     """
     if not isinstance(document, Mapping):
         raise ParameterError("world", "expected keys and values at the top of the file")
-    # a key without a value is as good as none
+    # a key without a value counts as absent
     given = {key: value for key, value in document.items() if value is not None}
     return World.from_mapping({"name": default_name, **given})
 

@@ -1,4 +1,4 @@
-"""Answers to commands; one that is repeated is carried out once, and gets the same answer each time. No ROS."""
+"""Answers to commands; a repeated command is carried out once, and gets the same answer each time. No ROS."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _KEPT = 64  # answers; a sender repeats within seconds, and no person gives this
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to the person: whether it was done, and the code and values of the sentence.
+    """The answer to the person: whether the command succeeded, and the code and values of the sentence.
 
     Attributes:
-        said: another node's English sentence, whose code our catalogue may not have.
+        said: another node's English sentence, in case our catalogue lacks its code.
     """
 
     success: bool
@@ -63,7 +63,7 @@ class AnswerCache:
         if first:
             try:
                 slot.set_result(do())
-            except BaseException as error:  # not an answer: a repeated command is carried out
+            except BaseException as error:  # no answer: a repeated command is carried out
                 with self._lock:
                     self._answers.pop(identity, None)
                 slot.set_exception(error)

@@ -1,4 +1,4 @@
-"""Calls the services of border_fusion and map_integrator for the interaction manager, each within a known time."""
+"""Calls the services of border_fusion and map_integrator for the interaction manager, each with a timeout."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class BorderServices:
         occupancy: of every border.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
-    did not answer (the request may have been done or not), or the service's own error.
+    did not answer (the request may or may not have been carried out), or the service's own error.
     """
 
     def __init__(self, occupancy: float) -> None:
@@ -39,12 +39,12 @@ class BorderServices:
         return border
 
     def add(self, border: VirtualBorder, source: str, interaction_id: str) -> str:
-        """Adds the border of an interaction to the map, once however often it is sent; returns its id."""
+        """Adds the border of an interaction to the map, once, however often it is sent; returns its id."""
         more = {"frame_id": names.MAP_FRAME, "source": source, "request_id": interaction_id}
         return _checked(self._ask(names.ADD_BORDER, AddBorder, border=border, **more)).id
 
     def change(self, command: str, request_id: str) -> None:
-        """Undoes the newest change of the borders ("undo"), or makes it again ("redo"); once however often it is sent."""
+        """Undoes the newest change of the borders ("undo"), or redoes it ("redo"); once, however often it is sent."""
         _checked(self._ask(names.UNDO_REDO, UndoRedo, redo=command == REDO, request_id=request_id))
 
     def fetch_borders(self) -> Dict[str, VirtualBorder]:

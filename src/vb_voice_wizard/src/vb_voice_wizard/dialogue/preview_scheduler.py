@@ -11,18 +11,18 @@ from vb_core.notices import Notice
 
 PERIOD = 0.5  # [s] between two previews: faster than people read
 RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again
-TOLERANCE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a cell of the map
-MAX_TIME_SHARE = 0.25  # of the time that previews may take: the same computer searches the images
+TOLERANCE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a map cell is larger
+MAX_TIME_SHARE = 0.25  # share of the time that previews may take: the same computer searches the images
 
 
 def places(points: np.ndarray) -> bytes:
-    """Returns points (N, 2) [m] in a form to compare: equal only if none has moved visibly; b"" for none."""
+    """Returns points (N, 2) [m] as a key to compare: equal only if no point has moved visibly; b"" for none."""
     return np.round(points / TOLERANCE).astype(np.int32).tobytes()
 
 
 @dataclass(frozen=True)
 class PreviewInputs:
-    """What a preview depends on; the preview of equal ones would look the same.
+    """Everything that a preview depends on; equal inputs give previews that look the same.
 
     Attributes:
         interaction_id: of the current interaction; "": none.
@@ -48,10 +48,10 @@ class PreviewInputs:
 class PreviewScheduler:
     """Decides when the next preview is due.
 
-    The pace is in wall time: it limits the previews' share of the computer.
+    The pace is in wall time, as it limits the previews' share of the computer.
 
     Attributes:
-        shown: what was previewed last.
+        shown: the inputs of the last preview.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class PreviewScheduler:
         self._retry_at: Optional[float] = None
 
     def delay(self, inputs: PreviewInputs, now: float) -> Optional[float]:
-        """Returns the time [s] until these inputs need a preview; 0: now; None: never while they stay as they are."""
+        """Returns the time [s] until these inputs need a preview; 0: now; None: never unless they change."""
         if self.shown is None or inputs.interaction_id != self.shown.interaction_id:
             return 0.0
         if inputs == self.shown:
@@ -71,9 +71,9 @@ class PreviewScheduler:
         """Records that a preview was made.
 
         Args:
-            inputs: what was previewed.
+            inputs: those of the preview.
             started, now: [s] when work on it began and ended.
-            answered: False if a service did not answer: it is tried again.
+            answered: False if a service did not answer; the preview is then tried again.
         """
         self.shown = inputs
         self._retry_at = None if answered else now + RETRY_DELAY

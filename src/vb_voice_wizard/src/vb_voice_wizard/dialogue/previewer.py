@@ -27,9 +27,9 @@ class Previewer:
     The `on_*` methods only store; a command never waits for a preview.
 
     Args:
-        services: those to call.
-        list_notices: returns all present notices; a warning among them is an issue of the preview, like those of the
-            border's check.
+        services: the services to call.
+        list_notices: returns all current notices; those that concern the drawing are issues of the preview, like
+            those of the border's check.
     """
 
     def __init__(self, services: BorderServices, list_notices: Callable[[], List[Notice]]) -> None:
@@ -47,9 +47,9 @@ class Previewer:
 
     # ------------------------------------------------------------------ inputs
     def on_interaction(self, interaction_id: str, saving: bool) -> None:
-        """Stores the current interaction, "" for none; called again and again.
+        """Stores the current interaction, "" for none; called repeatedly.
 
-        While it is being saved, nothing more is previewed.
+        While it is being saved, no preview is made.
         """
         with self._condition:
             self._held = saving
@@ -62,21 +62,21 @@ class Previewer:
             self._condition.notify()
 
     def has_warning(self, interaction_id: str) -> bool:
-        """Returns whether saving would succeed, but with a warning in its preview."""
+        """Returns whether saving is doubtful: the preview has issues, or the drawing has warnings."""
         with self._condition:
             shown = self._shown
             doubtful = shown.interaction_id == interaction_id and shown.available and shown.success and shown.issues
             return bool(interaction_id and (doubtful or self._inputs.warnings))
 
     def on_progress(self, message: BorderProgress) -> None:
-        """Stores what was drawn so far."""
+        """Stores the drawing so far."""
         with self._condition:
             self._progress = message
             self._take_progress()
             self._condition.notify()
 
     def on_borders(self, message: VirtualBorderArray) -> None:
-        """Stores the borders in the map; they are sent again whenever the map changes."""
+        """Stores the revision of the borders in the map, which are sent again whenever the map changes."""
         with self._condition:
             borders = (message.header.stamp.to_sec(), message.revision)
             self._inputs = dataclasses.replace(self._inputs, borders=borders)
@@ -123,14 +123,14 @@ class Previewer:
                 answered = error.code not in services.UNANSWERED
                 preview = self._empty(inputs, Notice.from_error(error, Severity.INFO))
         with self._condition:
-            # an interaction that ended or is being saved meanwhile has nothing to show any more
+            # if the interaction has ended or is being saved meanwhile, its preview is obsolete
             if self._inputs.interaction_id == inputs.interaction_id and not self._held:
                 self._publisher.publish(preview)
                 self._shown = preview
                 self._pace.record_preview(inputs, started, time.monotonic(), answered)
 
     def border_to_save(self, interaction_id: str) -> VirtualBorder:
-        """Returns the border that was previewed; what was extracted last if more was drawn since, or nothing previewed.
+        """Returns the border that was previewed; fetches the drawn one if more was drawn since, or nothing previewed.
 
         Raises:
             CodedError: "no_service", "no_response", or why there is no border.

@@ -10,16 +10,16 @@ from typing import Callable, Generator, Iterator, List, Optional
 import numpy as np
 
 SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
-PIECE = 800  # samples that a microphone hands over at a time
+PIECE = 800  # samples that a microphone delivers at a time
 
 
 def has_sound(pcm: np.ndarray) -> bool:
-    """Returns whether samples (N,) int16 come from a microphone that is on: the quietest one has its own noise."""
-    return len(pcm) > 0 and int(pcm.max()) - int(pcm.min()) > 2  # loud ones differ by more than int16 holds
+    """Returns whether samples (N,) int16 come from a microphone that is on: even the quietest has noise."""
+    return len(pcm) > 0 and int(pcm.max()) - int(pcm.min()) > 2  # the difference may exceed int16
 
 
 class Microphone:
-    """Raw samples from a program that writes them to its standard output; it is started again when it ends.
+    """Raw samples from a program that writes them to its standard output and is restarted when it ends.
 
     Args:
         command: the program with its arguments; see `arecord`.
@@ -53,7 +53,7 @@ class Microphone:
                 self._closing.wait(self._retry)
 
     def _record_once(self) -> Generator[np.ndarray, None, str]:
-        # its messages go to a file: it would block once a pipe that nobody reads was full, and the system would be deaf
+        # stderr goes to a file: the program would block once an unread pipe was full, and the system would be deaf
         with tempfile.TemporaryFile() as said:
             try:
                 with self._lock:
@@ -70,6 +70,6 @@ class Microphone:
 
 
 def arecord(device: str) -> list:
-    """Returns the command line that records from an ALSA device as the model wants it."""
+    """Returns the command line that records from an ALSA device in the model's format."""
     raw = "-q -t raw -f S16_LE -c 1 --buffer-time=200000".split()
     return ["arecord", *raw, "-r", str(SAMPLE_RATE), "-D", device]

