@@ -219,17 +219,21 @@ def test_a_code_has_one_sentence():
     assert own_sentences("Notice('robot_inside', message=f'{robot} is in it')") == ["robot_inside"]
 
 
-def test_every_code_has_a_sentence_in_the_catalogue():
-    used = set()
+def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
+    used, missing = set(), []
     for path in TOP.glob("src/*/src/**/*.py"):
         source = path.read_text(encoding="utf-8")
-        for name, given, _ in calls(source):
+        for name, given, named in calls(source):
             alone = name in ("Notice", "warn", "warning") or (name.endswith("Error") and len(given) == 1)
             used.update(code.value for code in given[:1] if alone and isinstance(code, ast.Constant))
+            sentence = sentences.catalog().get(getattr(given[0], "value", None)) if given else None
+            if sentence and name.endswith("Error") and len(given) == 1 and None not in named:
+                wanted = set(re.findall(r"{(\w+)", sentence)) - {"camera"}  # the notice names the camera
+                missing += [f"{path}: {value} of {given[0].value}" for value in wanted - set(named)]
         if path.name == "lab_checks.py":
             used.update(re.findall(r'"(lab_\w+)"', source))
     codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
-    assert len(codes) > 100 and codes <= set(sentences.catalog())
+    assert len(codes) > 100 and codes <= set(sentences.catalog()) and not missing, missing
 
 
 def texts():

@@ -68,6 +68,16 @@ def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
     assert latch.store() and StopLatch(path).stops[-1] == "a"
 
 
+def test_a_robot_reports_a_stop_once_it_outlives_the_driver(tmp_path, monkeypatch):
+    held = HeldStops(tmp_path / "stops")
+    held.hear("a")
+    assert held.stopped and held.lasting == () == HeldStops(tmp_path / "stops").ids
+    assert held.store() and held.lasting == ("a",) == HeldStops(tmp_path / "stops").ids
+    monkeypatch.setattr(stop_latch, "write_atomically", full_disk)  # a notice says that these may be lost
+    held.hear("b")
+    assert not held.store() and held.lasting == ("a", "b")
+
+
 def full_disk(path, _content):
     raise CodedError("cannot_write", what=str(path), reason="no space left")
 

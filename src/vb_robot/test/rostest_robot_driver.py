@@ -121,9 +121,10 @@ class DriverTest(unittest.TestCase):
         self.wait_notice("robot_state_lost", there=False)
 
     def test_a_driver_restarted_without_a_manager_stays_stopped(self):
-        self.stop_all()
-        self.stimulus.silent = True
         said = Newest(names.DRIVERS, DriverState).all
+        self.stop_all()
+        wait_until(lambda: any(one.robot == "" and one.stops for one in said), "the driver to have stored its stop")
+        self.stimulus.silent = True
         before = process_of("/robot_driver")
         os.kill(before, signal.SIGKILL)
         wait_until(lambda: process_of("/robot_driver") not in (None, before), "the driver that starts again")

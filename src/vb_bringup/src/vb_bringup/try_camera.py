@@ -254,7 +254,7 @@ class TryLab:
         end = time.monotonic() + _PLAY_TIMEOUT
         while not condition():
             if time.monotonic() > end or rospy.is_shutdown():
-                raise CodedError("no_response", name="$interaction_manager")
+                raise CodedError("no_response", who="$interaction_manager")
             rospy.rostime.wallsleep(0.05)
 
 
@@ -308,7 +308,8 @@ def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
         return 1
     rospy.init_node("try_camera", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
     try:
-        rospy.wait_for_service(names.COMMAND, _START_TIMEOUT)
+        for service in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):  # of all that a border passes
+            rospy.wait_for_service(service, _START_TIMEOUT)
     except rospy.ROSException:
         print(lab.tail(), file=sys.stderr)
         return 1

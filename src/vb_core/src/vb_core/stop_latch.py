@@ -163,6 +163,12 @@ class HeldStops(_Stored):
         """Whether the robot must stand still."""
         return self._said_stopped or bool(self.ids)
 
+    @property
+    def lasting(self) -> Tuple[str, ...]:
+        """The stops that are in the file, so that they outlive the process; all of them if the file cannot be written."""
+        written = self._written
+        return self.ids if written is None else tuple(one for one in self.ids if one in written)
+
     def hear(self, identity: str) -> None:
         """Adds a stop. If there are too many, one new stop replaces all of them."""
         with self._lock:

@@ -323,7 +323,7 @@ class RobotDriverNode:
     def _report(self, command: DriveCommand, now: float) -> None:
         """Publishes which source drives, at once when that changes, and the notices."""
         before, at = self._reported
-        news = (command.source, command.code, self._stops.ids)
+        news = (command.source, command.code, self._stops.lasting)
         if news == before and 0.0 <= now - at < STATE_PERIOD:
             return
         self._reported = (news, now)

@@ -15,7 +15,7 @@ from vb_core.files import write_atomically
 
 _HEAD = """\
 # Pose of the ceiling camera '{camera}' in the map, written by calibrate_camera.
-# launch/parts/perception.launch publishes it as a static transform from `parent` to `frame`.
+# camera_poses publishes it as a static transform from `parent` to `frame`.
 """
 
 
