@@ -72,7 +72,7 @@ def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
         for table in (SWAPS, REVERSED):
             new = table.get(type(node.ops[0]))
             if new and (
-                new not in BOUNDS or table is REVERSED or _is_whole(node.left) or _is_whole(node.comparators[0])
+                new not in BOUNDS or table is REVERSED or _is_exact(node.left) or _is_exact(node.comparators[0])
             ):
                 yield new.__name__, lambda one, new=new: one.ops.__setitem__(0, new())
     elif isinstance(node, (ast.BinOp, ast.BoolOp)) and type(node.op) in SWAPS:
@@ -91,7 +91,7 @@ def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
         yield "left out", lambda one: one.__dict__.update(value=ast.Constant(None)) or setattr(one, "gone", True)
 
 
-def _is_whole(node: ast.AST) -> bool:
+def _is_exact(node: ast.AST) -> bool:
     """Returns whether a node looks like a number that others can equal exactly: a whole one, zero, or a length."""
     called = getattr(getattr(node, "func", None), "id", "")
     return called == "len" or (isinstance(node, ast.Constant) and (type(node.value) is int or node.value == 0.0))

@@ -196,12 +196,11 @@ POSE = yaml.safe_dump(
 ).encode()
 
 
-def _by_text(read):
-    return lambda path: read(path.read_text(encoding="utf-8", errors="replace"))
-
-
 READERS = {
-    "borders.geojson": (_by_text(geojson.borders_from_geojson), geojson.borders_to_geojson(BORDERS).encode()),
+    "borders.geojson": (
+        lambda path: geojson.borders_from_geojson(path.read_text(encoding="utf-8", errors="replace")),
+        geojson.borders_to_geojson(BORDERS).encode(),
+    ),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
     "camera.yaml": (calibration_file.load, POSE),

@@ -29,11 +29,8 @@ def merged(below, above):
 
 def load(name, profile="turtlebot2"):
     """Loads a file's parameters; for move_base.yaml with those that follow from the robot's profile."""
-    parameters = yaml.safe_load((CONFIG / name).read_text())
-    if name == "move_base.yaml":
-        planner = navigation_parameters(PROFILES[profile])["DWAPlannerROS"]
-        parameters = merged(parameters, {"DWAPlannerROS": planner})
-    return parameters
+    above = {"DWAPlannerROS": navigation_parameters(PROFILES[profile])["DWAPlannerROS"]}
+    return merged(yaml.safe_load((CONFIG / name).read_text()), above if name == "move_base.yaml" else {})
 
 
 def costmap(name, profile="turtlebot2"):

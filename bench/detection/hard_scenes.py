@@ -98,7 +98,7 @@ def frames(
     first = next(course(scene))[1]
     for view in views:
         # a scene's noise depends on the scene alone, not on those played before in the same room
-        view.draw_from(make_generator(rooms.seed, f"scene {scene.name}"))
+        view.set_noise_generator(make_generator(rooms.seed, f"scene {scene.name}"))
         if not scene.mobile:
             view.frame(first)
     for index, snapshot in course(scene, share, learn_s):

@@ -26,9 +26,9 @@ def surprise(lab, rng, act, slowly):
             if wait_until(lambda: math.dist(lab.pose()[:2], start[:2]) > driven_before, 120.0, 0.02):
                 act()
         finally:
-            lab.hold_time(False)
+            lab.set_slow(False)
 
-    lab.hold_time(slowly)
+    lab.set_slow(slowly)
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()
     result = lab.drive(goal)

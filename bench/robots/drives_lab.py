@@ -61,7 +61,7 @@ class Lab:
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
         self.observer = Observer()
         self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
-        self.hold_time(False)
+        self.set_slow(False)
         self.runner = GoalRunner()
         observer = self.observer
         wait(lambda: observer.posterior is not None and observer.lab is not None, f"maps, see {state}")
@@ -100,7 +100,7 @@ class Lab:
     def _on_driver(self, message) -> None:
         self._codes[message.code] += 1
 
-    def hold_time(self, held: bool) -> None:
+    def set_slow(self, held: bool) -> None:
         """Lets simulated time run slowly, or as fast as it may."""
         self._pace.publish(SLOW if held else FASTEST)
 

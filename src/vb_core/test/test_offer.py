@@ -8,7 +8,7 @@ import pytest
 from vb_core import sentences
 from vb_core.notices import Severity
 from vb_core.zones import ZONES
-from vb_core.offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, unkept
+from vb_core.offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, find_unkept
 
 # who enforces stop and slow zones: nobody, robot_monitor without or with a known local planner, the driver
 OBEDIENCE = [{}, dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True), dict(driver=True)]
@@ -69,7 +69,7 @@ def test_a_lab_without_a_robot_has_no_warnings():
     offered = offer(Connections((ConnectedRobot(""),), cameras=True, interaction=True))
     assert offered.state == NO_ROBOT and offered.notices() == []
     assert [line.code for line in offered.lines] == ["robot_not_connected"]
-    assert unkept(offered, "keep_out", ()) == ("border_without_robot", {})
+    assert find_unkept(offered, "keep_out", ()) == ("border_without_robot", {})
 
 
 def test_commands_without_an_effect_are_not_offered():
@@ -80,10 +80,10 @@ def test_commands_without_an_effect_are_not_offered():
 def test_a_border_names_its_robots_that_do_not_keep_it():
     wired = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
     offered = offer(Connections((wired, replace(wired, name="bob", plans_round_borders=False))))
-    assert unkept(offered, "keep_out", ()) == ("border_unkept_keep_out", {"who": "bob"})
-    assert unkept(offered, "keep_out", ("ada",)) is None
-    assert unkept(offered, "slow", ()) == ("border_unkept_slow", {"who": "ada, bob"})
-    assert "bob" in sentences.translate(*unkept(offered, "keep_out", ("bob",)))
+    assert find_unkept(offered, "keep_out", ()) == ("border_unkept_keep_out", {"who": "bob"})
+    assert find_unkept(offered, "keep_out", ("ada",)) is None
+    assert find_unkept(offered, "slow", ()) == ("border_unkept_slow", {"who": "ada, bob"})
+    assert "bob" in sentences.translate(*find_unkept(offered, "keep_out", ("bob",)))
 
 
 @pytest.mark.parametrize(

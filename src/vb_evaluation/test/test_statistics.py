@@ -129,7 +129,7 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=9), st.integers(1, 4))
 def test_not_worse_p_against_all_signs(values, margin):
     shifted = [value + margin for value in values if value + margin]
-    found = statistics.not_worse_p(np.array(values), margin)
+    found = statistics.noninferiority_p(np.array(values), margin)
     if not shifted:
         assert math.isnan(found)
         return
@@ -222,7 +222,7 @@ def test_p_is_written_as_in_the_paper(p, text):
 
 def test_ties_that_floating_point_hides_are_ties_with_a_margin_too():
     tied = np.array([0.3 - 0.1, -(0.1 + 0.1), 0.3])
-    assert statistics.not_worse_p(tied, 1e-12) == statistics.not_worse_p(np.array([0.2, -0.2, 0.3]), 1e-12)
+    assert statistics.noninferiority_p(tied, 1e-12) == statistics.noninferiority_p(np.array([0.2, -0.2, 0.3]), 1e-12)
 
 
 def test_holm_corrects_a_family():

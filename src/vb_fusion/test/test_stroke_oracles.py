@@ -174,7 +174,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int), np.ones(11, int))
     order = np.argsort([spot[2] for spot in spots], kind="stable")
     seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
-    found = set(track._beside(seen, places, np.arange(11)).tolist())
+    found = set(track._observations_near(seen, places, np.arange(11)).tolist())
     for index, ((x, y), time) in enumerate(zip(seen.points, seen.stamps)):
         at = min(max(time - 0.2, 0.0), 1.0)
         reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile

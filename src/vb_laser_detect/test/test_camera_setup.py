@@ -19,7 +19,7 @@ from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls
 from vb_laser_detect.camera.camera_files import load_lens, save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure import TOO_BRIGHT, Look, find_exposure, saturated_share
+from vb_laser_detect.camera.exposure import TOO_BRIGHT, Brightness, find_exposure, saturated_share
 from vb_laser_detect.detector_params import CaptureParams
 
 WIDE = CameraModel(
@@ -133,7 +133,7 @@ def test_a_terminal_gets_its_colours_back_from_an_interrupted_measurement(monkey
 def test_an_exposure_is_found_at_which_the_floor_is_grey(light):
     def camera(exposure):
         level = 255.0 * min(1.0, (light * exposure / 2000.0)) ** (1 / 2.2)
-        return Look(level, float(level > 250))
+        return Brightness(level, float(level > 250))
 
     assert abs(camera(find_exposure(camera)).middle - 90.0) < 15.0
 
@@ -148,12 +148,12 @@ def test_an_exposure_is_found_at_which_the_floor_is_grey(light):
 )
 def test_what_no_exposure_can_mend_is_told(level, code):
     with refused(code):
-        find_exposure(lambda exposure: Look(level(exposure), float(level(exposure) > 250)))
+        find_exposure(lambda exposure: Brightness(level(exposure), float(level(exposure) > 250)))
 
 
 def test_a_window_in_the_image_keeps_the_exposure_short():
     def camera(exposure):
-        return Look(min(255.0, 0.5 * exposure), 0.2 if exposure > 60 else 0.0)
+        return Brightness(min(255.0, 0.5 * exposure), 0.2 if exposure > 60 else 0.0)
 
     assert 40 < find_exposure(camera) <= 62
 

@@ -169,11 +169,11 @@ def test_what_images_lack_is_told_once_it_lasts(missing, told):
     watch, missing = InputWatch(0.0), CodedError(missing)
     for now in range(60):
         assert fault(watch, now) == (told if now > 30 else ""), "cameras and poses start one by one"
-        watch.see_image(float(now), missing)
-    watch.see_image(60.0, None)
+        watch.record_image(float(now), missing)
+    watch.record_image(60.0, None)
     assert fault(watch, 62) == ""
-    watch.see_image(62.0, missing)
-    watch.see_image(66.0, missing)
+    watch.record_image(62.0, missing)
+    watch.record_image(66.0, missing)
     assert fault(watch, 66.5) == told, "what was there before is missed sooner"
 
 
@@ -182,10 +182,10 @@ def test_silent_camera_is_reported_once_the_lab_has_started(started, images, sil
     watch = InputWatch(started)  # 0: before simulated time
     assert fault(watch, 1000 if not started else 100) == ""
     for now in images:
-        watch.see_image(now, None)
+        watch.record_image(now, None)
         assert fault(watch, now + 2.0) == ""
     assert fault(watch, silent) == "camera_silent"
-    watch.see_image(silent + 1.0, None)
+    watch.record_image(silent + 1.0, None)
     assert fault(watch, silent + 1.5) == ""
 
 

@@ -124,7 +124,7 @@ def play(report, began, ends, rate=10.0, age=0.02, search=0.01, level=100, conte
     for now in np.arange(began, ends, 1.0 / rate):
         report.at(now)
         picture = Picture(np.full((48, 64), level, np.uint8), content)
-        report.see_image(rospy.Time.from_sec(now - age - search), "red_frame", picture, None, search)
+        report.record_image(rospy.Time.from_sec(now - age - search), "red_frame", picture, None, search)
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,7 @@ def codes(keeper):
 def again(restart):
     """Restarts the integrator and returns its borders and the codes of its notices."""
     keeper = restart()
-    found = keeper.borders, codes(keeper)
-    return found
+    return keeper.borders, codes(keeper)
 
 
 def closed(restart, count=3):

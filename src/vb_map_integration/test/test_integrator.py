@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import region
-from vb_map_integration.grid.region import Region, count_free_parts, join_regions, put_on_map
+from vb_map_integration.grid.region import Region, count_free_parts, join_regions, apply_regions
 from vb_map_integration.integrator import MapIntegrator
 
 COMMANDS = st.lists(
@@ -177,7 +177,7 @@ def test_regions_with_different_windows_compare_and_join_by_cell(seed):
     assert regions[0].iou(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
     grid = GridMap(np.full((20, 20), -1, np.int8), 0.05)
     for joined in (regions, [join_regions(regions)]):
-        assert np.array_equal(put_on_map(grid, joined).data == 100, one | other) and (grid.data == -1).all()
+        assert np.array_equal(apply_regions(grid, joined).data == 100, one | other) and (grid.data == -1).all()
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

@@ -10,7 +10,7 @@ from test_recognition import closed_at, closed_off, flat, keep_out
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.in_force import compute_in_force
-from vb_map_integration.places.recognition import BorderPlace
+from vb_map_integration.places.recognition import BorderLocation
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import MAX_MAPS
 
@@ -208,7 +208,7 @@ def test_a_border_that_no_longer_fits_where_accepted_waits():
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
-    place = BorderPlace(keeper.borders[0], accepted=accepted, accepted_on=flat())
+    place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_on=flat())
     assert place.region_before(flat(seed=1)) is None
     found = compute_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
     assert found.verdicts["b1"].code == "to_be_confirmed" and found.outlines("b1")[0].shape == (0, 2)

@@ -7,7 +7,7 @@ from mosquitto import PROGRAM, Hub, Mosquitto
 
 from refusals import refused
 from vb_core.errors import CodedError
-from vb_mqtt.broker import Broker, Connection, read_connection
+from vb_mqtt.broker import MqttClient, Connection, read_connection
 from vb_testing import run_command, wait_until
 
 pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")
@@ -21,7 +21,8 @@ def connect(port, connection=None, received=None, faults=None):
         received.append((topic, payload, retained))
 
     faults = [] if faults is None else faults
-    broker = Broker(f"127.0.0.1:{port}", connection or Connection(), "lab", WILL, {"lab/command": take}, faults.append)
+    known, handlers = connection or Connection(), {"lab/command": take}
+    broker = MqttClient(f"127.0.0.1:{port}", known, "lab", WILL, handlers, faults.append)
     broker.put(WILL[0], b"online")
     broker.start()
     return broker
@@ -124,7 +125,7 @@ def test_the_connection_can_use_tls_and_a_password(guarded, authority):
 def test_a_broker_without_a_valid_certificate_gets_no_password(guarded, authority, host, ca_file):
     tried = []
     known = Connection(username="home", password="secret", tls=True, ca_file=ca_file and str(authority / ca_file))
-    broker = Broker(f"{host}:{guarded.port}", known, "lab", WILL, {}, tried.append)
+    broker = MqttClient(f"{host}:{guarded.port}", known, "lab", WILL, {}, tried.append)
     broker._client.on_connect_fail = lambda *_: tried.append(True)
     broker.start()
     wait_until(lambda: len(tried) > 1, "two tries")
@@ -154,10 +155,10 @@ def test_only_its_owner_can_read_the_password_file(tmp_path):
     [("hub", "hub:1883"), ("hub:1884", "hub:1884"), ("[fd00::5]", "fd00::5:1883"), ("[fd00::5]:1884", "fd00::5:1884")],
 )
 def test_addresses_with_and_without_a_port_are_read(given, address):
-    assert Broker(given, Connection(), "lab", WILL, {}, print).address == address
+    assert MqttClient(given, Connection(), "lab", WILL, {}, print).address == address
 
 
 @pytest.mark.parametrize("given", ["mqtt://hub:1883", "hub:port", "hub:99999", "fd00::5", "[fd00::5", ""])
 def test_other_addresses_are_refused(given):
     with refused("bad_parameter"):
-        Broker(given, Connection(), "lab", WILL, {}, print)
+        MqttClient(given, Connection(), "lab", WILL, {}, print)

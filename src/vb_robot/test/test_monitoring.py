@@ -19,7 +19,7 @@ from vb_testing import wait_until
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
-from vb_robot.inputs import borders_for
+from vb_robot.inputs import keep_out_borders_for
 from vb_robot.monitoring import navigation_limits, wiring
 from vb_robot.monitoring.goals import GoalChecker, KnownBorder, is_inside, name_of
 from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
@@ -183,7 +183,7 @@ def test_only_what_forbids_a_place_lends_its_name():
         border = VirtualBorder(name=name, zone=zone, occupancy=occupancy, robots=robots, in_force=True)
         border.points = [Point()]
         message.borders.append(border)
-    assert [border.name for border in borders_for("bob", message)] == ["rug"]
+    assert [border.name for border in keep_out_borders_for("bob", message)] == ["rug"]
 
 
 @pytest.mark.parametrize("seed", range(40))

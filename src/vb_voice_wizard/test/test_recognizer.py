@@ -166,7 +166,7 @@ def test_what_is_understood_late_is_doubtful(certain, age, doubtful):
         stop_number=lambda when: f"known at {when}",
         put=lambda *command, **more: given.append((command[0], more)) or True,
     )
-    node = SimpleNamespace(_orders=orders, _beep=lambda name: None)
+    node = SimpleNamespace(_command_sender=orders, _beep=lambda name: None)
     heard = Heard(RecognitionResult("save", "save", 0.99, certain), now - age - 1.0, now - age + 1000.0 * (not age))
     VoiceCommandsNode._handle(node, heard)
     assert given == [("save", {"uncertain": doubtful, "seen_stop": f"known at {now - age - 1.0}"})]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from refusals import refused
 from vb_web import access
 from vb_core.limiter import Limiter
-from vb_web.access import Places, Role, Sessions
+from vb_web.access import ConnectionSlots, Role, Sessions
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 
@@ -118,24 +118,24 @@ def filled(places, *holders):
 
 
 def test_who_holds_the_most_gives_up_a_place_for_others():
-    connections = filled(Places(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
+    connections = filled(ConnectionSlots(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
     assert [number for number, connection in enumerate(connections) if not connection.gone] == list(range(53, 63))
 
 
 def test_sessions_and_addresses_of_one_person_count_as_one():
     for whose in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
-        connections = filled(Places(10, yields=False), "phone one", *whose, "wall two")
+        connections = filled(ConnectionSlots(10, yields=False), "phone one", *whose, "wall two")
         assert not connections[0].gone and not connections[-1].gone
 
 
 def test_strangers_replace_each_other_but_known_people_stay():
     names = [f"a{number}" for number in range(12)]
-    assert [one.gone for one in filled(Places(10, yields=True), *names)] == [True] * 2 + [False] * 10
-    assert [one.gone for one in filled(Places(10, yields=False), *names)] == [False] * 10 + [True] * 2
+    assert [one.gone for one in filled(ConnectionSlots(10, yields=True), *names)] == [True] * 2 + [False] * 10
+    assert [one.gone for one in filled(ConnectionSlots(10, yields=False), *names)] == [False] * 10 + [True] * 2
 
 
 def test_a_place_that_was_left_or_whose_connection_closed_is_free():
-    places = Places(2, yields=False)
+    places = ConnectionSlots(2, yields=False)
     first, second = filled(places, "a", "b")
     first.gone = True
     third = Connection()

@@ -16,7 +16,7 @@ from refusals import refused
 from vb_core.limiter import Limiter
 from vb_core.errors import CodedError, ParameterError
 from vb_web import access
-from vb_web.access import Places, Role, Sessions
+from vb_web.access import ConnectionSlots, Role, Sessions
 from vb_web.images import ImageCache, EncodedImage
 from vb_web.server import PageParams, PageServer, addresses
 from vb_web.view import View
@@ -389,7 +389,7 @@ def test_a_browser_that_takes_nothing_is_ended_by_the_system(network):
 
 def test_viewers_take_no_operators_place(network):
     for role in network.server.places:
-        network.server.places[role] = Places(3, yields=role == Role.NOBODY)
+        network.server.places[role] = ConnectionSlots(3, yields=role == Role.NOBODY)
     viewer = cookie(network, Role.VIEWER)
 
     async def work(operator):
@@ -402,7 +402,7 @@ def test_viewers_take_no_operators_place(network):
 
 
 def test_who_finds_no_place_is_told_so(network):
-    network.server.places[Role.VIEWER] = Places(0, yields=False)
+    network.server.places[Role.VIEWER] = ConnectionSlots(0, yields=False)
     assert network.ask("/session", Cookie=cookie(network, Role.VIEWER)).code == 503
     assert network.ask("/session", Cookie=cookie(network, Role.OPERATOR)).code == 200
 

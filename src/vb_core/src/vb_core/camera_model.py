@@ -19,7 +19,7 @@ from vb_core.errors import CodedError
 _EXACT_PX = 1e-6  # [px] the largest distance between a pixel and the projection of its ray
 _STEPS = 12  # iterations of Newton's method, each of which doubles the number of correct digits
 _ORIGIN = np.zeros(3)
-_FLAT = 1e9  # stands for the tangent of 90 degrees
+_TAN_90_DEGREES = 1e9  # stands for the tangent of 90 degrees
 
 
 @dataclass(frozen=True)
@@ -143,9 +143,9 @@ class CameraModel:
         ends = [(above.deriv() * below - above * below.deriv()).roots(), below.roots()]
         ends = [float(root.real) for roots in ends for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
         if not self.fisheye:
-            return min(ends, default=_FLAT)
+            return min(ends, default=_TAN_90_DEGREES)
         angle = min(ends, default=math.pi)
-        return math.tan(angle) if angle < math.pi / 2 else _FLAT
+        return math.tan(angle) if angle < math.pi / 2 else _TAN_90_DEGREES
 
     def _wrong(self, normalized: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         """Returns, as (N,) bool, which normalised coordinates (N, 2) are not projected to their pixels (N, 2)."""

@@ -9,7 +9,7 @@ from typing import Any, Dict, Mapping
 
 from vb_core.robot_profile import RobotProfile
 
-CELLS_BESIDE = 0.17  # [m] of inflation beyond the radius: the robot keeps that distance if it can, else passes closer
+INFLATION_MARGIN = 0.17  # [m] inflation beyond the radius: the robot keeps that distance where it can
 # [m] beyond the radius that a path keeps from borders and walls. Without it, paths lead through gaps in which the
 # footprint touches something as soon as the controller or the localisation is off by 3 cm; DWA then finds no more
 # trajectories, and no recovery behaviour frees the robot.
@@ -33,7 +33,7 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
     costmap = {
         "robot_base_frame": base,
         "robot_radius": profile.radius,
-        "inflation_layer": {"inflation_radius": round(profile.radius + CELLS_BESIDE, 3)},
+        "inflation_layer": {"inflation_radius": round(profile.radius + INFLATION_MARGIN, 3)},
         "obstacle_layer": {"scan": source} if scanner.present else {"observation_sources": ""},
     }
     # with few samples DWA could choose only between full speed and standing still

@@ -12,7 +12,7 @@ from vb_core.errors import CodedError
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
 # for a notice's code, the codes that make it redundant: they say the same of all robots, or give the camera's reason
-_SAID_BY = {
+_SUPERSEDED_BY = {
     "robot_stopped": {"stopped", "stop_state_lost"},
     "camera_no_pose": {
         "camera_not_calibrated",
@@ -79,6 +79,6 @@ class ActiveNotices:
         held = [
             notice
             for notice in held
-            if said.isdisjoint((code, notice.camera) for code in _SAID_BY.get(notice.code, ()))
+            if said.isdisjoint((code, notice.camera) for code in _SUPERSEDED_BY.get(notice.code, ()))
         ]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

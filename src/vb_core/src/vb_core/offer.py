@@ -124,7 +124,7 @@ def effective(offered: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
     return tuple(name for name in commands if name in offered.commands or name not in judged)
 
 
-def unkept(offered: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
+def find_unkept(offered: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
     """Returns code and values of the sentence that says who does not keep a border, or None if all keep it.
 
     Args:

@@ -32,8 +32,8 @@ from typing import Any, List, Optional, Sequence, Tuple
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-KEPT = 32  # number of stops that the latch remembers: a robot that missed more of them counts as stopped again
-HELD = 4  # number of stops that a robot holds singly: eight robots hold no more than the latch remembers
+MAX_KNOWN_STOPS = 32  # that the latch remembers: a robot that missed more of them counts as stopped again
+MAX_HELD_STOPS = 4  # that a robot holds singly: eight robots hold no more than the latch remembers
 
 
 def new_id() -> str:
@@ -117,7 +117,7 @@ class StopLatch(_Stored):
             if identity in self.stops:
                 return False
             self.by = self.by if self.stopped else by
-            self.number, self.stops, self.stopped = new_id(), (*self.stops, identity)[-KEPT:], True
+            self.number, self.stops, self.stopped = new_id(), (*self.stops, identity)[-MAX_KNOWN_STOPS:], True
             return True
 
     def read(self) -> Tuple[bool, str, str, Tuple[str, ...]]:
@@ -173,7 +173,7 @@ class HeldStops(_Stored):
         """Adds a stop. If there are too many, one new stop replaces all of them."""
         with self._lock:
             if identity not in self.ids:
-                self.ids = (*self.ids, identity) if len(self.ids) < HELD else (new_id(),)
+                self.ids = (*self.ids, identity) if len(self.ids) < MAX_HELD_STOPS else (new_id(),)
 
     def update_from_latch(self, stopped: bool, stops: Sequence[str]) -> None:
         """Adopts what the latch says: whether robots are stopped, and which stops it knows, the newest last."""

@@ -190,7 +190,7 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
     return Interval(estimate, low, high, CONFIDENCE)
 
 
-def not_worse_p(gains: np.ndarray, margin: float) -> float:
+def noninferiority_p(gains: np.ndarray, margin: float) -> float:
     """Computes the one-sided exact Wilcoxon p of "the first method is worse by the margin or more".
 
     The two one-sided tests for equivalence (Schuirmann 1987) are this test of the gains and of their negatives.

@@ -29,7 +29,7 @@ class FeedbackNode:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._tones = SoundEvents()
+        self._sound_events = SoundEvents()
         self._lit: Optional[colors.Color] = None
         self._led = rospy.Publisher(names.LED, ColorRGBA, queue_size=1, latch=True)
         self._sound = rospy.Publisher(names.SOUND, Sound, queue_size=10)
@@ -39,14 +39,14 @@ class FeedbackNode:
     def _on_state(self, message: InteractionState) -> None:
         light = colors.STOPPED if message.stopped else colors.state_color(message.name)
         with self._lock:
-            self._play(self._tones.on_state(message))
+            self._play(self._sound_events.on_state(message))
             if light != self._lit:
                 self._lit = light
                 self._led.publish(ColorRGBA(*light, 1.0))
 
     def _on_spot(self, _message: LaserSpot) -> None:
         with self._lock:
-            self._play(self._tones.on_spot(rospy.get_time()))
+            self._play(self._sound_events.on_spot(rospy.get_time()))
 
     def _play(self, sounds: List[str]) -> None:
         for name in sounds:

@@ -63,7 +63,7 @@ def _query_screen() -> Optional[str]:
     return asked.stdout if asked.returncode == 0 else None
 
 
-def _lack(code: str) -> None:
+def _report_missing(code: str) -> None:
     """Logs what RViz lacks, and keeps its code in a parameter for check_lab; "" if it lacks nothing."""
     if code:
         # before the parameter is set: its reader may end this node, and rospy can hang if interrupted while logging
@@ -73,7 +73,7 @@ def _lack(code: str) -> None:
 
 def _wait_for_screen() -> None:
     """Waits for a screen: without one, RViz would exit at once, again and again."""
-    _lack("no_screen" if _query_screen() is None else "")
+    _report_missing("no_screen" if _query_screen() is None else "")
     while _query_screen() is None and not rospy.is_shutdown():
         rospy.rostime.wallsleep(_LOOK_FOR_SCREEN)
     rospy.set_param("~lacking", "")
@@ -107,7 +107,7 @@ def main() -> None:
     try:
         params = parameters.read(SmartDisplayParams)
         if shutil.which("rviz") is None:
-            _lack("no_rviz")
+            _report_missing("no_rviz")
             return rospy.spin()
         _wait_for_screen()
         path = _fitted(params)

@@ -50,7 +50,7 @@ class SoundPlayerNode:
         self._waiting: node.Queue = node.Queue(_MAX_WAITING)
         self._busy = False
         self._silent_until = 0.0
-        self._said = False
+        self._has_warned = False
         node.Worker(self._waiting, self._play)
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
 
@@ -74,14 +74,14 @@ class SoundPlayerNode:
         except CodedError as error:
             # a device may be plugged in later, so it is tried again now and then, without a second warning
             self._silent_until = time.monotonic() + _RETRY_DELAY
-            if not self._said:
-                self._said = True
+            if not self._has_warned:
+                self._has_warned = True
                 rospy.logwarn("sound_player: there is no sound: %s", error)
             return
         finally:
             self._busy = False
-        if self._said:
-            self._said = False
+        if self._has_warned:
+            self._has_warned = False
             rospy.loginfo("sound_player: sounds are played again")
 
 

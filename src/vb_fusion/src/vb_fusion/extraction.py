@@ -26,7 +26,7 @@ from shapely.validation import make_valid
 from vb_core import geometry, sentences
 from vb_core.parameters import Parameters, param
 from vb_core.errors import CodedError
-from vb_fusion.line.closure import CURLED, Closure, classify_closure
+from vb_fusion.line.closure import NEARLY_CLOSED, Closure, classify_closure
 from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, resample_stroke
 from vb_fusion.paper import run_algorithms
@@ -190,7 +190,7 @@ def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> 
     tremor, size = estimate_tremor(placed), geometry.bounding_diagonal(placed.points)
     stroke = resample_stroke(placed.points, placed.weights, tremor)
     closure = classify_closure(stroke.points, tremor)
-    if closure.code in CURLED and size < MIN_FIGURE_SIZE * tremor:
+    if closure.code in NEARLY_CLOSED and size < MIN_FIGURE_SIZE * tremor:
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)

@@ -135,11 +135,11 @@ class SpotCalibration:
 
     def _add_place(self, point: Sequence[float]) -> None:
         """Adds the place (x, y) [m] where the spot is held now."""
-        u, v = self._rest()
+        u, v = self._wait_for_still_spot()
         self.session.add((u, v), point)
         print_line(f"  ({point[0]:.3f}, {point[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
 
-    def _rest(self) -> Tuple[float, float]:
+    def _wait_for_still_spot(self) -> Tuple[float, float]:
         """Waits until the spot has been still for long enough; returns its position (u, v) [px]."""
         end = time.monotonic() + _SPOT_TIMEOUT
         while True:

@@ -28,7 +28,7 @@ from vb_laser_detect.calibration.board import BoardParams, find_board
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera.camera_files import save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure import WHITE, Look, find_exposure, look_at
+from vb_laser_detect.camera.exposure import WHITE, Brightness, find_exposure, measure_brightness
 from vb_laser_detect.camera.source import printable
 from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
@@ -261,9 +261,9 @@ def set_exposure(arguments: argparse.Namespace) -> int:
     """Finds an exposure time at which the floor is grey, and checks that the laser spot is then white."""
     images = CameraImages(arguments.camera)
 
-    def try_exposure(exposure: int) -> Look:
+    def try_exposure(exposure: int) -> Brightness:
         images.set(exposure=exposure)
-        return look_at(images.next(rospy.Time.now().to_sec() + _SETTLED)[1].bgr())
+        return measure_brightness(images.next(rospy.Time.now().to_sec() + _SETTLED)[1].bgr())
 
     capture = images.params.get("capture", {})
     given = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}

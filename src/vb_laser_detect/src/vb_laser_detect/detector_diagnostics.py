@@ -82,15 +82,15 @@ class DetectorDiagnostics:
         with self._lock:
             self._counts.count_rejections(*([] if error is None else [error.code]))
             self._source_fault = None if error is None else self._notice(error, is_silent)
-        self._tell()
+        self._publish_notices()
 
     def clear_refused_setting(self) -> None:
         """Withdraws the notice that the camera refused its settings; one that it sends no images stays."""
         with self._lock:
             self._source_fault = self._source_fault if self._is_silent else None
-        self._tell()
+        self._publish_notices()
 
-    def see_image(
+    def record_image(
         self,
         stamp: rospy.Time,
         frame_id: str,
@@ -114,7 +114,7 @@ class DetectorDiagnostics:
         if abs(now - self._measured) > 1.0:
             self._bright, self._measured = saturated_share(picture.searched), now
         with self._lock:
-            self._watch.see_image(now, missing)
+            self._watch.record_image(now, missing)
             self._counts.count_rejections(*rejected, *([] if missing is None else [missing.code]))
             self._counts.count_image(now, stamp.to_sec(), search_s, spots)
 
@@ -156,7 +156,7 @@ class DetectorDiagnostics:
         """Whether a camera that the detector reads directly sends no images; the notice says why."""
         return self._source_fault is not None and self._source_fault.severity is Severity.ERROR
 
-    def _tell(self) -> None:
+    def _publish_notices(self) -> None:
         """Publishes the current faults; image-quality faults are omitted while the camera is silent or has no pose."""
         now = rospy.Time.now()
         with self._lock:
@@ -183,7 +183,7 @@ class DetectorDiagnostics:
         return found
 
     def _publish(self) -> None:
-        self._tell()
+        self._publish_notices()
         now = rospy.Time.now()
         with self._lock:
             counts = self._counts.summary(now.to_sec())

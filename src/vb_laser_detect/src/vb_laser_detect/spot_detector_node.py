@@ -29,7 +29,7 @@ from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopi
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
-_CONFIRMED = 256  # images kept until a spot is confirmed: then the spots of all of them are published at once
+_MAX_UNCONFIRMED_IMAGES = 256  # when a spot is confirmed, the spots of all of them are published at once
 _DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing one takes longer than the search
 
 
@@ -74,11 +74,11 @@ class SpotDetectorNode:
         self._detector = SpotDetector(params.detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
         # a float of seconds would lose a stamp's nanoseconds
-        self._stamps: Deque[rospy.Time] = deque(maxlen=_CONFIRMED)
+        self._stamps: Deque[rospy.Time] = deque(maxlen=_MAX_UNCONFIRMED_IMAGES)
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
         self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile, bool(params.source))
-        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_CONFIRMED, tcp_nodelay=True)
+        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_MAX_UNCONFIRMED_IMAGES, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
         depth = DepthTopic(rospy.resolve_name(params.depth), self._report) if params.depth else None
@@ -166,7 +166,7 @@ class SpotDetectorNode:
         # rejections are normal: they are counted, without a warning
         rejected = [one.rejection for one in detector.candidates if one.rejection]
         rejected += ["late_image"] * (detector.late - late)
-        self._report.see_image(stamp, received.frame_id, picture, pose_error, took, len(located), rejected)
+        self._report.record_image(stamp, received.frame_id, picture, pose_error, took, len(located), rejected)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, received)
         if self._feed is not None:

@@ -19,9 +19,9 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
-from vb_map_integration.grid.region import Region, join_regions, put_on_map
+from vb_map_integration.grid.region import Region, join_regions, apply_regions
 from vb_map_integration.integration import integrate
-from vb_map_integration.places.recognition import BorderPlace
+from vb_map_integration.places.recognition import BorderLocation
 
 # verdict codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
@@ -84,7 +84,7 @@ class InForce:
     @cached_property
     def map_with_borders(self) -> GridMap:
         """The map with all borders in force."""
-        return put_on_map(self.physical, self.regions())
+        return apply_regions(self.physical, self.regions())
 
     def regions(self, without: Iterable[str] = ()) -> List[Region]:
         """Returns the regions of the borders in force, except `without`; those of slow zones have the value 0."""
@@ -133,7 +133,7 @@ class InForce:
 def compute_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
-    locate: Callable[[VirtualBorder], BorderPlace],
+    locate: Callable[[VirtualBorder], BorderLocation],
     before: Optional[InForce] = None,
 ) -> InForce:
     """Computes what is in force on a map.
@@ -154,7 +154,7 @@ def compute_in_force(
     return InForce(grid, verdicts)
 
 
-def _judge(stored: VirtualBorder, place: BorderPlace, grid: GridMap) -> Verdict:
+def _judge(stored: VirtualBorder, place: BorderLocation, grid: GridMap) -> Verdict:
     """Decides which region of a border is in force, and whether to ask a person; if in doubt, more is in force."""
     border = place.border
     if not border.enabled:

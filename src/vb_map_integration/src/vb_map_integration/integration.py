@@ -26,7 +26,7 @@ import shapely
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice
 from vb_map_integration.grid import curve, raster
-from vb_map_integration.grid.region import Region, put_on_map
+from vb_map_integration.grid.region import Region, apply_regions
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError, warning
 
@@ -63,7 +63,7 @@ class Integration(Region):
     @cached_property
     def posterior(self) -> GridMap:
         """The map with the border."""
-        return put_on_map(self.prior, [self])
+        return apply_regions(self.prior, [self])
 
     @property
     def region(self) -> np.ndarray:

@@ -18,7 +18,7 @@ from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.borders.issues import IntegrationError, warning
-from vb_map_integration.grid.region import count_free_parts, put_on_map
+from vb_map_integration.grid.region import count_free_parts, apply_regions
 from vb_map_integration.in_force import InForce, Verdict, find_notices, compute_in_force
 from vb_map_integration.integration import Integration, integrate
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
@@ -114,7 +114,7 @@ class MapIntegrator:
     def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the map for one robot: with the borders that name it and those that name no robot."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
-        return put_on_map(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
+        return apply_regions(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
@@ -234,7 +234,7 @@ class MapIntegrator:
         regions = [*self.in_force.regions([border.id]), integration]
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
-        before, after = self._free_parts, count_free_parts(put_on_map(self.physical, regions), self._robot_radius)
+        before, after = self._free_parts, count_free_parts(apply_regions(self.physical, regions), self._robot_radius)
         issues = list(integration.issues)
         if after > before:
             issues.append(warning("splits_free_space"))

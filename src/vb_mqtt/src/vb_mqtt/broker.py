@@ -62,7 +62,7 @@ def _split(address: str) -> Tuple[str, Optional[int]]:
     raise ParameterError("broker", f"expected HOST or HOST:PORT, an IPv6 address in brackets, got '{address}'")
 
 
-class Broker:
+class MqttClient:
     """A client of a broker. Its callbacks are called in one thread of its own.
 
     Args:

@@ -28,7 +28,7 @@ from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.ros.robots import OfferListener
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities, states
-from vb_mqtt.broker import Broker, read_connection
+from vb_mqtt.broker import MqttClient, read_connection
 from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
@@ -89,28 +89,28 @@ class MqttNode:
         connection = read_connection(Path(params.connection_file).expanduser())
         subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_described}
         will = (self._lab.topic("availability"), OFFLINE.encode())
-        self._broker = Broker(params.broker, connection, params.device, will, subscriptions, _on_fault)
-        self._orders = CommandSender(SOURCE, self._on_answer)
-        self._orders.connect()
-        self._trouble, self._notices, self._robots = NoticePublisher(), NoticeListener(), OfferListener()
-        self._maps, self._beat = node.Mailbox(), node.WakeTimer(_PERIOD)
+        self._broker = MqttClient(params.broker, connection, params.device, will, subscriptions, _on_fault)
+        self._command_sender = CommandSender(SOURCE, self._on_answer)
+        self._command_sender.connect()
+        self._notice_publisher, self._notices, self._robots = NoticePublisher(), NoticeListener(), OfferListener()
+        self._maps, self._publish_timer = node.Mailbox(), node.WakeTimer(_PERIOD)
         self._subscribe()
         self._broker.put(will[0], ONLINE.encode())
         self._publish_all()
         node.Worker(self._maps, lambda _item: self._publish_map())
-        node.Worker(self._beat, lambda _woken: self._publish_all())
+        node.Worker(self._publish_timer, lambda _woken: self._publish_all())
         self._broker.start()
         rospy.loginfo("%s: the broker is %s", rospy.get_name(), self._broker.address)
 
     def close(self) -> None:
         """Tells the hub that the system is offline, and ends the threads."""
         self._maps.close()
-        self._beat.close()
+        self._publish_timer.close()
         self._broker.close()
 
     # ------------------------------------------------------------------ from the system
     def _subscribe(self) -> None:
-        self._integrator = rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=2)
+        self._borders_subscriber = rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=2)
         for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, queue_size=1, buff_size=2**24)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=2, tcp_nodelay=True)
@@ -127,7 +127,7 @@ class MqttNode:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._borders = {key_of("border", border.id): border for border in message.borders}
-        self._beat.set()
+        self._publish_timer.set()
         self._maps.put(True)
 
     def _on_detector(self, message: DetectorStatus) -> None:
@@ -154,7 +154,7 @@ class MqttNode:
     def _on_described(self, topic: str, payload: bytes, _retained: bool) -> None:
         with self._lock:
             (self._described.add if payload else self._described.discard)(topic)
-        self._beat.set()
+        self._publish_timer.set()
 
     def _is_heard(self, what: str) -> bool:
         return time.monotonic() - self._heard.get(what, -1e9) < _SILENCE
@@ -166,7 +166,7 @@ class MqttNode:
         health.update(
             {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._asked}
         )
-        health[INTEGRATOR] = self._integrator.get_num_connections() > 0
+        health[INTEGRATOR] = self._borders_subscriber.get_num_connections() > 0
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
     def _publish_all(self) -> None:
@@ -221,7 +221,7 @@ class MqttNode:
             self._connected_at = now
         silent = now - self._connected_at > _GRACE
         values = {"broker": self._broker.address, "reason": self._broker.trouble or "$mqtt_unreachable"}
-        self._trouble.set([Notice("mqtt_not_connected", Severity.WARNING, values=values)] if silent else [])
+        self._notice_publisher.set([Notice("mqtt_not_connected", Severity.WARNING, values=values)] if silent else [])
 
     # ------------------------------------------------------------------ requests from people
     def _on_message(self, _topic: str, payload: bytes, retained: bool) -> None:
@@ -235,7 +235,7 @@ class MqttNode:
             self._refuse(Request("", getattr(error, "sender_id", "")), error)
 
     def _order(self, request: Request) -> None:
-        taken = self._orders.put(
+        taken = self._command_sender.put(
             request.command or SWITCH,
             request,
             given=time.monotonic() - request.age,

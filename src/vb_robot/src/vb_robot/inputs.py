@@ -37,7 +37,7 @@ def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscrib
     return rospy.Subscriber(topic, OccupancyGridArray, on_map, queue_size=1, buff_size=2**24)
 
 
-def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
+def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
     """Returns the borders in force that a robot must not enter; the others never keep it out."""
     return [
         KnownBorder(

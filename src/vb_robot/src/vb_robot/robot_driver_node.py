@@ -151,7 +151,7 @@ class RobotDriverNode:
         subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical"))
         subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits"))
         listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1)
-        listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1)
+        listen("initialpose", PoseWithCovarianceStamped, self._on_initial_pose, queue_size=1)
         listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1)
         listen(f"move_base/{planner}/plan", Path, self._on_plan, queue_size=1)
         listen("move_base/recovery_status", RecoveryStatus, self._on_recovery, queue_size=5)
@@ -248,7 +248,7 @@ class RobotDriverNode:
                 rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.meters)
                 self._use_maps()
 
-    def _on_shown(self, _message: PoseWithCovarianceStamped) -> None:
+    def _on_initial_pose(self, _message: PoseWithCovarianceStamped) -> None:
         self._amcl_updates_left = MAX_AMCL_UPDATES
 
     def _request_amcl_update(self) -> None:

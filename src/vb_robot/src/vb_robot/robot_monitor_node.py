@@ -40,7 +40,7 @@ from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.driving.safety import limit_around
-from vb_robot.inputs import borders_for, subscribe_map, subscribe_spots
+from vb_robot.inputs import keep_out_borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
 from vb_robot.spots import Sighting
@@ -187,7 +187,7 @@ class RobotMonitorNode:
         self._slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
         with self._lock:
             for robot in self._robots.values():
-                robot.set_borders(borders_for(robot.name, message))
+                robot.set_borders(keep_out_borders_for(robot.name, message))
 
     def _on_driver(self, message: DriverState) -> None:
         if message.robot in self._robots:

@@ -23,7 +23,7 @@ MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that time, so that one wrong 
 MIN_SPEED = 0.1  # [m/s] a slower spot counts as resting
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
 MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
-AUTO_WAIT = 1.0  # [s] that stationary cameras have to see the spot too; if none does, the robot follows
+FOLLOW_DELAY = 1.0  # [s] that stationary cameras have to see the spot too; if none does, the robot follows
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Sightings:
             return False
         if self.state.guides:
             return True
-        return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
+        return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= FOLLOW_DELAY
 
     def _update_leader(self, now: float) -> Optional[str]:
         """Updates and returns the robot camera that has seen the spot longest without a pause; else the last that did.

@@ -46,8 +46,8 @@ class ButtonsNode:
     def __init__(self, params: ButtonsParams) -> None:
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
-        self._orders = commands.CommandSender("buttons", self._on_answer)
-        self._orders.connect()
+        self._command_sender = commands.CommandSender("buttons", self._on_answer)
+        self._command_sender.connect()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
         rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)
 
@@ -56,7 +56,7 @@ class ButtonsNode:
 
     def _on_joy(self, message: Joy) -> None:
         for command in self._map.update(message.buttons, self._state):
-            if not self._orders.put(command):
+            if not self._command_sender.put(command):
                 rospy.logwarn_throttle(5.0, "buttons: pressed faster than commands are answered, some are lost")
 
     @staticmethod

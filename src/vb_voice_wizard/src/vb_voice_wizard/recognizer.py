@@ -48,7 +48,7 @@ _STOP_EVEN = -3.7  # the same for a whole utterance, with fewer looks: a false s
 _MIN_LENGTH = 0.2  # [s] with its padding: anything shorter is not a word
 # Looks, variants of each utterance: speed, then silence [s] added before and after it; negative: sound removed. Their
 # evidence is averaged: what noise, a breath before the word, or the network's whim hides in one look, another shows.
-_LOOKS = (
+_VARIANTS = (
     (1.0, 0.0, 0.0),
     (0.94, 0.0, 0.0),
     (1.07, 0.0, 0.0),
@@ -106,14 +106,14 @@ class CommandRecognizer:
             pieces = [] if utterance.too_long else [(utterance.pcm, _STOP_EVEN)]
             pieces += [(utterance.pcm[-int((end + PADDING) * SAMPLE_RATE) :], _STOP_AT_END) for end in _ENDINGS]
             for pcm, needed in pieces:
-                _, evidence = self._weigh(pcm, stops, _LOOKS[:3])
+                _, evidence = self._weigh(pcm, stops, _VARIANTS[:3])
                 if evidence >= needed:
                     return RecognitionResult(STOP, STOP, float(1.0 / (1.0 + np.exp(needed - evidence))), True)
         return result
 
     def _judge(self, pcm: np.ndarray) -> RecognitionResult:
         """Classifies sound as one of the phrases."""
-        number, evidence = self._weigh(pcm, np.arange(len(self._meanings)), _LOOKS)
+        number, evidence = self._weigh(pcm, np.arange(len(self._meanings)), _VARIANTS)
         odds, best = float(np.exp(evidence - self._even[number])), str(self._meanings[number])
         confidence = odds / (1.0 + odds)
         if confidence < THRESHOLD:
@@ -124,16 +124,16 @@ class CommandRecognizer:
         self, pcm: np.ndarray, which: np.ndarray, looks: Sequence[Tuple[float, float, float]]
     ) -> Tuple[int, float]:
         """Returns which of some phrases, by number, fits best, and its evidence: a logarithm, averaged as odds."""
-        first = self._model.log_likelihood_ratios(_seen(pcm, *looks[0]), which)
+        first = self._model.log_likelihood_ratios(_make_variant(pcm, *looks[0]), which)
         closest = np.argsort(-first)[:_CLOSEST]
         found = [first[closest]]
-        found += [self._model.log_likelihood_ratios(_seen(pcm, *look), which[closest]) for look in looks[1:]]
+        found += [self._model.log_likelihood_ratios(_make_variant(pcm, *look), which[closest]) for look in looks[1:]]
         evidence = np.log(np.mean(np.exp(found), axis=0))
         best = int(evidence.argmax())
         return int(which[closest[best]]), float(evidence[best])
 
 
-def _seen(pcm: np.ndarray, speed: float, before: float, after: float) -> np.ndarray:
+def _make_variant(pcm: np.ndarray, speed: float, before: float, after: float) -> np.ndarray:
     """Returns an utterance at another speed, with silence [s] added before and after it; negative: sound removed."""
     played = np.interp(np.arange(0.0, len(pcm) - 1, speed), np.arange(len(pcm)), pcm).astype(np.int16)
     begin, end = int(before * SAMPLE_RATE), int(after * SAMPLE_RATE)

@@ -79,8 +79,8 @@ class VoiceCommandsNode:
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
-        self._orders = commands.CommandSender("voice", self._on_answer)
-        self._orders.connect()
+        self._command_sender = commands.CommandSender("voice", self._on_answer)
+        self._command_sender.connect()
         node.Worker(self._sound, self._listen)
         node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
@@ -149,8 +149,8 @@ class VoiceCommandsNode:
             self._publish(heard)
             return
         self._beep("recognized")
-        doubtful, stop = self._late or not result.certain, self._orders.stop_number(heard.start)
-        if not self._orders.put(result.command, heard, uncertain=doubtful, seen_stop=stop):
+        doubtful, stop = self._late or not result.certain, self._command_sender.stop_number(heard.start)
+        if not self._command_sender.put(result.command, heard, uncertain=doubtful, seen_stop=stop):
             self._publish(replace(heard, result=result.refused("busy")))
 
     def _on_answer(

@@ -52,8 +52,8 @@ class WizardConsoleNode:
         self._live = Live(auto_refresh=False, transient=True)
         self._heard_at = 0.0
         self._answered: Optional[rospy.Time] = None
-        self._orders = commands.CommandSender(source, self._on_answer)
-        self._orders.connect()
+        self._command_sender = commands.CommandSender(source, self._on_answer)
+        self._command_sender.connect()
         self._notices = NoticeListener()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         for topic, kind, where in (
@@ -81,7 +81,7 @@ class WizardConsoleNode:
         Returns:
             Whether to leave the console.
         """
-        if key in COMMAND_KEYS and not self._orders.put(COMMAND_KEYS[key]):
+        if key in COMMAND_KEYS and not self._command_sender.put(COMMAND_KEYS[key]):
             self._say(self._view.words("console_too_many_keys"), BAD)
         return key == QUIT_KEY
 

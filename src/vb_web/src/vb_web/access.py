@@ -172,7 +172,7 @@ def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
     return bool(host) and parts.scheme == scheme and parts.netloc.lower() == host.lower()
 
 
-class Places:
+class ConnectionSlots:
     """A number of places for connections. When all are taken, the holder of the most gives one up for a newcomer.
 
     Args:

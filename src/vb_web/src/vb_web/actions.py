@@ -54,8 +54,8 @@ class ActionHandler:
     ) -> None:
         self._borders, self._manager_there = borders, manager_there
         self._give_invitation = invite
-        self._orders = CommandSender("page", self._on_answer)
-        self._orders.connect()
+        self._command_sender = CommandSender("page", self._on_answer)
+        self._command_sender.connect()
 
     def carry_out(self, request: Request, source: str) -> Dict[str, Any]:
         """Carries out a request and returns its answer.
@@ -71,7 +71,7 @@ class ActionHandler:
         command, answered = request.values["command"], asyncio.get_event_loop().create_future()
         alone = command in (UNDO, REDO) and not self._manager_there()
         # the browser's id, so that a request repeated after a restart of the page is carried out once
-        if not self._orders.put(
+        if not self._command_sender.put(
             command,
             answered,
             given=request.arrived - request.values["age"],

@@ -85,7 +85,7 @@ class PageNode:
         self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}
         self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
-        self._told = NoticeListener(self._notices_due.set)
+        self._notices = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
         self._transforms = TransformLookup()
@@ -257,7 +257,7 @@ class PageNode:
             self._view.put("spots", dict(self._spots))
 
     def _show_notices(self) -> None:
-        self._view.put("notices", ros_view.notices_section(self._told.current()[:30]))
+        self._view.put("notices", ros_view.notices_section(self._notices.current()[:30]))
 
     def _on_detector(self, message: DetectorStatus) -> None:
         publisher = message._connection_header.get("callerid", "")

@@ -15,7 +15,7 @@ from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorde
 
 from vb_core import sentences
 from vb_core.notices import Notice
-from vb_core.offer import Offer, unkept
+from vb_core.offer import Offer, find_unkept
 from vb_core.ros.messages import mapping_from_values
 from vb_core.zones import ZONES, zone_of
 from vb_web import images
@@ -32,7 +32,7 @@ def centimeters(points: Iterable[Point]) -> List[int]:
     return np.rint(found * 100.0).astype(int).ravel().tolist()
 
 
-def as_it_is(message: Any, fields: str) -> Dict[str, Any]:
+def copy_fields(message: Any, fields: str) -> Dict[str, Any]:
     """Returns fields of a message, given as names with spaces between, unchanged and under the same names."""
     return {field: getattr(message, field) for field in fields.split()}
 
@@ -51,7 +51,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
     """Converts the state of the interaction; times become seconds."""
     ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
-        **as_it_is(message, "name available_commands stopped stopped_by stop_number"),
+        **copy_fields(message, "name available_commands stopped stopped_by stop_number"),
         "ends_in_s": max(0, int(ends)),
         "confirm": message.confirm_save,
         "outcome": message.last_outcome,
@@ -75,7 +75,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
         "chain": centimeters(message.chain),
         "left_out": centimeters(message.left_out),
         "seed": centimeters([message.seed]) if message.has_seed else [],
-        **as_it_is(message, "closed cameras_seeing_spot"),
+        **copy_fields(message, "closed cameras_seeing_spot"),
         **coded_sentence(message),
     }
 
@@ -110,7 +110,7 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
 def border_section(border: VirtualBorder) -> Dict[str, Any]:
     """Converts one border."""
     return {
-        **as_it_is(border, "id name enabled in_force reason robots"),
+        **copy_fields(border, "id name enabled in_force reason robots"),
         "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimeters([border.seed]),
@@ -124,14 +124,14 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
 
 def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, Any]:
     """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
-    told = unkept(found, section["zone"], section["robots"]) if found is not None and section["in_force"] else None
+    told = find_unkept(found, section["zone"], section["robots"]) if found is not None and section["in_force"] else None
     return {**section, "unkept": {"code": told[0], "values": told[1]} if told else None}
 
 
 def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) -> Dict[str, Any]:
     """Converts all borders. `found`: what is connected, if that is known."""
     return {
-        **as_it_is(message, "revision map_id map_name available_commands"),
+        **copy_fields(message, "revision map_id map_name available_commands"),
         "unconfirmed": message.needs_confirmation,
         "list": [_with_unkept(border_section(border), found) for border in message.borders],
         **coded_sentence(message),
@@ -141,7 +141,7 @@ def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) 
 def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
     """Converts what is offered, and what is said about the robots; `more`: further commands to offer."""
     return {
-        **as_it_is(found, "state zones goes"),
+        **copy_fields(found, "state zones goes"),
         "interaction": message.interaction,
         "commands": [*found.commands, *more],
         "robots": [robot.robot for robot in message.robots],
@@ -188,7 +188,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
     """Converts the notices that are now in effect."""
     return [
         {
-            **as_it_is(notice, "code message robot camera"),
+            **copy_fields(notice, "code message robot camera"),
             "severity": int(notice.severity),
             "values": dict(notice.values),
             "border": notice.border_id,

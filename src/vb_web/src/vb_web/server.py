@@ -1,6 +1,6 @@
 """The web server: its thread, its connections' places, and the pools that carry out requests; `handlers` answers them.
 
-An attacker must not keep an operator from a *stop*. So connections have places by role (`access.Places`), slow work is
+An attacker must not keep an operator from a *stop*. So connections have places by role (`access.ConnectionSlots`), slow work is
 done apart from quick work and one piece at a time for each person, and a connection that reads or writes too slowly is
 closed. No ROS here; `actions.ActionHandler` carries requests out.
 """
@@ -29,7 +29,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.limiter import Limiter
 from vb_core.parameters import Parameters, param
 from vb_web import access, action_requests, handlers
-from vb_web.access import Places, Role, Sessions
+from vb_web.access import ConnectionSlots, Role, Sessions
 from vb_web.images import ImageCache
 from vb_web.view import View, as_message, refusal
 
@@ -106,7 +106,7 @@ class PageServer:
         self.logins = Limiter(rate=5.0 / 60.0, burst=5.0)
         self.requests = Limiter(rate=40.0, burst=120.0)
         self.connections = Limiter(rate=5.0, burst=100.0)
-        self.places = {role: Places(size, yields=role == Role.NOBODY) for role, size in _PLACES.items()}
+        self.places = {role: ConnectionSlots(size, yields=role == Role.NOBODY) for role, size in _PLACES.items()}
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")

@@ -35,7 +35,7 @@ def participants_section(study: StudyResults) -> List[Block]:
                 "statement": answers.statement,
                 "nrs": float(answers.first.mean()),
                 "robot_only": float(answers.second.mean()),
-                **effect_sizes.test_row(statistics.compare_paired(answers.first, answers.second)),
+                **effect_sizes.wilcoxon_row(statistics.compare_paired(answers.first, answers.second)),
             }
             for answers in found.answers
         ]

@@ -42,7 +42,7 @@ def completed_more(
     ).scaled(100.0)
 
 
-def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:
+def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:
     """Reports the paper's Wilcoxon test, for studies with people only."""
     if not study.people or len(study.methods) < 2:
         return []
@@ -50,7 +50,7 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
     for title, here in study.by_scenario():
         samples = pairs(here, column, study.comparison, completed)
         if len(samples[0]):
-            rows.append({"scenario": title, **test_row(statistics.compare_paired(*samples))})
+            rows.append({"scenario": title, **wilcoxon_row(statistics.compare_paired(*samples))})
     add_holm(rows)
     keys = ("scenario", "n", "z", "p", "holm", "r", "rank_biserial", "shift")
     words = (
@@ -61,7 +61,7 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
     return [Grid(f"test_{column}", heads, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
 
 
-def test_row(found: statistics.PairedComparison) -> dict:
+def wilcoxon_row(found: statistics.PairedComparison) -> dict:
     """Returns the cells of a Wilcoxon test's row."""
     return {
         "n": found.n,

@@ -76,7 +76,7 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
                     "measure": words,
                     **_beside_margin(gain, margin, digits),
                     "n": len(first),
-                    "p_value": statistics.not_worse_p(sign * (first - second), margin),
+                    "p_value": statistics.noninferiority_p(sign * (first - second), margin),
                 }
             )
     for column in MARGINS if study.people else ():
@@ -124,7 +124,7 @@ def error_section(study: StudyResults) -> List[Block]:
             "over runs with bootstrap intervals."
         ),
         Grid("error", heads, rows, {key: 1 for key in (*ERRORS, "worst")}),
-        *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True),
+        *effect_sizes.wilcoxon_blocks(study, "error_mean_cm", "cm", True),
     ]
 
 
@@ -147,7 +147,7 @@ def time_section(study: StudyResults) -> List[Block]:
             "attempts that were cancelled included (paper, Sect. 5.5)."
         ),
         Grid("time", heads, study.rows(measure), {key: 1 for key in (*STATES, "total")}),
-        *effect_sizes.test_blocks(study, "time_total_s", "s", False),
+        *effect_sizes.wilcoxon_blocks(study, "time_total_s", "s", False),
     ]
 
 
@@ -169,7 +169,7 @@ def accuracy_section(study: StudyResults) -> List[Block]:
             "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart."
         ),
         Grid("accuracy", heads, rows, {"median": 3, "least": 3, "paper": 3}),
-        *effect_sizes.test_blocks(study, "jaccard", "", True),
+        *effect_sizes.wilcoxon_blocks(study, "jaccard", "", True),
     ]
     if images:
         blocks += [

@@ -17,7 +17,7 @@ import rospkg
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.study.people import KINDS, Streams, Traits, draw, draw_traits
+from vb_evaluation.study.people import DISTRIBUTIONS, Streams, Traits, draw, draw_traits
 from vb_sim.models import Models, read_document
 from vb_sim.room.world import World, world_from_mapping
 
@@ -185,7 +185,7 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
     """Merges sections key by key; replaces a distribution, a list or a number as a whole."""
     result = dict(base)
     for key, value in over.items():
-        inner = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not KINDS & set(value)
+        inner = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not DISTRIBUTIONS & set(value)
         result[key] = _merged(base[key], value) if inner else value
     return result
 

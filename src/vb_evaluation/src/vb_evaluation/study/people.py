@@ -57,22 +57,22 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
         elif kind == "scaled":
             value = float(values[1]) * draw(key, values[0], rng)
         else:
-            value = _KINDS[kind](rng, *(float(entry) for entry in values))
+            value = _DISTRIBUTIONS[kind](rng, *(float(entry) for entry in values))
     except (TypeError, ValueError, KeyError, AttributeError):
         raise ParameterError(
-            key, f"expected a number, or one of mixture, scaled, {', '.join(_KINDS)}, got {spec!r}"
+            key, f"expected a number, or one of mixture, scaled, {', '.join(_DISTRIBUTIONS)}, got {spec!r}"
         ) from None
     return min(max(value, low), high)
 
 
-_KINDS: Dict[str, Callable[[np.random.Generator, float, float], float]] = {
+_DISTRIBUTIONS: Dict[str, Callable[[np.random.Generator, float, float], float]] = {
     "uniform": lambda rng, low, high: float(rng.uniform(low, high)),
     "normal": lambda rng, mean, spread: float(rng.normal(mean, spread)),
     "lognormal": lambda rng, median, spread: median * math.exp(spread * float(rng.standard_normal())),
 }
 
 # the keys that make a mapping a distribution
-KINDS = {"mixture", "scaled", *_KINDS}
+DISTRIBUTIONS = {"mixture", "scaled", *_DISTRIBUTIONS}
 
 
 def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: Streams) -> Traits:

@@ -22,7 +22,7 @@ from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.config import METHODS, Study
-from vb_evaluation.study.lab_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
+from vb_evaluation.study.camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.people import Traits
 from vb_evaluation.study.plan import Job
 from vb_evaluation.virtual_ros.graph import Graph, Node

@@ -112,7 +112,7 @@ def fit_view(extent: Box, aspect: float) -> Layout:
 
 # ----------------------------------------------------------------- letters
 _FONT_FILE = "LiberationSans-Regular.ttf"  # RViz's font; without RViz Pillow's default, which is about as wide
-_FINENESS = 1000  # [px] font size at which letters are measured
+_MEASURING_SIZE = 1000  # [px] font size at which letters are measured
 _SPACE = 0.31  # [font sizes] width of a space; RViz's own is too wide, see `place_words`
 # font size, as a share of the height of an RViz text marker: 0.83 to 0.84 on words of 4 to 11 letters
 _FONT = 0.84
@@ -140,15 +140,15 @@ def _transliterated(letter: str) -> str:
 @lru_cache(maxsize=None)
 def _font() -> ImageFont.FreeTypeFont:
     try:
-        return ImageFont.truetype(_FONT_FILE, _FINENESS)
+        return ImageFont.truetype(_FONT_FILE, _MEASURING_SIZE)
     except OSError:
-        return ImageFont.load_default(_FINENESS)
+        return ImageFont.load_default(_MEASURING_SIZE)
 
 
 @lru_cache(maxsize=2000)
 def _width(letter: str) -> float:
     """Measures a letter's advance in font sizes; RViz places letters without kerning."""
-    return _SPACE if letter == " " else _font().getlength(letter) / _FINENESS
+    return _SPACE if letter == " " else _font().getlength(letter) / _MEASURING_SIZE
 
 
 def text_width(text: str, size: float) -> float:

@@ -15,7 +15,7 @@ _FADE = 0.005
 
 
 # partials, as shares of the fundamental: small speakers do not reproduce the fundamental of low notes
-_OVERTONES = (1.0, 0.3, 0.12)
+_PARTIALS = (1.0, 0.3, 0.12)
 
 
 def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
@@ -34,8 +34,8 @@ def _tone(note: Note) -> np.ndarray:
     if not note.pitch:
         return np.zeros(len(time))
     turns = PITCHES[note.pitch] * time
-    wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * turns) for order, share in enumerate(_OVERTONES))
+    wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * turns) for order, share in enumerate(_PARTIALS))
     # a sharp attack, then a decay like a struck bar's
     envelope = np.minimum(1.0, time / _FADE) * np.minimum(1.0, (note.seconds - time) / _FADE)
     envelope = envelope * np.exp(-2.0 * time / note.seconds)
-    return note.loudness * envelope * wave / sum(_OVERTONES)
+    return note.loudness * envelope * wave / sum(_PARTIALS)

@@ -21,7 +21,7 @@ from shapely.validation import make_valid
 from vb_core import geometry
 from vb_fusion.stroke.observations import TREMOR
 
-CURLED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
+NEARLY_CLOSED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
 MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer to the start than to the far side
 
 

@@ -14,7 +14,7 @@ from vb_fusion.line.resampling import ResampledStroke
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
 MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
 MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
-HELD = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh it
+VERTEX_PRIOR = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh it
 
 
 def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
@@ -96,5 +96,5 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
     # a corner that the samples do not determine, between nearly collinear sides, stays in place
     scaled = rows * stroke.weights[:, None]
-    move = np.linalg.solve(scaled.T @ rows + HELD * stroke.tremor * np.eye(2 * count), scaled.T @ off)
+    move = np.linalg.solve(scaled.T @ rows + VERTEX_PRIOR * stroke.tremor * np.eye(2 * count), scaled.T @ off)
     return vertices + move.reshape(-1, 2)

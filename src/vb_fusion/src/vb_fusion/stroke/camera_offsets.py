@@ -43,10 +43,10 @@ def remove_offsets(seen: Observations) -> Observations:
     camera, time = np.divmod(unknowns, span)
     again = (np.diff(camera) == 0) & (time[:-1] > 0)
     same = np.where(again, ERROR_CORRELATION ** np.diff(time), 0.0)
-    firmness = np.where(time > 0, (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2, 1.0)
-    firmness[1:] /= 1.0 - same**2
+    prior_precision = np.where(time > 0, (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2, 1.0)
+    prior_precision[1:] /= 1.0 - same**2
     change = diags([np.ones(len(time)), -same], [0, -1])
-    equations = diags(np.bincount(index).astype(float)) + change.T @ diags(firmness) @ change - in_bin.T @ share
+    equations = diags(np.bincount(index).astype(float)) + change.T @ diags(prior_precision) @ change - in_bin.T @ share
     apart = np.column_stack([np.bincount(index, axis) - share.T @ np.bincount(row, axis) for axis in seen.points.T])
     # rounded to 0.1 mm, so that positions found before stay the same while more is seen
     offsets = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)

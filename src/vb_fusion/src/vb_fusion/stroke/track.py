@@ -91,8 +91,8 @@ def find_strokes(
         line = free[trace_track(totals, previous)]
         pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
         if pieces and not strokes:
-            ends = [_beside(seen, clusters, glint) for glint in glints]
-        strokes += [_beside(seen, clusters, piece) for piece in pieces]
+            ends = [_observations_near(seen, clusters, glint) for glint in glints]
+        strokes += [_observations_near(seen, clusters, piece) for piece in pieces]
         # the pointer is at one place at a time, and floor is explained once
         taken = np.isin(bins[free], bins[line])
         free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
@@ -136,7 +136,7 @@ def _divide(
     return [line[stroke] for stroke in strokes], [line[glint] for glint in glints]
 
 
-def _beside(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
+def _observations_near(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
     """Returns the indices of the observations beside a line, given as the indices of its clusters, at its own times.
 
     As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.

@@ -26,19 +26,19 @@ def saturated_share(image: np.ndarray) -> float:
     return float((sample >= _SATURATED).mean()) if sample.size else 0.0
 
 
-class Look(NamedTuple):
+class Brightness(NamedTuple):
     """The median grey level of an image, and the share of it that is white."""
 
     middle: float
     white: float
 
 
-def look_at(image: np.ndarray) -> Look:
+def measure_brightness(image: np.ndarray) -> Brightness:
     """Measures an image (H, W, 3) or (H, W) uint8."""
-    return Look(float(np.median(image[::_STEP, ::_STEP])), saturated_share(image))
+    return Brightness(float(np.median(image[::_STEP, ::_STEP])), saturated_share(image))
 
 
-def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], None] = lambda text: None) -> int:
+def find_exposure(try_exposure: Callable[[int], Brightness], tell: Callable[[str], None] = lambda text: None) -> int:
     """Finds the exposure time [0.1 ms] by bisection; a longer one only makes the image brighter.
 
     Args:

@@ -269,7 +269,7 @@ class CameraSource:
         """Yields each packet, and the offset from its time stamps to times since 1970 [s]; None: unusable stamps."""
         if is_device(self.address):
             return self._from_device(container, stream)
-        return self._from_network(container, stream) if is_network(self.address) else self._played(container, stream)
+        return self._from_network(container, stream) if is_network(self.address) else self._from_file(container, stream)
 
     def _from_device(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
         newest = time.monotonic()
@@ -294,7 +294,7 @@ class CameraSource:
                 known = stamped and packet.dts is not None
                 yield packet, clock.offset(float(packet.dts * packet.time_base), now) if known else None
 
-    def _played(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
+    def _from_file(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
         began = time.time()
         while not self._closed.is_set():
             first, due = None, began

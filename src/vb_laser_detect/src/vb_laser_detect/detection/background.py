@@ -104,7 +104,7 @@ class Background:
         gains = np.median(now / before, axis=1)
         if np.ptp(gains) < _MIN_FLICKER * gains.mean():
             return None
-        self._gains, self.reference = gains, _in_light(self.image, gains, BLOCK)
+        self._gains, self.reference = gains, _apply_row_gains(self.image, gains, BLOCK)
         darker = cv2.subtract(sample_blocks(self.reference), sample_blocks(image))
         return block_maxima(image, self.reference), max_channel(darker)
 
@@ -112,7 +112,7 @@ class Background:
         """Returns the reference at the camera's own size."""
         if self.whole is None:
             return self.reference
-        return self.whole if self._gains is None else _in_light(self.whole, self._gains, 2 * BLOCK)
+        return self.whole if self._gains is None else _apply_row_gains(self.whole, self._gains, 2 * BLOCK)
 
     def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
         """Returns a part of the background as the camera sees it now; where it does not reach, the image."""
@@ -227,7 +227,7 @@ def _warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> 
     return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
 
 
-def _in_light(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:
+def _apply_row_gains(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:
     """Returns an image times the gains of its rows of blocks, interpolated; `edge` is a block's [px]."""
     rows = np.interp(np.arange(len(image)), edge * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
     return cv2.convertScaleAbs(image * rows.reshape((-1, 1) + (1,) * (image.ndim - 2)))

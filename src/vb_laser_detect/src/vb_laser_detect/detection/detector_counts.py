@@ -30,7 +30,7 @@ class InputWatch:
         self._started, self._image_at = now, None
         self._missing: Tuple[Optional[CodedError], float] = (None, now)  # what images lack, and since when [s]
 
-    def see_image(self, now: float, missing: Optional[CodedError]) -> None:
+    def record_image(self, now: float, missing: Optional[CodedError]) -> None:
         """Records an image at a time [s], and what is missing to locate its spots; None for nothing."""
         self._image_at = now
         before, since = self._missing

@@ -29,7 +29,7 @@ _GRAY = 0.85  # a floor is grey if its weakest channel has at least this share o
 FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
 # features that do not count against a spot seen where it was expected: its surroundings, and its colour, which it has
 # shown before, and which other light, or the pixels of a mosaic that it falls on, may now hide
-_NOT_OF_EXPECTED = ("fall", "busy", "chroma_mosaic")
+_WAIVED_IF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
@@ -283,7 +283,7 @@ class SpotClassifier:
         for name, value in features.items():
             if name in self.curves and not math.isnan(value):
                 part = float(np.interp(value, *self.curves[name]))
-                if expected and name in _NOT_OF_EXPECTED:
+                if expected and name in _WAIVED_IF_EXPECTED:
                     part = max(0.0, part)
                 logit += part
                 if part < least:

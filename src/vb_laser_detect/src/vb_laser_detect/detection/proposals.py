@@ -48,7 +48,7 @@ class SearchedImage(NamedTuple):
     Attributes:
         background: what the picture is compared with.
         regions: to examine, the brightest first.
-        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker; restless: bool,
+        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker; recently_changed: bool,
             those that something other than a spot changed so recently that it may have left a ghost there.
     """
 
@@ -57,7 +57,7 @@ class SearchedImage(NamedTuple):
     regions: Sequence[Region]
     rise: np.ndarray
     changed: np.ndarray
-    restless: np.ndarray
+    recently_changed: np.ndarray
 
     @property
     def block_px(self) -> int:
@@ -81,7 +81,7 @@ class SearchedImage(NamedTuple):
         own, around = (blocks_around(self.changed.shape, u, v, size, self.block_px) for size in (reach, 2.0 * reach))
         elsewhere = np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])
         busy = math.sqrt(elsewhere / self.changed.size)
-        passed = np.count_nonzero(self.restless[around]) > np.count_nonzero(self.restless[own])
+        passed = np.count_nonzero(self.recently_changed[around]) > np.count_nonzero(self.recently_changed[own])
         is_ghost = busy >= _MIN_BUSY or passed or self.background.motion is not None
         return {"busy": busy} if is_ghost else {"busy": busy, "edge": math.nan}
 
@@ -183,10 +183,10 @@ class Proposer:
             rise, hot, darker = self._changes(
                 *self._background.subtract_background(image, None if still else self._motion)
             )
-            banded = self._background.subtract_bands(image) if still and _much(hot, darker) else None
+            banded = self._background.subtract_bands(image) if still and _is_global_change(hot, darker) else None
             if banded is not None:
                 rise, hot, darker = self._changes(*banded)
-        if self._background is None or _much(hot, darker):
+        if self._background is None or _is_global_change(hot, darker):
             self._start(picture, expected)
             rise, fall = self._background.subtract_background(image, None)
             hot, darker = rise >= self._least_change, fall > self._least_change
@@ -251,7 +251,7 @@ def _in_picture(region: Region, picture: AnyPicture) -> Region:
     return left, top, width if width - right < block else right, height if height - bottom < block else bottom
 
 
-def _much(hot: np.ndarray, darker: np.ndarray) -> bool:
+def _is_global_change(hot: np.ndarray, darker: np.ndarray) -> bool:
     """Returns whether so much changed that the background no longer holds.
 
     A person close to the camera darkens much of the image too, and must not become its background.

@@ -184,7 +184,7 @@ class SpotTracker:
         oldest = self._stamp - max(_RECALL_TIME, (self.params.confirm_frames + 1) * self.period)
         for number, track in track_of.items():
             track.lit_s = lit_s[number]
-            self._see(track, spots[number])
+            self._add_sighting(track, spots[number])
             track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
             if not track.confirmed:
                 track.unpublished.append(replace(spots[number], track=track.number))
@@ -239,7 +239,7 @@ class SpotTracker:
                 track.pixel, track.stamp = place, self._stamp
         return found
 
-    def _see(self, track: Track, spot: Spot) -> None:
+    def _add_sighting(self, track: Track, spot: Spot) -> None:
         track.hits += 1
         track.diameter = spot.diameter
         if spot.tint is not None:

@@ -59,7 +59,7 @@ class Region:
         return (one + two - either) / max(1, either)
 
 
-def put_on_map(grid: GridMap, regions: Sequence[Region]) -> GridMap:
+def apply_regions(grid: GridMap, regions: Sequence[Region]) -> GridMap:
     """Returns the map with regions applied; their order does not matter, as none lowers a cell."""
     if not regions:
         return grid

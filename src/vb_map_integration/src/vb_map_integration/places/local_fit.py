@@ -19,14 +19,14 @@ import numpy as np
 
 from vb_map_integration.places.registration import Transform, WallMap, find_share, refine, thin
 
-REACH = 3.0  # [m] walls this near a border decide where it is; those beyond may be in a differently distorted part
-WIDER = 4.5  # [m] the same, where those are ambiguous
+WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
+WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
 _SPAN, _STEP, _YAWS = 1.0, 0.1, np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # the search grid: [m], [m], [rad]
 _NEAR = 0.25  # [m] a wall cell this far from the new map's nearest wall scores 0
-_APART = 0.35  # [m] positions farther apart than this count as different
+_MIN_SEPARATION = 0.35  # [m] positions farther apart than this count as different
 _MAX_POINTS, _MIN_POINTS = 300, 10  # wall cells that are compared: `most` of `thin`, and the minimum
 _LOCAL_REACH = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] `reaches` of `registration.refine`
-_SURE = 0.97  # no search if this share of the walls is found again where expected, and clearly less nearby
+_NO_SEARCH_SHARE = 0.97  # no search if this share of the walls is found again where expected, and clearly less nearby
 # what it takes to accept a position where the border is expected, and elsewhere
 _EXPECTED = 0.15  # [m]
 _AGREEMENT_THERE, _LOWER_THERE, _MARGIN_THERE = 0.8, 0.5, 0.05
@@ -63,7 +63,7 @@ class LocalFit:
         return lower >= _AGREEMENT_ELSEWHERE and self.margin >= _MARGIN_ELSEWHERE
 
     @property
-    def is_open(self) -> bool:
+    def is_ambiguous(self) -> bool:
         """Returns whether the walls are found, but fit other positions about as well."""
         return self.is_possible and self.margin < _MARGIN_THERE
 
@@ -80,10 +80,10 @@ def fit_locally(old: WallMap, new: WallMap, start: Transform, outline: np.ndarra
         start: from the old map's frame to the new one's, as expected.
         outline: (N, 2) [m] the border's, in the old map's frame.
     """
-    near = _fit_within(REACH, old, new, start, outline)
-    if near is not None and not near.is_open:
+    near = _fit_within(WALL_RADIUS, old, new, start, outline)
+    if near is not None and not near.is_ambiguous:
         return near
-    wider = _fit_within(WIDER, old, new, start, outline)
+    wider = _fit_within(WIDER_WALL_RADIUS, old, new, start, outline)
     return wider if wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED else near
 
 
@@ -100,16 +100,16 @@ def _fit_within(reach: float, old: WallMap, new: WallMap, start: Transform, outl
         x, y = expected + shift - Transform(0.0, 0.0, yaw).apply(center)[0]
         return Transform(float(x), float(y), math.remainder(yaw, 2.0 * math.pi))
 
-    beside = _APART * np.column_stack([np.cos(_EIGHT), np.sin(_EIGHT)])
+    beside = _MIN_SEPARATION * np.column_stack([np.cos(_EIGHT), np.sin(_EIGHT)])
     here, *around = _scores(sample, new, start, np.concatenate([[[0.0, 0.0]], beside]))
-    if find_share(start.apply(walls), new)[0] >= _SURE and max(around) <= (1.0 - _MARGIN_THERE) * here:
+    if find_share(start.apply(walls), new)[0] >= _NO_SEARCH_SHARE and max(around) <= (1.0 - _MARGIN_THERE) * here:
         best, margin = start, 1.0 - max(around) / here
     else:
         steps = np.arange(-round(_SPAN / _STEP), round(_SPAN / _STEP) + 1) * _STEP
         shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         scores = np.array([_scores(sample, new, motion(np.zeros(2), turn), shifts) for turn in _YAWS])
         turn, shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
-        apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _APART
+        apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _MIN_SEPARATION
         margin = 1.0 - float(scores[:, apart].max()) / max(1e-9, float(scores[turn, shift]))
         best = motion(shifts[shift], float(_YAWS[turn]))
         best = refine(old, new, best, sample, new.walls_near(best.apply(outline), reach), center, _LOCAL_REACH)

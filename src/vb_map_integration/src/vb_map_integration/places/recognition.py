@@ -62,7 +62,7 @@ class PlaceRecognition:
 
 
 @dataclass(frozen=True)
-class BorderPlace:
+class BorderLocation:
     """Where a border is on the current map.
 
     Attributes:
@@ -187,7 +187,7 @@ class PlaceRecognizer:
                     continue
                 other = None
                 if not (found.is_unambiguous or found.is_unique):
-                    found, other = self._unmoved(reference, wall_map, found, guesses)
+                    found, other = self._prefer_unmoved(reference, wall_map, found, guesses)
                     other = other.after(one.transform) if other else None
                 transform = _snap(found.transform.after(one.transform), recognition.transform, wall_map.grid)
                 new = PlaceRecognition(place, transform, found.is_unambiguous, other=other), found
@@ -208,7 +208,7 @@ class PlaceRecognizer:
         return replace(best[place][0], certain=False) if place in best else PlaceRecognition(place, IDENTITY, False)
 
     @staticmethod
-    def _unmoved(
+    def _prefer_unmoved(
         reference: WallMap, wall_map: WallMap, found: Registration, guesses: List[Transform]
     ) -> Tuple[Registration, Optional[Transform]]:
         """Leaves borders where they are, unless another transform is plausible and fits clearly better.
@@ -229,7 +229,7 @@ class PlaceRecognizer:
         self._maps = {one.fingerprint: one for one in self._database.maps() if one.place == recognition.place}
         self._current_walls: Optional[WallMap] = None
 
-    def locate(self, border: VirtualBorder) -> BorderPlace:
+    def locate(self, border: VirtualBorder) -> BorderLocation:
         """Finds where a stored border of the current map's place is on that map.
 
         If the walls round it settle its position, it is there, else where it is expected.
@@ -237,7 +237,7 @@ class PlaceRecognizer:
         recognition = self._recognition
         stored = self._maps.get(border.map_id) or next(iter(self._maps.values()), None)
         if stored is None or stored.fingerprint == self._current_id:
-            return BorderPlace(border.moved(recognition.transform))
+            return BorderLocation(border.moved(recognition.transform))
         accepted = border.moved(stored.transform)
         start = recognition.transform.after(stored.transform.inverse)
         if self._current_walls is None:
@@ -249,7 +249,7 @@ class PlaceRecognizer:
         others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
         others += [border.moved(recognition.other)] if recognition.other is not None else []
         transform = fit.transform if fit is not None and walls_agree else start
-        return BorderPlace(
+        return BorderLocation(
             accepted.moved(transform), walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform
         )
 

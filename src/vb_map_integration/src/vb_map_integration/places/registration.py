@@ -40,7 +40,7 @@ _REMAPPED = 30_000  # rows that OpenCV remaps at once
 _UNIT, _FARTHEST = 1e-4, 20_000  # [m] unit of the stored distances, and the largest distance, in this unit
 _RIM = 4  # unknown cells that are kept round the known part of a map
 # [m] pairs farther apart are left out of the refinement, one value per iteration
-_REACH = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
+_INLIER_M = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
 # [m], [rad] hypotheses that differ by less are the same
 _SAME_DISTANCE, _SAME_ANGLE = 0.4, math.radians(6.0)
 
@@ -271,7 +271,7 @@ def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTIT
     if not len(old.walls) or not len(new.walls):
         return None
     samples = _sample(old), _sample(new)
-    refined = [refine(old, new, start, *samples, old.center, _REACH) for start in [*guesses, *_search(old, new)]]
+    refined = [refine(old, new, start, *samples, old.center, _INLIER_M) for start in [*guesses, *_search(old, new)]]
     best, *others = sorted((measure(old, new, one) for one in refined), key=lambda one: -one.balance_m)
     if best.balance_m <= 0.0:
         return best

@@ -80,7 +80,7 @@ class Arbiter:
         self.follower, self._escape = SpotFollower(), Escape(profile.radius)
         self._rotation_shim = RotationShim()
         self._goal_at = -math.inf  # [s] when navigation last reported a goal
-        self._silent_after = -math.inf  # [s] until when a new listener is sent zeros
+        self._zeros_until = -math.inf  # [s] until when a new listener is sent zeros
         self._listeners = 0
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self.stops = stops or HeldStops()
@@ -137,7 +137,7 @@ class Arbiter:
         """Decides the command for a time [s]; called RATE times a second. `listeners`: subscribers to the commands."""
         with self._lock:
             if listeners > self._listeners:
-                self._silent_after = now + START_ZEROS
+                self._zeros_until = now + START_ZEROS
             self._listeners = listeners
             goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
             source, request = self._choose(now, goal)
@@ -148,9 +148,9 @@ class Arbiter:
             if cancel:
                 self._cancelled_at = now
             if source != NONE:
-                self._silent_after = now
+                self._zeros_until = now
             # when no source drives any more, one stop is published; while a stop is in force, it is repeated
-            publish = source != NONE or self._last.source != NONE or now < self._silent_after or code != request.code
+            publish = source != NONE or self._last.source != NONE or now < self._zeros_until or code != request.code
             self._last = DriveCommand(v, w, source, code, publish, cancel)
             return self._last
 

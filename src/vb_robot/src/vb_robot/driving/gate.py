@@ -94,7 +94,7 @@ class Gate:
         self._lock = threading.RLock()
         self._scan: Optional[Scan] = None
         self._fixes: Deque[Fix] = deque(maxlen=64)
-        self._located = False  # whether the newest fix still holds
+        self._pose_known = False  # whether the newest fix still holds
         self._periods: Dict[str, Deque[float]] = {}  # [s] between an input's newest messages
         self._correction = 0.0, -math.inf  # the newest one's stamp, and when that was new [s]
         self._jump_hold_until = -math.inf
@@ -122,7 +122,7 @@ class Gate:
             if correction != self._correction[0]:
                 self._correction = correction, stamp
             stamp = min(stamp, self._correction[1]) if correction else stamp
-            was_located, self._located = self._located, pose is not None
+            was_located, self._pose_known = self._pose_known, pose is not None
             if pose is None:
                 self.stamps.pop("pose", None)
                 return
@@ -168,7 +168,7 @@ class Gate:
         """Returns the robot's pose; None if it is unknown, or has just jumped."""
         if self._jump_hold_until > now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP:
             self._jump_hold_until = -math.inf  # time has jumped back
-        unknown = not self._located or self.pose_uncertain or now < self._jump_hold_until
+        unknown = not self._pose_known or self.pose_uncertain or now < self._jump_hold_until
         return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._fixes[-1].pose
 
     # ------------------------------------------------------------- what it lets through
@@ -242,7 +242,7 @@ class Gate:
             speeds.append((BLIND_SPEED, "floor_not_scanned"))
         pose, workspace = self.pose(now), self.workspace
         if pose is not None and workspace is not None:
-            if source == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
+            if source == NAVIGATION and workspace.distance_to_border(pose) <= 0.0:
                 speeds.append((0.0, "inside_border"))
             speeds.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits, delay), "border"))
         if pose is not None and self.speed_limits is not None:

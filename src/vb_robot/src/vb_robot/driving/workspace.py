@@ -77,15 +77,15 @@ class Workspace:
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
         self.borders, self._radius = borders, radius
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
-        self._to_lethal = clearance_grid(forbidden(borders, physical), borders.resolution)
+        self._border_distance = clearance_grid(forbidden(borders, physical), borders.resolution)
         self.keep_out = borders.with_data(
-            np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
+            np.where((self._border_distance < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
         )
         self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
 
-    def distance_to_keep_out(self, point) -> float:
+    def distance_to_border(self, point) -> float:
         """Returns the distance [m] from a point (2,) [m] to the nearest cell that a border forbids; 0 within it."""
-        return self._at(self._to_lethal, point)
+        return self._at(self._border_distance, point)
 
     def distance_to_blocked(self, point) -> float:
         """Returns the distance [m] from a point (2,) [m] to the nearest blocked cell of `keep_out`; 0 within it."""

@@ -76,7 +76,7 @@ class GoalChecker:
         self._barred = forbidden(borders, physical)
         # only what is certain is called out of reach: navigation may round differently by a cell
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
-        self._rooms = {which: self._connected(grid) for which, grid in (("borders", borders), ("physical", physical))}
+        self._parts = {which: self._connected(grid) for which, grid in (("borders", borders), ("physical", physical))}
 
     def name_at(self, point) -> str:
         """Returns the name of the border that a point (2,) [m] is in, or that leaves no room there."""
@@ -91,14 +91,14 @@ class GoalChecker:
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
             return "goal_off_map", ""
-        there = {which: self._room_at(which, goal, 0.0) for which in self._rooms}
+        there = {which: self._room_at(which, goal, 0.0) for which in self._parts}
         if not there["physical"]:
             return "goal_in_obstacle", ""
         if not there["borders"]:
             return "goal_in_border", self.name_at(goal)
         if start is None:
             return None
-        here = {which: self._room_at(which, start, START_TOLERANCE) for which in self._rooms}
+        here = {which: self._room_at(which, start, START_TOLERANCE) for which in self._parts}
         if not here["physical"] or there["physical"] != here["physical"]:
             return ("goal_out_of_reach", "") if here["physical"] else None
         if not here["borders"] or there["borders"] != here["borders"]:
@@ -111,7 +111,7 @@ class GoalChecker:
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
     def _room_at(self, which: str, point, reach: float) -> int:
-        rooms, grid = self._rooms[which], self.borders
+        rooms, grid = self._parts[which], self.borders
         cell = tuple(grid.world_to_cell(point)[0])
         if grid.contains_cells(np.array([cell]))[0] and rooms[cell]:
             return int(rooms[cell])
@@ -123,7 +123,7 @@ class GoalChecker:
         if is_inside(self.borders, self.physical, start):
             return self.name_at(start)
         step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
-        allowed, passable = (_any_of(self._rooms[which] > 0, step) for which in ("borders", "physical"))
+        allowed, passable = (_any_of(self._parts[which] > 0, step) for which in ("borders", "physical"))
         passable |= allowed
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
         passable[tuple(ends.T)] = True  # even if they lie beside the blocks that have room

@@ -146,9 +146,9 @@ class CeilingView(View):
         self._sprites.clear()
         self._chosen = 0
 
-    def draw_from(self, source: np.random.Generator) -> None:
+    def set_noise_generator(self, source: np.random.Generator) -> None:
         """Sets another random generator for the noise, so that frames do not depend on earlier ones."""
-        super().draw_from(source)
+        super().set_noise_generator(source)
         self._chosen = None
 
     def _clean(self) -> None:

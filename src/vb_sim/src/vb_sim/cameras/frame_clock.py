@@ -6,7 +6,7 @@ from collections import deque
 from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
-BEHIND = 3  # frames of delay at which all but the newest are dropped
+MAX_BACKLOG = 3  # frames of delay at which all but the newest are dropped
 
 
 class SmoothClock:
@@ -57,7 +57,7 @@ class FrameSchedule:
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
             following = self._next.get(index, newest)
-            if newest - following >= BEHIND:
+            if newest - following >= MAX_BACKLOG:
                 self.skipped += newest - following
                 following = newest
             images += [(index, number * period + phase) for number in range(following, newest + 1)]

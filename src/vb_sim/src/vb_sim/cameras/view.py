@@ -75,7 +75,7 @@ class View:
         """Forgets what moved, for another person in the same room; in `models`, only the body may differ."""
         self._body, self._hand_height = models.body, models.hand_height
 
-    def draw_from(self, source: np.random.Generator) -> None:
+    def set_noise_generator(self, source: np.random.Generator) -> None:
         """Sets another random generator for the noise, so that frames do not depend on earlier ones."""
         self._rng = source
 

@@ -23,7 +23,7 @@ IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = MODELS.with_name("strokes.json")
 SINES = 24  # in the sum that makes a tremor
 BIN = 0.02  # [m] of arc length for which one pace is given: a pause falls within a bin
-MAX_SIDE_DEVIATION = 0.45  # [share of the side] limit of overshoots and gaps, so that no side vanishes
+MAX_OVERSHOOT = 0.45  # [share of the side] limit of overshoots and gaps, so that no side vanishes
 
 
 class Tremor:
@@ -143,7 +143,7 @@ class Stroke:
             if index < len(chain) - 2 and style.overshoot:
                 # the side ends beyond the corner or short of it, and the next one starts there
                 share = scale * style.overshoot[index % len(style.overshoot)]
-                corner = corner + straight * np.clip(share, -MAX_SIDE_DEVIATION, MAX_SIDE_DEVIATION)
+                corner = corner + straight * np.clip(share, -MAX_OVERSHOOT, MAX_OVERSHOOT)
                 straight = corner - begin
             length = float(np.linalg.norm(straight))
             across = np.array([-straight[1], straight[0]])
@@ -193,7 +193,7 @@ def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
     """Moves a closed chain's end by `reach` [m] past its start along the first side, or short of it on the last."""
     side, kept = (chain[1] - chain[0], chain) if reach >= 0.0 else (chain[-1] - chain[-2], chain[:-1])
     length = float(np.linalg.norm(side))
-    most = MAX_SIDE_DEVIATION * length
+    most = MAX_OVERSHOOT * length
     return np.vstack([kept, chain[-1] + side / length * np.clip(reach, -most, most)])
 
 

@@ -120,7 +120,7 @@ class Person:
 
     Args:
         scenario: what is to be drawn.
-        seed: of everything that differs between people.
+        random_seed: of everything that differs between people.
         start_near: (2,) [m] the person comes from somewhere near this point.
         method: with which the person draws. A person's style is drawn once; how a run goes (aim, tremor, mistakes) is
             drawn again for each scenario and method, as nobody repeats a movement or a mistake.
@@ -131,11 +131,11 @@ class Person:
         world: World,
         scenario: Scenario,
         model: ParticipantModel,
-        seed: int,
+        random_seed: int,
         start_near: np.ndarray,
         method: str = "nrs",
     ) -> None:
-        self._run = [seed, zlib.crc32(f"{scenario.key} {method}".encode())]
+        self._run = [random_seed, zlib.crc32(f"{scenario.key} {method}".encode())]
         self.rng = np.random.default_rng(self._run)
         self.model = model
         self.scenario = scenario
@@ -147,7 +147,7 @@ class Person:
         self.percept = Perception()
         self.spot: Optional[np.ndarray] = None  # where the laser is meant to point
         # whose movement it is: the same real person in all scenarios, with all methods
-        chosen = np.random.default_rng([seed, 2]).integers(len(load_styles()))
+        chosen = np.random.default_rng([random_seed, 2]).integers(len(load_styles()))
         self.style = load_styles()[int(chosen)]
         self.doing = "comes in"
         self.dt = 0.0
@@ -319,7 +319,7 @@ class Person:
         self.spot = None
         raise DrawingSlip()
 
-    def see_and_wait(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
+    def hold_until_seen(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
         """Holds the spot until it has been seen for `seconds` in total, or patience runs out."""
         seen, began = 0.0, self.percept.now
         while seen < seconds and self.percept.now - began < patience + seconds:

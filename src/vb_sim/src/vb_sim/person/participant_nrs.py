@@ -46,7 +46,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         if first_seen - stroke.start > 2.0 * GO_BACK:
             # the beginning was drawn unseen; by now the robot is near
             yield from self._draw_along(stroke, min(first_seen + GO_BACK, stroke.length), stroke.start)
-        yield from person.see_and_wait(0.2, 1.0)
+        yield from person.hold_until_seen(0.2, 1.0)
         person.spot = None
 
     def _draw_along(self, stroke: Stroke, begin: float, end: float) -> Generator[None, None, float]:
@@ -69,7 +69,7 @@ class NetworkRobotSystemScript(ParticipantScript):
                 person.doing = "draws"
                 yield from person.move_spot(stroke.at(arc), person.drawing_speed)
                 # this point counts as seen: what follows is assessed anew
-                yield from person.see_and_wait(0.1, 2.0)
+                yield from person.hold_until_seen(0.1, 2.0)
                 seen_at = arc
             yield from person.maybe_make_slip(stroke, arc, person.drawing_speed)
             arc += sign * min(person.drawing_speed * stroke.pace(arc) * person.dt, abs(end - arc))
@@ -86,7 +86,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             stroke = person.new_stroke(order)
             person.spot = stroke.at(stroke.start)
             person.walk_within_reach(person.spot, stroke.points)
-            yield from person.see_and_wait(0.1, person.model.patience / 2.0)
+            yield from person.hold_until_seen(0.1, person.model.patience / 2.0)
             if person.unseen_for() < FEEDBACK_GAP:
                 break
             person.step_aside(person.spot, stroke.points)
@@ -121,7 +121,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.doing = "shows the seed"
         person.spot = person.seed.copy()
         for _ in range(2):
-            yield from person.see_and_wait(person.model.seed_time, person.model.patience)
+            yield from person.hold_until_seen(person.model.seed_time, person.model.patience)
             if person.percept.has_seed:
                 break
             person.step_aside(person.spot, person.scenario.border)

@@ -14,7 +14,7 @@ from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
 from vb_sim.person.walking import distance_to_chain
 
 LOST = 1.5  # [s] without feedback after which the robot counts as having lost the spot
-SIDE = math.radians(24.0)  # bearing at which the spot is about to leave the image of the robot's camera
+EDGE_BEARING = math.radians(24.0)  # bearing at which the spot is about to leave the image of the robot's camera
 RETURN_SPEED = 0.6  # [m/s] of the spot on its way back to the robot
 FOLLOWING_DISTANCE = 1.0  # [m] from the spot, at which the robot stops
 STEP = 0.05  # [m] between the points at which an order is judged
@@ -114,7 +114,7 @@ class RobotOnlyScript(ParticipantScript):
                 person.spot = stroke.at(arc)
             self._follow(stroke.points)
             yield
-        yield from person.see_and_wait(0.3, 2.0, by_robot=True)
+        yield from person.hold_until_seen(0.3, 2.0, by_robot=True)
 
     def _lead_back(self, stroke: Stroke, arc: float) -> Step:
         """Picks the robot up in its view, and leads it to where it lost the spot; nothing is drawn meanwhile."""
@@ -137,7 +137,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from self._lead([person.seed], "shows the seed", self._is_as_good)
         person.doing = "shows the seed"
         # longer than anywhere on the path, as the seed is where the spot dwells
-        yield from person.see_and_wait(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
+        yield from person.hold_until_seen(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
         yield from person.wait_for_seed(3.0)
 
     # ------------------------------------------------------------ leading
@@ -176,7 +176,7 @@ class RobotOnlyScript(ParticipantScript):
                         return
                 self._follow(np.zeros((0, 2)))
                 yield
-        yield from person.see_and_wait(0.5, person.model.patience, by_robot=True)
+        yield from person.hold_until_seen(0.5, person.model.patience, by_robot=True)
 
     def _pick_up(self, waypoint: np.ndarray, lost: int) -> Step:
         """Brings the spot back to where the robot looks, and waits until the robot sees it.
@@ -188,9 +188,9 @@ class RobotOnlyScript(ParticipantScript):
         before, person.doing = person.doing, "waits for the robot"
         x, y, yaw = person.percept.robot
         side = geometry.wrap_angle(math.atan2(waypoint[1] - y, waypoint[0] - x) - yaw)
-        turn = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), SIDE * 0.7), side)
+        turn = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), EDGE_BEARING * 0.7), side)
         yield from person.move_spot(self._before_robot(turn, 1.0 - 0.08 * min(lost - 1, 3)), RETURN_SPEED)
-        yield from person.see_and_wait(0.1, person.model.patience / 2.0, by_robot=True)
+        yield from person.hold_until_seen(0.1, person.model.patience / 2.0, by_robot=True)
         person.doing = before
 
     def _before_robot(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
@@ -217,7 +217,7 @@ class RobotOnlyScript(ParticipantScript):
         else:
             # a robot that has not come for some time will not come; while the spot is seen, the person goes on
             return 0.0 if person.percept.now - self._lags_since < person.model.patience / 2.0 else 0.5
-        if bearing > SIDE and distance > 0.3:
+        if bearing > EDGE_BEARING and distance > 0.3:
             # the robot is turning; a person who still hears that it sees the spot goes on with care
             return 0.25
         return 1.0 if distance > 0.5 else 0.6

@@ -37,8 +37,8 @@ class Navigator:
 
     def _forget(self) -> None:
         self._planned_at: Optional[float] = None
-        self._reached_at: Optional[float] = None  # when there last was a plan
-        self._moved_at: Optional[float] = None
+        self._last_plan_at: Optional[float] = None  # when there last was a plan
+        self._last_moved_at: Optional[float] = None
         self._planned_on: Optional[Planner] = None
         self._failed = False
 
@@ -105,8 +105,8 @@ class Navigator:
         motion = self._follower.step(pose, obstacles, dt)
         if motion.arrived:
             return replace(motion, path=path)
-        self._moved_at = now if self._moved_at is None or not motion.blocked else self._moved_at
-        if now - self._moved_at >= _CONTROLLER_PATIENCE:
+        self._last_moved_at = now if self._last_moved_at is None or not motion.blocked else self._last_moved_at
+        if now - self._last_moved_at >= _CONTROLLER_PATIENCE:
             raise CodedError("blocked", "something has been standing in the way for too long")
         if motion.off_path > _REPLAN_DISTANCE:
             self._planned_at = None
@@ -123,10 +123,10 @@ class Navigator:
                 path = static.plan(start, end)
         except CodedError:
             self._failed = True
-            self._reached_at = now if self._reached_at is None else self._reached_at
-            if now - self._reached_at >= _PLANNER_PATIENCE:
+            self._last_plan_at = now if self._last_plan_at is None else self._last_plan_at
+            if now - self._last_plan_at >= _PLANNER_PATIENCE:
                 raise
             return None
-        self._failed, self._reached_at = False, now
+        self._failed, self._last_plan_at = False, now
         self._follower.set_path(path)
         return path

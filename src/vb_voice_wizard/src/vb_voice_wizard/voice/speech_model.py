@@ -53,7 +53,7 @@ class SpeechModel:
         self._given = np.array(
             [[_START, *row] + [_ENDS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64
         )
-        self._rarity = _RARITY * self._written(np.zeros(16000, np.int16), np.arange(len(rows)))
+        self._rarity = _RARITY * self._log_probabilities(np.zeros(16000, np.int16), np.arange(len(rows)))
 
     def log_likelihood_ratios(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Returns for some of the texts the logarithm (M,) of how much more probable an utterance makes each.
@@ -62,9 +62,9 @@ class SpeechModel:
             pcm: (N,) int16 at 16 kHz, a tenth of a second at least.
             which: (M,) int, the texts' numbers.
         """
-        return self._written(pcm, which) - self._rarity[which]
+        return self._log_probabilities(pcm, which) - self._rarity[which]
 
-    def _written(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def _log_probabilities(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Returns the log probability (M,) that the network writes exactly this text, for some of the texts."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))

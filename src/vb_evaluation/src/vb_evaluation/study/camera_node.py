@@ -1,4 +1,4 @@
-"""The simulated lab's nodes as a run starts them: with its own person, world and models, and with fewer images."""
+"""The study's cameras: the simulated lab's camera nodes with a run's own person, world and models, and with fewer images."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class StudyCameras(CameraNode):
     def _is_wanted(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
         if not self._is_relevant(camera, snapshot):
             return False
-        camera.view.draw_from(frame_generator(self._seed, camera.name, snapshot.stamp))
+        camera.view.set_noise_generator(frame_generator(self._seed, camera.name, snapshot.stamp))
         return True
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
@@ -106,7 +106,7 @@ class StudyCeilingCameras(StudyCameras):
         self.too_bright = False
         for camera in cameras:
             view = cache.view(CeilingView, camera)
-            view.draw_from(frame_generator(seed, camera.name, 0.0))
+            view.set_noise_generator(frame_generator(seed, camera.name, 0.0))
             self.too_bright |= saturated_share(view.frame(Snapshot(0.0))) > TOO_BRIGHT
             shown.append(ceiling_camera(camera, view, optics, seed))
         super().__init__(shown, optics.latency_ms, seed, idle_every)
