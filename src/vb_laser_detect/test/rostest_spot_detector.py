@@ -146,7 +146,7 @@ class SpotDetectorTest(unittest.TestCase):
             self.assertIn(spot.projection, projections)
             self.assertTrue(0.0 < spot.confidence <= 1.0 and 0.005 < spot.diameter_m < 0.08, spot)
         o = self.observer
-        self.wait(lambda: camera in o.status and o.status[camera].detected > 10, f"the status of {camera}")
+        self.wait(lambda: camera in o.status and o.status[camera].spots > 10, f"the status of {camera}")
         status = o.status[camera]
         self.assertGreaterEqual(status.received, status.processed)
         self.assertGreater(min(status.rate_hz, status.search_ms), 0.0)

@@ -140,14 +140,14 @@ def test_counts_are_since_the_start_and_rates_over_the_last_seconds():
         statistics.count_image(10 + 0.04 * i, 10 + 0.04 * i - 0.02, 0.002, i % 2)
     statistics.count_rejections("no_transform")
     summary = SimpleNamespace(**statistics.summary(12.0))
-    assert (summary.processed, summary.detected, summary.spots) == (50, 25, 25)
+    assert (summary.processed, summary.spots) == (50, 25)
     assert summary.rate_hz == pytest.approx(25, rel=0.02)
     assert summary.latency_ms == pytest.approx(20) and summary.search_ms == pytest.approx(2)
     assert (summary.rejections, summary.rejection_counts) == (["no_transform"], [1])
     assert statistics.summary(100.0)["rate_hz"] == 0.0
     assert statistics.summary(1.0)["processed"] == 50
     statistics.count_image(12.0, 11.98, 0.002, 3)
-    assert [statistics.summary(12.0)[key] for key in ("processed", "detected", "spots")] == [51, 28, 28]
+    assert [statistics.summary(12.0)[key] for key in ("processed", "spots")] == [51, 28]
 
 
 @pytest.mark.parametrize("name, preset", [("stationary", DetectorParams()), ("mobile", DetectorParams.mobile())])

@@ -52,7 +52,7 @@ def test_a_stroke_is_confirmed_and_keeps_its_number_at_every_rate(rate):
 
 
 @pytest.mark.parametrize("rate", [2.0, 25.0])
-def test_it_may_be_missing_in_two_images_and_then_is_another_one(rate):
+def test_a_track_survives_two_missed_images_but_not_more(rate):
     film = Film(rate)
     for _ in range(5):
         first = film.see(sighting(0.0))[0]

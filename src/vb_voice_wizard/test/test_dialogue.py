@@ -17,7 +17,13 @@ from vb_core.notices import Notice, Severity
 from vb_msgs.msg import VirtualBorder
 from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
-from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, PreviewInputs, PreviewScheduler, places
+from vb_voice_wizard.dialogue.preview_scheduler import (
+    MAX_TIME_SHARE,
+    PERIOD,
+    PreviewInputs,
+    PreviewScheduler,
+    position_key,
+)
 from vb_voice_wizard.interaction_manager_node import _what_changed
 
 
@@ -30,7 +36,7 @@ def counted():
 def test_the_same_id_is_carried_out_once_and_gets_the_same_answer():
     cache, do = AnswerCache(5.0), counted()
     # a command without an id is carried out each time
-    answers = [cache.carry_out(identity, do).values["borders"] for identity in ("a", "a", "b", "", "", "a")]
+    answers = [cache.answer_once(identity, do).values["borders"] for identity in ("a", "a", "b", "", "", "a")]
     assert answers == [1, 1, 2, 3, 4, 1]
 
 
@@ -44,9 +50,9 @@ def test_a_repetition_waits_for_the_first_one_for_a_time(patience, code):
         return Answer(True, "saved")
 
     with ThreadPoolExecutor() as pool:
-        first = pool.submit(cache.carry_out, "a", slow)
+        first = pool.submit(cache.answer_once, "a", slow)
         assert began.wait(60)
-        second = pool.submit(cache.carry_out, "a", slow)
+        second = pool.submit(cache.answer_once, "a", slow)
         if patience == 0.0:
             assert second.result(60).code == code
         go_on.set()
@@ -56,16 +62,16 @@ def test_a_repetition_waits_for_the_first_one_for_a_time(patience, code):
 def test_a_fault_is_not_an_answer():
     cache, do = AnswerCache(5.0), counted()
     with pytest.raises(ZeroDivisionError):
-        cache.carry_out("a", lambda: Answer(1 // 0, ""))
-    assert cache.carry_out("a", do).values == {"borders": 1}
+        cache.answer_once("a", lambda: Answer(1 // 0, ""))
+    assert cache.answer_once("a", do).values == {"borders": 1}
 
 
 def test_only_the_newest_answers_are_kept():
     cache, do = AnswerCache(5.0), counted()
     for number in range(1000):
-        cache.carry_out(str(number), do)
-    assert cache.carry_out("999", do).values == {"borders": 1000}
-    assert cache.carry_out("899", do).values == {"borders": 1001}
+        cache.answer_once(str(number), do)
+    assert cache.answer_once("999", do).values == {"borders": 1000}
+    assert cache.answer_once("899", do).values == {"borders": 1001}
 
 
 # ------------------------------------------------------------------ doubts about a drawing
@@ -109,7 +115,7 @@ def test_only_notices_about_left_out_spots_are_doubts(notice, doubtful):
 
 # ------------------------------------------------------------------ when a preview is made again
 CHAIN, SEED = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]])
-DRAWN = PreviewInputs("i1", places(CHAIN), places(SEED), (7.0, 3))
+DRAWN = PreviewInputs("i1", position_key(CHAIN), position_key(SEED), (7.0, 3))
 
 
 def changed(**changes) -> PreviewInputs:
@@ -130,7 +136,7 @@ def shown(
         (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first preview is due at once
         (PreviewScheduler(), DRAWN, 0.0, 0.0),
         (shown(), DRAWN, 1e9, None),  # no preview while nothing visible changes
-        (shown(), changed(chain=places(CHAIN + 0.009), seed=places(SEED - 0.009)), 1e9, None),
+        (shown(), changed(chain=position_key(CHAIN + 0.009), seed=position_key(SEED - 0.009)), 1e9, None),
         (shown(), PreviewInputs(), 100.0, 0.0),  # another interaction is shown at once
         (shown(), changed(interaction_id="i2"), 100.0, 0.0),
         (shown(answered=False), DRAWN, 101.5, 0.5),  # a missing neighbour is asked again
@@ -144,10 +150,10 @@ def test_a_preview_is_due_at_first_for_another_interaction_and_for_a_retry(pace,
 @pytest.mark.parametrize(
     "now",
     [
-        changed(chain=places(CHAIN + 0.03)),
-        changed(chain=places(CHAIN[:2])),
-        changed(seed=places(SEED + 0.03)),
-        changed(seed=places(np.zeros((0, 2)))),
+        changed(chain=position_key(CHAIN + 0.03)),
+        changed(chain=position_key(CHAIN[:2])),
+        changed(seed=position_key(SEED + 0.03)),
+        changed(seed=position_key(np.zeros((0, 2)))),
         changed(borders=(7.0, 4)),
         changed(borders=(7.1, 3)),
         changed(warnings=(Notice("cameras_disagree"),)),
@@ -159,13 +165,13 @@ def test_what_matters_is_looked_at_after_the_period(now):
 
 
 def test_slow_changes_add_up():
-    pace, drifting = shown(), [changed(seed=places(SEED + step * 0.008)) for step in (1, 2)]
+    pace, drifting = shown(), [changed(seed=position_key(SEED + step * 0.008)) for step in (1, 2)]
     assert [pace.delay(situation, 200.0) for situation in drifting] == [None, 0.0]
 
 
 @given(st.floats(0.0, 100.0))
 def test_previews_take_no_more_than_their_share(took):
-    moved = changed(seed=places(SEED + 1.0))
+    moved = changed(seed=position_key(SEED + 1.0))
     pause = shown(took=took).delay(moved, 100.0 + took)
     assert took + pause == pytest.approx(max(PERIOD, took / MAX_TIME_SHARE))
 

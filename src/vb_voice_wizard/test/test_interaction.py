@@ -33,7 +33,7 @@ def after(*commands: str, **params) -> Interaction:
     for second, command in enumerate(commands):
         assert say(interaction, command, "test", float(second)).success
     # these tests are about commands; others test whether spots were seen
-    interaction.count_spots(3, 2, 1, float(len(commands)))
+    interaction.set_spot_counts(3, 2, 1, float(len(commands)))
     return interaction
 
 
@@ -385,7 +385,7 @@ def test_an_abandoned_interaction_ends_after_a_warning():
     interaction.command(DEFINE_BORDER, "a", 1000.0)
     assert not interaction.end_if_idle(1039.0) and interaction.ends_at == 0.0
     assert not interaction.end_if_idle(1050.0) and interaction.ends_at == 1100.0
-    interaction.count_spots(1, 0, 0, 1090.0)
+    interaction.set_spot_counts(1, 0, 0, 1090.0)
     assert not interaction.end_if_idle(1100.0) and interaction.ends_at == 0.0
     assert interaction.end_if_idle(90000.0)
     assert interaction.state == DEFAULT and interaction.last_answer.code == "abandoned"
@@ -408,7 +408,7 @@ def test_unseen_laser_is_reported_instead_of_a_missing_seed():
     assert interaction.unseen
     assert interaction.command(SAVE, "test", 115.0).code == "missing_spots"
 
-    interaction.count_spots(7, 0, 0, 116.0)
+    interaction.set_spot_counts(7, 0, 0, 116.0)
     assert not interaction.unseen
     assert interaction.command(SAVE, "test", 117.0).code == "missing_seed"
 

@@ -243,7 +243,7 @@ class Demo:
         state, progress, lab = observer.state, observer.progress, observer.lab
         news = {
             "participant": f"the participant {lab.participant_doing}" if lab and lab.participant_doing else "",
-            "state": f"state [bold]{state.name}[/bold] {state.last_message}" if state else "",
+            "state": f"state [bold]{state.name}[/bold]: {state.last_message}".rstrip(": ") if state else "",
         }
         if progress:
             news["cameras"] = f"seen by {' and '.join(sorted(progress.cameras))}" if progress.cameras else ""
@@ -265,8 +265,9 @@ class Demo:
                 f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is"
             )
         driven = runner.drive(goal, DRIVE_TIMEOUT)
+        length = chain_length(driven.path)
         self._print(
-            f"driven: {driven.outcome} after {chain_length(driven.path):.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip()
+            f"drive {driven.outcome} after {length:.2f} m and {driven.seconds:.0f} s: {driven.text}".rstrip(": ")
         )
         return [first, driven]
 

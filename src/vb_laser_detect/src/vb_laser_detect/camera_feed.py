@@ -43,7 +43,7 @@ class ReceivedImage(NamedTuple):
 
 
 def lens_path(settings: str, camera: str) -> Path:
-    """Returns a camera's lens file: in the lab that has this `settings` file, detectors/NAME.yaml, else in FOLDER."""
+    """Returns lenses/CAMERA.yaml of the lab whose detectors/CAMERA.yaml is `settings`; without one, of FOLDER."""
     lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(FOLDER).expanduser()
     return lab / "lenses" / f"{camera}.yaml"
 

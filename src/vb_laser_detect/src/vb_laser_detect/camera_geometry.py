@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from functools import partial
-from typing import Deque, List, Optional, Sequence, Tuple
+from typing import Any, Deque, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -154,7 +154,7 @@ class CameraGeometry:
 
     Args:
         mobile: whether the camera moves.
-        info, depth: sources of the lens and of depth images; depth None: the floor is taken as a plane.
+        info, depth: sources of the lens (`InfoTopic`, `LensFile`) and of depth; None: the floor is taken as a plane.
         floor_projection: the camera's.
         robots: namespaces of the robots that the camera sees; "/" for a robot without one.
         report: receives faults.
@@ -163,7 +163,7 @@ class CameraGeometry:
     def __init__(
         self,
         mobile: bool,
-        info: InfoTopic,
+        info: Any,
         depth: Optional[DepthTopic],
         floor_projection: FloorProjection,
         robots: Sequence[str],

@@ -43,7 +43,7 @@ from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
-_MIN_LEVEL = 0.86  # of what is bright in the room; no known spot is darker, but 3 of 464 in artificially darkened clips
+_MIN_LEVEL = 0.86  # of what is bright in the room; of the known spots only 3 of 464 are darker, in darkened clips
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal: a spot's largest diameter where no pose is known
 _MAX_LATENESS = 1.0  # [s] an image older than the last one by more is not late: the clock was set
@@ -109,8 +109,8 @@ class SpotDetector:
             CodedError: "bad_image" for any other image.
         """
         picture = _checked(image)
-        early = -math.inf if self._stamp is None else self._stamp - stamp
-        if 0.0 < early <= _MAX_LATENESS:
+        behind = -math.inf if self._stamp is None else self._stamp - stamp
+        if 0.0 < behind <= _MAX_LATENESS:
             self.late += 1
             self.candidates = []
             return []
@@ -121,7 +121,7 @@ class SpotDetector:
             picture.decode_whole()  # what was measured in the last image is likely to be there still
         pixels = picture.searched
         shape = picture.scale, *pixels.shape
-        if early > _MAX_LATENESS or self._shape not in (None, shape):
+        if behind > _MAX_LATENESS or self._shape not in (None, shape):
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp, self._shape, self._geometry = stamp, shape, geometry

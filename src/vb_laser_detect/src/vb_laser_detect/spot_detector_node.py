@@ -184,7 +184,8 @@ class SpotDetectorNode:
 
     def _message(self, spot: Spot) -> LaserSpot:
         result, point = LaserSpot(), spot.floor_point
-        result.header.stamp = next(stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)
+        exact = (stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)
+        result.header.stamp = next(exact, rospy.Time.from_sec(spot.stamp))  # of more images than are kept
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile

@@ -1,9 +1,9 @@
 """What is in force on a map: the map with borders, a verdict for each border, and notices about them.
 
-A border is what it closed off, not only where it was drawn. On the map on which a person accepted it, it is in force as
-drawn. On any other map it counts as the same if the walls round it are where they should be and it closes off the same
-floor; else it waits for a person. Meanwhile, to be safe, it restricts what it closed off before, what it closes off now
-unless that is much more, and its second possible position. If none of these is on the map, it does not fit.
+A border is identified by the floor that it closes off as well as by its line. On the map on which a person accepted it,
+it is in force as drawn. On any other map it counts as the same if the walls round it are where they should be and it
+closes off the same floor; else it waits for a person. Meanwhile, to be safe, it restricts what it closed off before,
+what it closes off now unless that is much more, and its second possible position; nothing if none is on the map.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
 # a border closes off the same floor if the IoU of what it closed off and closes off now is at least this
 _SAME_EFFECT = 0.5
 # while it waits, what it closes off now is in force only up to this many times the area that was accepted
-_WITHIN_REASON = 2.0
+_MAX_GROWTH_WHILE_WAITING = 2.0
 _NAMED = 3  # how many borders are named to describe a place
 
 
@@ -181,7 +181,7 @@ def _region_while_waiting(before: Optional[Region], possible: List[Optional[Regi
     """Joins what is in force until a person answers: `before`, and each possible region that is not much larger."""
     if before is None:
         return join_regions(possible)
-    most = _WITHIN_REASON * before.area_m2
+    most = _MAX_GROWTH_WHILE_WAITING * before.area_m2
     return join_regions([before, *(one for one in possible if one is not None and one.area_m2 <= most)])
 
 

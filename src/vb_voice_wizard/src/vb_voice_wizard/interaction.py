@@ -169,7 +169,7 @@ class Interaction:
             answer = self._check(name, seen_stop) or self._ask(said, name, source, uncertain, doubtful_border)
             if answer is None or answer.code not in QUESTIONS:
                 self.question = Question()
-        return self._answered(name, source, answer or self._carry_out(name, source, seen_stop))
+        return self._answered(name, source, answer or self._apply(name, source, seen_stop))
 
     def mark_save_sent(self) -> None:
         """Records that the border is on its way to the map; until `finish` its arrival is unknown."""
@@ -227,7 +227,7 @@ class Interaction:
         code = "confirm_save" if name == SAVE else "confirm_command"
         return Answer(False, code, {"command": spelled_out(name), "answer": answer})
 
-    def _carry_out(self, name: str, source: str, seen_stop: str) -> Answer:
+    def _apply(self, name: str, source: str, seen_stop: str) -> Answer:
         if COMMANDS[name].carried_out_elsewhere:
             self.pending, self._pending_source, self._sent = name, source, False
             return Answer(True, "saving" if name == SAVE else "changing")
@@ -316,7 +316,7 @@ class Interaction:
         """Returns whether somebody is pointing with the laser."""
         return abs(now - self._laser_seen) <= LASER_ON
 
-    def count_spots(self, border: int, seed: int, others: int, now: float) -> None:
+    def set_spot_counts(self, border: int, seed: int, others: int, now: float) -> None:
         """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
         spots = {BORDER: border, SEED: seed, GUIDE: others}
         if spots != self._spots:

@@ -137,7 +137,7 @@ class InteractionManagerNode:
             self._cameras = {message.interaction_id: list(message.cameras)}
             if message.interaction_id == self._interaction.interaction_id:
                 # in Guide the fusion ignores all spots, but they show that a person holds the laser
-                self._interaction.count_spots(
+                self._interaction.set_spot_counts(
                     message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time()
                 )
         self._preview.on_progress(message)
@@ -176,7 +176,7 @@ class InteractionManagerNode:
             answer = self._stop_robots(order.id, order.source)
         else:
             meant = ANSWERS.get(command, command)
-            answer = self._answer_cache.carry_out(order.id, lambda: self._carry_out(meant, order))
+            answer = self._answer_cache.answer_once(order.id, lambda: self._run_command(meant, order))
         rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", command, answer.message, answer.code)
         return CommandResponse(
             success=answer.success, code=answer.code, message=answer.message, values=values_from_mapping(answer.values)
@@ -192,7 +192,7 @@ class InteractionManagerNode:
         # robots have stopped; the answer waits for the disk, so that no restart undoes what was answered
         return answer if self._latch.store() else Answer(True, "stop_not_stored")
 
-    def _carry_out(self, command: str, order: CommandRequest) -> Answer:
+    def _run_command(self, command: str, order: CommandRequest) -> Answer:
         with self._lock:
             interaction, now = self._interaction, rospy.get_time()
             if not order.expires.is_zero() and now > order.expires.to_sec():

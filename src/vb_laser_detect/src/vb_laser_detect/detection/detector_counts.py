@@ -108,7 +108,6 @@ class DetectorCounts:
         rejections = dict(sorted(self._rejections.items()))
         return {
             **self._sums,
-            "detected": self._sums["spots"],
             "rejections": list(rejections),
             "rejection_counts": list(rejections.values()),
             "rate_hz": len(self._frames) / max(now - frames[0, 0], 0.2),

@@ -273,7 +273,7 @@ class SpotClassifier:
         """Classifies a blob by its features; one that says nothing (NaN) adds nothing.
 
         Args:
-            blob: not used by the curves.
+            blob: for subclasses that judge by position, such as training's; the curves need its features only.
             expected: whether a tracked spot should be there.
 
         Returns:

@@ -3,8 +3,8 @@
 Any camera's background is a keyframe, which never includes a spot. Each image is compared with it: a moving camera's
 through a single motion from the keyframe to the image (`ImageRegistration` estimates it), so that nothing is resampled
 twice and no error accumulates. Once a second, an image is averaged into a stationary camera's keyframe, except where it
-shows a spot or has just changed; every few images, one replaces a moving camera's, except where it shows a spot. What
-was bright in the keyframe within one pixel, the uncertainty of the motion, is not new.
+shows a spot or has just changed; every few images, one replaces a moving camera's, except where it shows a spot.
+Light within one pixel of light in the keyframe is not new: the motion is known no better than that.
 
 The first image of a scene is its background: a light in it may be a lamp, and only its motion can tell. When a light is
 switched, the floor under a tracked spot is known from the old background, which is relit.
@@ -82,8 +82,8 @@ class SearchedImage(NamedTuple):
         elsewhere = np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])
         busy = math.sqrt(elsewhere / self.changed.size)
         passed = np.count_nonzero(self.recently_changed[around]) > np.count_nonzero(self.recently_changed[own])
-        is_ghost = busy >= _MIN_BUSY or passed or self.background.motion is not None
-        return {"busy": busy} if is_ghost else {"busy": busy, "edge": math.nan}
+        may_be_ghost = busy >= _MIN_BUSY or passed or self.background.motion is not None
+        return {"busy": busy} if may_be_ghost else {"busy": busy, "edge": math.nan}
 
 
 class ImageRegistration:
@@ -194,7 +194,7 @@ class Proposer:
         # rises more on a bright one
         regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
         regions = [_in_picture(region, picture) for region in regions]
-        return SearchedImage(picture, self._background, regions, rise, hot | darker, self._restless_s > 0.0)
+        return SearchedImage(picture, self._background, regions, rise, hot | darker, self._recent_change_s > 0.0)
 
     def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the blocks' rise, which of them rose above the noise, and which became darker (bool)."""
@@ -213,7 +213,9 @@ class Proposer:
                     old = before.moved_part(part, keyframe) if keyframe is keyframes[0] else before.whole[part]
                     keyframe[part] = relight(old, keyframe[part], one.max_width / size)
         self._background = Background(*keyframes)
-        self._restless_s = np.zeros(self._background.blocks, np.float32)  # [s] for which each block still counts so
+        self._recent_change_s = np.zeros(
+            self._background.blocks, np.float32
+        )  # [s] for which each block still counts so
         self._begin()
 
     def _begin(self) -> None:
@@ -238,7 +240,7 @@ class Proposer:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.block_px, view.block_px)] = True
         # nothing is known of what happened between images far apart
         moved = (view.changed & ~held) | (elapsed >= _UNSEEN)
-        self._restless_s = np.where(moved, GHOST_TIME, self._restless_s - elapsed)
+        self._recent_change_s = np.where(moved, GHOST_TIME, self._recent_change_s - elapsed)
         if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
             self._begin()
 

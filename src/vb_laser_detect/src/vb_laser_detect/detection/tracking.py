@@ -1,7 +1,7 @@
 """Tracks spots over time: which sighting belongs to which spot, when a spot counts, and which one is published.
 
 A track moves on at constant velocity in the image, and along with the image when the camera turns. Limits in seconds
-hold for some images at least, so that a camera of two images a second works like one of sixty. The published track
+never span fewer than a few images, so that a camera of two images a second works like one of sixty. The published track
 stays published until it is lost, or rests while another one moves.
 
 A light that stays in one place is a lamp, even if it blinks. So the time for which each place was lit is counted

@@ -175,7 +175,7 @@ class Database(DurableValues):
         raise CodedError("unknown_border", id=border_id)
 
     def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
-        """Gives a border an id, which `commit` uses up, times, and, if unnamed, a name that is free in its place.
+        """Gives a border an id (taken when `commit` succeeds), timestamps and, if unnamed, a name free in its place.
 
         Raises:
             CodedError: "id_not_empty".

@@ -1,9 +1,9 @@
 """The gate that every command passes: it limits each command to what is known to be safe, and says what limited it.
 
 If anything that a command depends on is unknown, the robot stops, with a code that says why. All periodic inputs share
-one age limit: INPUT_TIMEOUT after the last message of any of them, the robot has stopped. The older the oldest input,
-the slower the robot drives, so that it can brake in time from any speed. A message that is a little late, as on a busy
-computer, slows the robot for a moment but does not stop it.
+one age limit: INPUT_TIMEOUT (up to MAX_SLACK later for one slower than 10 Hz) after the last message of any of them,
+the robot has stopped. The older the oldest input, the slower the robot drives, so that it can brake in time from any
+speed. A message that is a little late, as on a busy computer, slows the robot for a moment but does not stop it.
 
 Use it, with or without ROS, to make any source of velocities respect borders and a laser scanner: feed it every input,
 and send what `limit` returns to the base.
@@ -50,7 +50,7 @@ from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
 RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
-INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot stops
+INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command, and its slack, the robot has stopped
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
 USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] an input with a longer period may be older by the excess, up to MAX_SLACK

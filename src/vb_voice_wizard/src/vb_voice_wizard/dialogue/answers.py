@@ -51,7 +51,7 @@ class AnswerCache:
         self._lock = threading.Lock()
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
 
-    def carry_out(self, identity: str, do: Callable[[], Answer]) -> Answer:
+    def answer_once(self, identity: str, do: Callable[[], Answer]) -> Answer:
         """Carries out a command unless one with this id already was, and returns its answer; "" means no id."""
         if not identity:
             return do()
