@@ -17,13 +17,7 @@ from vb_core.notices import Notice, Severity
 from vb_msgs.msg import VirtualBorder
 from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
-from vb_voice_wizard.dialogue.preview_scheduler import (
-    MAX_TIME_SHARE,
-    PERIOD,
-    PreviewInputs,
-    PreviewScheduler,
-    position_key,
-)
+from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, PreviewInputs, PreviewScheduler, to_key
 from vb_voice_wizard.interaction_manager_node import _what_changed
 
 
@@ -115,7 +109,7 @@ def test_only_notices_about_left_out_spots_are_doubts(notice, doubtful):
 
 # ------------------------------------------------------------------ when a preview is made again
 CHAIN, SEED = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]])
-DRAWN = PreviewInputs("i1", position_key(CHAIN), position_key(SEED), (7.0, 3))
+DRAWN = PreviewInputs("i1", to_key(CHAIN), to_key(SEED), (7.0, 3))
 
 
 def changed(**changes) -> PreviewInputs:
@@ -136,7 +130,7 @@ def shown(
         (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first preview is due at once
         (PreviewScheduler(), DRAWN, 0.0, 0.0),
         (shown(), DRAWN, 1e9, None),  # no preview while nothing visible changes
-        (shown(), changed(chain=position_key(CHAIN + 0.009), seed=position_key(SEED - 0.009)), 1e9, None),
+        (shown(), changed(chain=to_key(CHAIN + 0.009), seed=to_key(SEED - 0.009)), 1e9, None),
         (shown(), PreviewInputs(), 100.0, 0.0),  # another interaction is shown at once
         (shown(), changed(interaction_id="i2"), 100.0, 0.0),
         (shown(answered=False), DRAWN, 101.5, 0.5),  # a missing neighbour is asked again
@@ -150,10 +144,10 @@ def test_a_preview_is_due_at_first_for_another_interaction_and_for_a_retry(pace,
 @pytest.mark.parametrize(
     "now",
     [
-        changed(chain=position_key(CHAIN + 0.03)),
-        changed(chain=position_key(CHAIN[:2])),
-        changed(seed=position_key(SEED + 0.03)),
-        changed(seed=position_key(np.zeros((0, 2)))),
+        changed(chain=to_key(CHAIN + 0.03)),
+        changed(chain=to_key(CHAIN[:2])),
+        changed(seed=to_key(SEED + 0.03)),
+        changed(seed=to_key(np.zeros((0, 2)))),
         changed(borders=(7.0, 4)),
         changed(borders=(7.1, 3)),
         changed(warnings=(Notice("cameras_disagree"),)),
@@ -165,13 +159,13 @@ def test_what_matters_is_looked_at_after_the_period(now):
 
 
 def test_slow_changes_add_up():
-    pace, drifting = shown(), [changed(seed=position_key(SEED + step * 0.008)) for step in (1, 2)]
+    pace, drifting = shown(), [changed(seed=to_key(SEED + step * 0.008)) for step in (1, 2)]
     assert [pace.delay(situation, 200.0) for situation in drifting] == [None, 0.0]
 
 
 @given(st.floats(0.0, 100.0))
 def test_previews_take_no_more_than_their_share(took):
-    moved = changed(seed=position_key(SEED + 1.0))
+    moved = changed(seed=to_key(SEED + 1.0))
     pause = shown(took=took).delay(moved, 100.0 + took)
     assert took + pause == pytest.approx(max(PERIOD, took / MAX_TIME_SHARE))
 

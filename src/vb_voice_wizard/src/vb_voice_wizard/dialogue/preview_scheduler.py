@@ -15,7 +15,7 @@ TOLERANCE = 0.02  # [m] a vertex or seed that moved less causes no visible chang
 MAX_TIME_SHARE = 0.25  # share of the time that previews may take: the same computer searches the images
 
 
-def position_key(points: np.ndarray) -> bytes:
+def to_key(points: np.ndarray) -> bytes:
     """Returns points (N, 2) [m] as a key to compare: equal only if no point has moved visibly; b"" for none."""
     return np.round(points / TOLERANCE).astype(np.int32).tobytes()
 
@@ -26,7 +26,7 @@ class PreviewInputs:
 
     Attributes:
         interaction_id: of the current interaction; "": none.
-        chain, seed: `position_key` of the border and the seed so far, map frame.
+        chain, seed: `to_key` of the border and the seed so far, map frame.
         borders: changes with every change of the map or the borders in it.
         missing: why there is no border or no seed, if known.
         warnings: what else makes the drawing doubtful (drawing_warnings.py).

@@ -18,7 +18,7 @@ from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorde
 
 from vb_voice_wizard.dialogue.border_services import BorderServices
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
-from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler, position_key
+from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler, to_key
 
 
 class Previewer:
@@ -91,8 +91,8 @@ class Previewer:
             missing = Notice(message.code, values=mapping_from_values(message.values), message=message.message)
         self._inputs = dataclasses.replace(
             self._inputs,
-            chain=position_key(array_from_points(message.chain)),
-            seed=position_key(array_from_points([message.seed] if message.has_seed else [])),
+            chain=to_key(array_from_points(message.chain)),
+            seed=to_key(array_from_points([message.seed] if message.has_seed else [])),
             missing=missing,
         )
 
