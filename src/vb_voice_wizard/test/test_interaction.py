@@ -104,12 +104,12 @@ def test_sensible_commands_are_accepted_and_lead_on(way):
     assert (SAVE in sensible) == (DEFINE_BORDER in way and DEFINE_SEED in way)
 
 
-@pytest.mark.parametrize("history", [[], [UNDO], [REDO], [UNDO, REDO]])
-def test_undo_and_redo_are_suggested_only_if_available(history):
+@pytest.mark.parametrize("undo_redo", [[], [UNDO], [REDO], [UNDO, REDO]])
+def test_undo_and_redo_are_suggested_only_if_available(undo_redo):
     interaction = machine()
-    interaction.history = history
+    interaction.undo_redo = undo_redo
     suggested = interaction.suggested_commands()
-    assert [command for command in suggested if command in (UNDO, REDO)] == history
+    assert [command for command in suggested if command in (UNDO, REDO)] == undo_redo
     assert STOP in suggested[:4]  # displays show the first four
     interaction.command(DEFINE_BORDER, "test", 1.0)
     assert not {UNDO, REDO} & set(interaction.suggested_commands())  # they are refused while somebody draws

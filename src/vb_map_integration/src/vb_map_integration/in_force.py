@@ -154,27 +154,27 @@ def compute_in_force(
     return InForce(grid, verdicts)
 
 
-def _judge(stored: VirtualBorder, place: BorderLocation, grid: GridMap) -> Verdict:
+def _judge(stored: VirtualBorder, location: BorderLocation, grid: GridMap) -> Verdict:
     """Decides which region of a border is in force, and whether to ask a person; if in doubt, more is in force."""
-    border = place.border
+    border = location.border
     if not border.enabled:
         return Verdict(stored, border)
-    now, error = _region(grid, border)
-    if place.accepted is None:
-        return Verdict(stored, border, "" if now else DOES_NOT_FIT, error, now, after=now)
+    current, error = _region(grid, border)
+    if location.accepted is None:
+        return Verdict(stored, border, "" if current else DOES_NOT_FIT, error, current, after=current)
     # a closed line or a wall closes off the same wherever it is, as the line alone decides
-    before = now if border.closed or border.wall else place.region_before(grid)
+    before = current if border.closed or border.wall else location.region_before(grid)
     why = error
-    if not why and place.floor_is_known and not place.walls_agree:
+    if not why and location.floor_is_known and not location.walls_agree:
         why = PLACE
     # they are the same object if the line alone decides: then there is nothing to compare
-    if not why and before is not now and (before is None or before.iou(now) < _SAME_EFFECT):
+    if not why and before is not current and (before is None or before.iou(current) < _SAME_EFFECT):
         why = EFFECT
-    possible = [now, *(_region(grid, other)[0] for other in place.others)]
+    possible = [current, *(_region(grid, other)[0] for other in location.others)]
     if not why:
-        return Verdict(stored, border, region=join_regions(possible), after=now)
+        return Verdict(stored, border, region=join_regions(possible), after=current)
     region = _region_while_waiting(before, possible)
-    return Verdict(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, why, region, before, now)
+    return Verdict(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, why, region, before, current)
 
 
 def _region_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
@@ -193,17 +193,17 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
         return None, error.code
 
 
-def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place: str) -> List[Notice]:
+def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place_name: str) -> List[Notice]:
     """Returns the notices about a map's place, and about borders that have changed on this map.
 
     Args:
         is_certain: whether it is known for certain which place the map shows.
-        place: its name; "" if it has none.
+        place_name: its name; "" if it has none.
     """
     notices = []
     waiting = [one.border for one in verdicts if one.can_be_confirmed]
     if not is_certain:
-        values = {"count": str(len(verdicts)), **_describe_place(place, [one.border for one in verdicts])}
+        values = {"count": str(len(verdicts)), **_describe_place(place_name, [one.border for one in verdicts])}
         notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
     elif waiting:
         values = {"count": str(len(waiting)), "borders": _names(waiting)}
@@ -216,7 +216,7 @@ def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place: str) -> L
 def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, str]:
     """Describes a place to people: by the name that they gave it, else by its borders and their date."""
     if name:
-        return {"place": "$find_place", "map": name}
+        return {"place": "$place_named", "map": name}
     drawn = sorted(borders, key=lambda border: border.created)
     if not drawn:
         return {"place": "$place_before"}

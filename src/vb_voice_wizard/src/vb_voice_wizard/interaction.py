@@ -125,7 +125,7 @@ class Interaction:
         self._sent = False  # whether the pending border is on its way to the map
         self._unanswered_before = False  # `unanswered_save` before it was sent
         self.latch = latch or StopLatch()
-        self.history: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
+        self.undo_redo: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
         self._record: Optional[Record] = None
 
     # ------------------------------------------------------------------ commands
@@ -368,8 +368,8 @@ class Interaction:
         if self.pending:
             return last
         if self.state == DEFAULT:
-            steps = [DEFINE_BORDER, *guide, *self.history[:1]]
-            return [*(last + steps if self.latch.stopped else steps + last), *self.history[1:]]
+            steps = [DEFINE_BORDER, *guide, *self.undo_redo[:1]]
+            return [*(last + steps if self.latch.stopped else steps + last), *self.undo_redo[1:]]
         missing = self.missing()
         steps = [CONTINUE] * (self.state == PAUSED) + [SAVE] * (not missing)
         drawing = [DEFINE_BORDER, DEFINE_SEED]

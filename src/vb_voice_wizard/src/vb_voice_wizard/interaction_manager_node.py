@@ -148,7 +148,7 @@ class InteractionManagerNode:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
-            self._interaction.history = list(message.available_commands)
+            self._interaction.undo_redo = list(message.available_commands)
             self._publish()
         self._preview.on_borders(message)
 

@@ -48,8 +48,10 @@ class SearchedImage(NamedTuple):
     Attributes:
         background: what the picture is compared with.
         regions: to examine, the brightest first.
-        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker; recently_changed: bool,
-            those that something other than a spot changed so recently that it may have left a ghost there.
+        rise: (rows, columns) uint8, of each block.
+        changed: (rows, columns) bool, blocks that became brighter or darker.
+        recently_changed: (rows, columns) bool, blocks that anything but a spot changed so recently that it may have
+            left a ghost there.
     """
 
     picture: AnyPicture
@@ -229,19 +231,21 @@ class Proposer:
         """The difference [grey levels] from which on something has changed."""
         return _MIN_CHANGE * self._background.bright
 
-    def update_background(self, view: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
+    def update_background(self, searched: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
         """Adds an image to the background, except where it shows these spots.
 
         Args:
             elapsed: [s] since the last image.
         """
-        held = np.zeros_like(view.changed)
+        held = np.zeros_like(searched.changed)
         for spot in spots:
-            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + view.block_px, view.block_px)] = True
+            held[
+                blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + searched.block_px, searched.block_px)
+            ] = True
         # nothing is known of what happened between images far apart
-        moved = (view.changed & ~held) | (elapsed >= _UNSEEN)
+        moved = (searched.changed & ~held) | (elapsed >= _UNSEEN)
         self._recent_change_s = np.where(moved, GHOST_TIME, self._recent_change_s - elapsed)
-        if self._background.update(view.picture, view.rise, view.changed, held, elapsed):
+        if self._background.update(searched.picture, searched.rise, searched.changed, held, elapsed):
             self._begin()
 
 
