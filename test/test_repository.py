@@ -226,9 +226,8 @@ def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
             if sentence and name.endswith("Error") and len(given) == 1 and None not in named:
                 wanted = set(re.findall(r"{(\w+)", sentence)) - {"camera", *named}  # the notice names the camera
                 missing += [f"{path}: {value} of {given[0].value}" for value in wanted]
-        used.update(
-            re.findall(r'"(lab_\w+)"', source) if path.name == "lab_checks.py" else re.findall(r'"\$(\w+)"', source)
-        )
+        pattern = r'"(lab_\w+)"' if path.name == "lab_checks.py" else r'"\$(\w+)"'
+        used.update(re.findall(pattern, source))
     codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
     assert len(codes) > 100 and codes <= set(sentences.catalog()) and not missing, missing
 
