@@ -18,7 +18,7 @@ _SIGMAS = 0.7, 5.0  # [px] of painted spots
 _LEVELS = 16383  # of linear light
 
 
-class Camera(NamedTuple):
+class CameraSettings(NamedTuple):
     """How a camera takes pictures.
 
     Attributes:
@@ -42,9 +42,9 @@ class Camera(NamedTuple):
     quality: int = 90
 
     @staticmethod
-    def draw(random: np.random.Generator, exposure: Tuple[float, float]) -> "Camera":
+    def draw(random: np.random.Generator, exposure: Tuple[float, float]) -> "CameraSettings":
         """Draws a camera, with an exposure between two limits [stops]."""
-        return Camera(
+        return CameraSettings(
             exposure=float(2.0 ** random.uniform(*exposure)),
             spot_widths=float(random.uniform(1.3, 2.1)),
             bands=float(random.choice([0.0, 0.0, 0.1, 0.3])),
@@ -91,7 +91,7 @@ class OtherCamera:
         seed: of its noise.
     """
 
-    def __init__(self, taken: Camera, seed: int) -> None:
+    def __init__(self, taken: CameraSettings, seed: int) -> None:
         self._taken, self._random, self._count = taken, np.random.default_rng(seed), 0
         self._last: Optional[np.ndarray] = None
         self._painted: Optional[PaintedSpot] = None
@@ -180,9 +180,9 @@ def _continue_inwards(image: np.ndarray, light: np.ndarray, u: float, v: float, 
         )
 
 
-def takes(name: str, random: np.random.Generator) -> List[Tuple[str, Camera]]:
+def takes(name: str, random: np.random.Generator) -> List[Tuple[str, CameraSettings]]:
     """Returns the ways in which a clip is taken again for training: about as bright as it is, and set dark."""
     return [
-        (f"taken again: {name}", Camera.draw(random, (-1.0, 0.5))),
-        (f"set dark: {name}", Camera.draw(random, (-4.5, -1.5))),
+        (f"taken again: {name}", CameraSettings.draw(random, (-1.0, 0.5))),
+        (f"set dark: {name}", CameraSettings.draw(random, (-4.5, -1.5))),
     ]

@@ -10,7 +10,7 @@ from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Camera
+from bench.detection.augmentation import PAINT_EVERY, OtherCamera, CameraSettings
 from bench.detection.finder import LabeledFrame
 
 REACH_PX, FRINGE = 10.0, 2
@@ -102,7 +102,7 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
 
 
 def frames_near_shots(
-    folder: Path, name: str, video: dict, group: str, taken: Optional[Camera] = None
+    folder: Path, name: str, video: dict, group: str, taken: Optional[CameraSettings] = None
 ) -> Iterator[LabeledFrame]:
     """Yields the informative frames of one clip, seen by a camera that stands still: near a shot, and the first ones.
 

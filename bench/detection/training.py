@@ -31,7 +31,7 @@ import numpy as np
 import pandas
 
 from bench.detection import clip_frames, fitting
-from bench.detection.augmentation import Camera, takes
+from bench.detection.augmentation import CameraSettings, takes
 from bench.detection.finder import Finder, LabeledFrame
 from bench.detection.hard_scenes import Scene, frames
 from bench.detection.rooms import Rooms, lab
@@ -90,7 +90,9 @@ def collect(shown: Iterable[LabeledFrame], role: str, group: str, reach: float) 
     return pandas.DataFrame(values, index=[group] * len(values), columns=names).assign(truth=oracle.truth)
 
 
-def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Camera] = None) -> pandas.DataFrame:
+def from_clip(
+    folder: Path, name: str, video: dict, group: str, taken: Optional[CameraSettings] = None
+) -> pandas.DataFrame:
     """Collects the examples of one clip, seen by a camera that stands still; moving ones are for evaluation only."""
     shown = clip_frames.frames_near_shots(folder, name, video, group, taken)
     return collect(shown, "stationary", group, clip_frames.reach_in(video))
