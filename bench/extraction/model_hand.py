@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Judges the border that a hand moving by published models draws.
 
-    python3 bench/extraction/model_hand.py --other 8df6eb0     beside another version, on the same strokes
+    python3 bench/extraction/model_hand.py --other REVISION    beside another version, on the same strokes
     python3 bench/extraction/model_hand.py --seed 500000       below 1,000 for development; a range is fresh only once
 
 Sides are minimum-jerk movements (Flash and Hogan, J. Neurosci. 5, 1985); the speed on curves is proportional to
@@ -29,13 +29,7 @@ from strokes import hausdorff  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 
-MODULES = (
-    "vb_fusion.extraction",
-    "vb_fusion.collector",
-    "vb_core.errors",
-    "vb_fusion.live_extraction",
-    "vb_fusion.stroke.seed",
-)
+MODULES = "vb_fusion.extraction", "vb_fusion.collector", "vb_core.errors", "vb_fusion.live_extraction"
 BAD_M = 0.25
 Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and how far off [m]
 MARGIN = 0.5  # [m] around the drawing in which strays are seen
@@ -197,9 +191,9 @@ def held(rng: np.random.Generator) -> Scene:
 
 def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Judges the seed as `judge` does a border; it is bad more than 15 cm from the intended point."""
-    scene, live, finding = make(rng), *modules[3:]
+    scene, live = make(rng), modules[3]
     points, stamps, cameras = look(scene, rng)
-    drawn = live.DrawnBorder(dwells=finding.find_dwells(points, stamps=stamps, cameras=cameras))
+    drawn = live.DrawnBorder(dwells=live.find_dwells(points, stamps=stamps, cameras=cameras))
     off = float(np.hypot(*(scene.truth[0] - drawn.seed)))
     told = drawn.other_dwell is not None
     return off > 0.15, off > 0.15 and not told, told, off

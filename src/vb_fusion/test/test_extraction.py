@@ -13,7 +13,7 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_fusion.extraction import ExtractionParams, extract_border
-from vb_fusion.line import closure
+from vb_fusion.line import classify_closure
 
 BASE = Setting()
 ROUGH = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
@@ -105,7 +105,7 @@ def test_figures_with_a_gap_of_a_third_of_their_size_are_closed(gap, corners, be
     away = np.linalg.norm(dense - dense[0], axis=1)
     wide = np.linalg.norm(np.ptp(ring, axis=0)) * gap
     last = int(np.flatnonzero((away >= wide) & (np.arange(len(dense)) > len(dense) / 2))[-1])
-    assert closure.classify_closure(dense[: last + 1]).closed
+    assert classify_closure(dense[: last + 1]).closed
 
 
 def bent_wave(degrees):
@@ -130,7 +130,7 @@ LINES = {
 @pytest.mark.parametrize("line", LINES.values(), ids=list(LINES))
 @pytest.mark.parametrize("scale", [0.5, 1.0, 10.0])
 def test_lines_are_open_at_every_scale(line, scale):
-    assert not closure.classify_closure(scale * line).closed
+    assert not classify_closure(scale * line).closed
 
 
 # ----------------------------------------------------------------- no strokes

@@ -6,7 +6,7 @@ import pytest
 from refusals import refused
 from vb_fusion.extraction import extract_seed
 from vb_fusion.live_extraction import DrawnBorder
-from vb_fusion.stroke.seed import find_dwells
+from vb_fusion.seed import find_dwells
 
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])

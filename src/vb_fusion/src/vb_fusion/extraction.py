@@ -1,7 +1,7 @@
 """Extracts one border from the spots of all cameras, treating each stroke as one track through time.
 
-The stages are modules, in the order of the data: stroke/observations, stroke/track, stroke/camera_offsets,
-line/resampling, line/closure, line/fitting; docs/explanation/extraction.md describes each.
+The stages, in the order of the data, are in `observations` (0), `track` (1), `observations` (2), `line` (3 to 5) and
+here (6); docs/explanation/extraction.md describes each.
 `ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps.
 
 >>> import numpy as np
@@ -26,21 +26,19 @@ from shapely.validation import make_valid
 from vb_core import geometry, sentences
 from vb_core.parameters import Parameters, param
 from vb_core.errors import CodedError
-from vb_fusion.line.closure import NEARLY_CLOSED, Closure, classify_closure
-from vb_fusion.line.fitting import fit_line
-from vb_fusion.line.resampling import ResampledStroke, resample_stroke
-from vb_fusion.paper import run_algorithms
-from vb_fusion.stroke.observations import (
+from vb_fusion.line import NEARLY_CLOSED, Closure, ResampledStroke, classify_closure, fit_line, resample_stroke
+from vb_fusion.observations import (
     TREMOR,
     Observations,
     estimate_tremor,
     find_dropout,
     make_observations,
     merge_observations,
+    remove_offsets,
 )
-from vb_fusion.stroke.camera_offsets import remove_offsets
-from vb_fusion.stroke.seed import extract_seed
-from vb_fusion.stroke.track import find_clusters, find_strokes
+from vb_fusion.paper import run_algorithms
+from vb_fusion.seed import extract_seed
+from vb_fusion.track import find_clusters, find_strokes
 
 __all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
 

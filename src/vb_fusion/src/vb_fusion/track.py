@@ -21,7 +21,7 @@ from typing import List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.stroke.observations import (
+from vb_fusion.observations import (
     LOCALIZATION_ERROR,
     MAX_DROPOUTS,
     TIME_BIN,

@@ -1,0 +1,277 @@
+"""Stages 3 to 5: the line along a stroke.
+
+Stage 3, samples: the observations, in the order in which they were drawn, become samples a tremor apart; a spot held
+still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
+
+Stage 4, polygon or separating curve, as the person means it: people close a line to enclose floor. So the opening
+between the ends is compared with the mean width of the floor that would be enclosed, which is twice its area over the
+line's length. The opening of a U is always wider than that, however deep the U is: parallel ends that far apart were
+drawn on purpose. The less the line would have to turn from its end to its start, the more likely it is that a side was
+left unfinished, and the wider the opening may be, up to half of the figure's size. A wave encloses next to nothing
+however near its ends are. Ends that cross or run past each other are cut there; half of the length cut off counts as
+opening.
+
+Stage 5, the line through the stroke, with the fewest straight sides that explain it: the samples are divided into
+sides, optimally, by dynamic programming: a corner is kept if leaving it out would lose a detail larger than the hand's
+tremor, or a smaller one where the pointer stopped. Least squares then moves the corners so that the sides fit all
+samples best, which puts them where the sides meet, even where no camera saw them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Dict, Tuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist, pdist
+from shapely.geometry import Polygon
+from shapely.validation import make_valid
+
+from vb_core import geometry
+from vb_fusion.observations import TREMOR
+
+NEARLY_CLOSED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
+MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer to the start than to the far side
+CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
+MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
+MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
+VERTEX_PRIOR = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh it
+
+
+# ------------------------------------------------------------------ samples
+@dataclass(frozen=True)
+class ResampledStroke:
+    """Samples along a stroke, in the order in which they were drawn.
+
+    Attributes:
+        points: (K, 2) [m].
+        trust: (K,) the total weight of the observations in each sample.
+        tremor: [m] smaller details are noise.
+    """
+
+    points: np.ndarray
+    trust: np.ndarray
+    tremor: float
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(K,) [m] length of the line that each sample represents."""
+        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * self.tremor)
+        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * self.tremor
+
+
+def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) -> ResampledStroke:
+    """Resamples observations evenly along the stroke; a piece drawn again at the end is merged.
+
+    Args:
+        observations: (N, 2) [m], N >= 3, in order.
+        trust: (N,) their weights.
+        tremor: [m] distance between samples.
+    """
+    # a mean over three observations, as two cameras that see the spot in turn do not make a movement
+    wide = np.pad(np.column_stack([observations * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
+    total = wide[:-2] + wide[1:-1] + wide[2:]
+    calm = total[:, :2] / total[:, 2:]
+    sample = np.empty(len(calm), dtype=int)
+    number, seen, x, y = 0, 0, 0.0, 0.0
+    for row, (px, py) in enumerate(calm.tolist()):
+        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > tremor**2:
+            number, seen, x, y = number + 1, 0, 0.0, 0.0
+        seen, x, y = seen + 1, x + px, y + py
+        sample[row] = number
+    stroke = _means(observations, trust, sample, tremor)
+    # the line ends where the spot was seen first and last
+    stroke.points[[0, -1]] = calm[[0, -1]]
+    return _merge_repeats(stroke)
+
+
+def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray, tremor: float) -> ResampledStroke:
+    total = np.bincount(sample, trust)
+    places = np.column_stack([np.bincount(sample, trust * axis) / total for axis in points.T])
+    return ResampledStroke(places, total, tremor)
+
+
+def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
+    """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
+    at = stroke.points
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
+    earlier, later = cKDTree(at).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
+    # the stroke between them is longer than a mere bend would make it
+    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + stroke.tremor
+    new = np.ones(len(at), dtype=bool)
+    new[later[again]] = False
+    # two samples beside the line may be an overshoot; three are new floor
+    run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
+    kept = int(run[-1]) + 3 if len(run) else len(at)
+    if len(at) - kept < 4:
+        return stroke  # an end that comes back to the start closes a ring
+    nearest = cKDTree(at[:kept]).query(at[kept:])[1]
+    return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]), stroke.tremor)
+
+
+# ------------------------------------------------------------------ closed or open
+@dataclass(frozen=True)
+class Closure:
+    """The decision on one line.
+
+    Attributes:
+        closed: polygon (True) or separating curve (False).
+        code: why; `values` has the values that its sentence names.
+        gap: [m] between the ends.
+        first, last: indices of outermost points that belong to the line, without an overhang past the closing point.
+    """
+
+    closed: bool
+    code: str
+    gap: float
+    first: int
+    last: int
+    values: Dict[str, str] = field(default_factory=dict)
+
+
+def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
+    """Decides whether a line is a polygon or a separating curve.
+
+    Args:
+        points: (M, 2) [m], the line as drawn, M >= 2.
+        tremor: [m] a narrower figure encloses nothing.
+    """
+    points = np.asarray(points, dtype=float)
+    end = len(points) - 1
+    length = geometry.chain_length(points)
+    apart = float(np.linalg.norm(points[-1] - points[0]))
+    if len(points) < 3 or length == 0.0:
+        return Closure(False, "open_two_points", apart, 0, end, _values(apart, length))
+    first, last, opening = _without_overhang(points, length)
+    cut = points[first : last + 1]
+    gap = float(np.linalg.norm(cut[-1] - cut[0]))
+    length_within = geometry.chain_length(cut)
+    # mean width of the enclosed area, also where the line crosses itself
+    width = 2.0 * make_valid(Polygon(cut)).area / (length_within + gap) if len(cut) > 2 else 0.0
+    if opening > MAX_OPENING_RATIO * pdist(cut).max():
+        code = "open_apart"
+    elif gap * _closing_turn(cut, 0.1 * length_within) > width * 180.0:
+        code = "open_wide"
+    elif width < tremor:
+        code = "open_flat"
+    else:
+        code = "closed_trimmed" if last - first < end else "closed_gap"
+    if code.startswith("open"):
+        return Closure(False, code, apart, 0, end, _values(apart, length))
+    return Closure(True, code, gap, first, last, _values(gap, length_within))
+
+
+def _values(gap: float, length: float) -> Dict[str, str]:
+    percent = 100.0 * gap / length if length else 0.0
+    return {"gap": f"{gap:.2f}", "percent": f"{percent:.0f}", "length": f"{length:.2f}"}
+
+
+def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
+    """Finds the points in the first and the last third of the line between which it closes, and the opening [m] there.
+
+    An overhang is cut off only if this brings the ends nearer by at least half of its length.
+    """
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    head = np.flatnonzero(arc <= length / 3.0)
+    tail = np.flatnonzero(arc >= 2.0 * length / 3.0)
+    over = arc[head][:, None] + (length - arc[tail])[None, :]
+    cost = cdist(points[head], points[tail]) + 0.5 * over
+    i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    return int(head[i]), int(tail[j]), float(cost[i, j])
+
+
+def _closing_turn(points: np.ndarray, lever: float) -> float:
+    """Returns the angle [deg] by which the line would turn if closed from its end to its start.
+
+    Its directions at both ends are taken over `lever` [m].
+    """
+    line = points @ [1.0, 1.0j]
+    arc = np.append(0.0, np.cumsum(np.abs(np.diff(line))))
+    ahead, behind = np.interp([lever, arc[-1] - lever], arc, line)
+    across = line[0] - line[-1]
+    return float(np.degrees(np.abs(np.angle(np.conj([line[-1] - behind, across]) * [across, ahead - line[0]])).sum()))
+
+
+# ------------------------------------------------------------------ sides
+def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
+    """Fits straight sides to a stroke.
+
+    Args:
+        stroke: the samples to fit.
+        joined: whether the line continues from its last vertex to the first.
+
+    Returns:
+        The line's vertices (M, 2) [m].
+    """
+    x, y = (stroke.points - stroke.points[0]).T
+    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
+    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
+    starts = _divide(stroke, sums)
+    return _fit_vertices(stroke, starts, joined and len(starts) > 2)
+
+
+def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
+    """Divides a stroke into sides; returns the first sample of each."""
+    x, y = stroke.points.T
+    count = len(x)
+    # people mark corners by stopping: where the spot was seen more than twice as long as usual, a smaller
+    # detail suffices; the usual value is rounded, so that it seldom changes while a line grows
+    usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
+    rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
+    corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    best, before = np.zeros(count + 1), np.zeros(count + 1, dtype=int)
+    starts = np.arange(0)
+    for end in range(1, count + 1):
+        starts = np.append(starts, end - 1)
+        explained = best[starts] + _misfit(sums[:, end, None] - sums[:, starts])
+        # a line that goes back over itself is two sides
+        chord = np.hypot(x[starts] - x[end - 1], y[starts] - y[end - 1])
+        back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
+        cost = np.where(back, np.inf, explained)
+        start = int(cost.argmin())
+        best[end], before[end] = cost[start] + corner[end - 1], starts[start]
+        # a start that is worse than a corner here will never be the best one (PELT, Killick et al. 2012)
+        starts = starts[explained <= best[end] + 1e-9]
+    firsts = [int(before[count])]
+    while firsts[-1] > 0:
+        firsts.append(int(before[firsts[-1]]))
+    return np.array(firsts[::-1])
+
+
+def _misfit(sums: np.ndarray) -> np.ndarray:
+    """Returns the squared distance from the best straight line, times the length [m^3].
+
+    Args:
+        sums: (6, ...) weighted sums of 1, x, y, xx, yy and xy.
+    """
+    w, x, y, xx, yy, xy = sums
+    xx, yy, xy = xx - x * x / w, yy - y * y / w, xy - x * y / w
+    return np.maximum(0.5 * (xx + yy - np.hypot(xx - yy, 2.0 * xy)), 0.0)
+
+
+def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
+    """Moves the vertices to where the sides between them are nearest to the samples, by weighted least squares."""
+    at = stroke.points
+    vertices = 0.5 * (at[starts - 1] + at[starts])
+    if not joined:
+        vertices = np.vstack([at[:1], vertices[1:], at[-1:]])
+    count = len(vertices)
+    # samples before the first side belong to the last side
+    side = (np.searchsorted(starts, np.arange(len(at)), side="right") - 1) % count
+    ends = np.column_stack([side, (side + 1) % count])
+    along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+    share = np.clip(((at - vertices[ends[:, 0]]) * along).sum(axis=1) / length[:, 0] ** 2, 0.0, 1.0)
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / length
+    rows = np.zeros((len(at), count, 2))
+    every = np.arange(len(at))
+    rows[every, ends[:, 0]] = (1.0 - share)[:, None] * normal
+    rows[every, ends[:, 1]] += share[:, None] * normal
+    rows = rows.reshape(len(at), -1)
+    off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
+    # a corner that the samples do not determine, between nearly collinear sides, stays in place
+    scaled = rows * stroke.weights[:, None]
+    move = np.linalg.solve(scaled.T @ rows + VERTEX_PRIOR * stroke.tremor * np.eye(2 * count), scaled.T @ off)
+    return vertices + move.reshape(-1, 2)
