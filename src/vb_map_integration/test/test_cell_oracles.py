@@ -102,7 +102,7 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     for row, column in core:
         wanted[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1] = True
     assume(core and (wanted & (cells == 0)).any())
-    assert (integrate(grid, VirtualBorder(chain, None, wall=True)).region == wanted & (cells == 0)).all()
+    assert (integrate(grid, VirtualBorder(chain, None, wall=True)).restricted_cells == wanted & (cells == 0)).all()
 
 
 def nearest(allowed, seed, radius):
@@ -169,7 +169,7 @@ def test_a_polygon_restricts_what_its_definition_says_cell_by_cell(draw):
             continue
         found = integrate(grid, border, grid.grid_to_world(robots))
         assert [issue.code for issue in found.issues] == codes
-        assert (found.region == wanted).all() and np.array_equal(found.line, border.points)
+        assert (found.restricted_cells == wanted).all() and np.array_equal(found.line, border.points)
         assert math.isclose(found.area_m2, wanted.sum() * 0.05**2)
         raised = wanted & ((cells >= 0) | (value >= 65))
         assert np.array_equal(integrate(grid, border).posterior.data, np.where(raised, np.maximum(cells, value), cells))

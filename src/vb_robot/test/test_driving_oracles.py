@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from driving_rig import PROFILE, Rig
+from examples import off_thresholds
 from plain_rooms import empty, scan_of, with_border
 
 from vb_core import geometry
@@ -44,7 +45,7 @@ class Law:
         return VelocityRequest(float(np.clip(v, -0.2, 0.2)), w, "driving" if v != 0.0 or w != 0.0 else "spot_in_view")
 
 
-SPOT = st.tuples(st.floats(0.4, 1.7), st.floats(-0.8, 0.8))
+SPOT = st.tuples(off_thresholds(0.4, 1.7), off_thresholds(-0.8, 0.8))
 
 
 @settings(STEADY, max_examples=80)
@@ -184,7 +185,7 @@ def test_halting_stops_the_robot_with_the_faults_code():
 # ------------------------------------------------------------ the scan
 @settings(STEADY, max_examples=300)
 @given(
-    st.lists(st.tuples(st.floats(-1.1, 1.1), st.floats(-0.35, 0.35)), min_size=1, max_size=6),
+    st.lists(st.tuples(off_thresholds(-1.1, 1.1), off_thresholds(-0.35, 0.35)), min_size=1, max_size=6),
     st.sampled_from([1, -1]),
     st.sampled_from([0.0, 1.0, -1.0, 1.0 / 0.36, -1.0 / 0.36, 1.0 / 0.24]),
 )

@@ -66,11 +66,11 @@ class Integration(Region):
         return apply_regions(self.prior, [self])
 
     @property
-    def region(self) -> np.ndarray:
+    def restricted_cells(self) -> np.ndarray:
         """(H, W) bool, the cells that the border restricts, without obstacles."""
-        region = raster.filled(self.prior.shape, 0).view(bool)
-        region[self.window] = self.mask != 0
-        return region
+        cells = raster.filled(self.prior.shape, 0).view(bool)
+        cells[self.window] = self.mask != 0
+        return cells
 
 
 def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Integration:
@@ -122,11 +122,11 @@ class _BorderOnGrid:
         self.check_shape()
         line = border.points
         if border.wall:
-            window, mask = self.wall()
+            window, mask = self.fill_wall()
         elif border.closed:
-            window, mask = self.polygon()
+            window, mask = self.fill_polygon()
         else:
-            window, mask, line = self.curve()
+            window, mask, line = self.fill_side_of_curve()
         restricted = cv2.countNonZero(mask)
         if restricted == 0:
             raise IntegrationError("empty_region")
@@ -159,7 +159,7 @@ class _BorderOnGrid:
         if not border.wall and not shapely.linestrings(chain).is_simple:
             self.warn("border_self_intersects")
 
-    def polygon(self) -> Tuple[raster.CellWindow, np.ndarray]:
+    def fill_polygon(self) -> Tuple[raster.CellWindow, np.ndarray]:
         """Returns the area on the seed's side of a polygon: a window, and its (h, w) uint8 mask."""
         cells, threshold = self.cells, OCCUPIED_THRESHOLD
         window, inner = raster.polygon_mask(self.points, cells.shape)
@@ -178,7 +178,7 @@ class _BorderOnGrid:
             if threshold <= cells[row, column] <= 127:
                 barred = raster.filled(cells.shape, 255)
                 np.invert(mask, out=barred[window])
-                self.free_cell(barred)
+                self.find_free_cell(barred)
             return window, mask
         # the outer area is everything connected to the seed, also behind the polygon
         self.warn("restricts_outside")
@@ -187,13 +187,13 @@ class _BorderOnGrid:
         if blocked[start]:
             barred = blocked.copy()
             barred[window] = np.bitwise_or(barred[window], inner)
-            start = self.free_cell(barred)
+            start = self.find_free_cell(barred)
         _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
         blocked[window] = cv2.subtract(blocked[window], inner)
         outer = slice(top, top + depth), slice(left, left + width)
         return outer, cv2.inRange(blocked[outer], _FILLED, _FILLED)
 
-    def wall(self) -> Tuple[raster.CellWindow, np.ndarray]:
+    def fill_wall(self) -> Tuple[raster.CellWindow, np.ndarray]:
         """Returns the free cells of a band along a chain: a window, and its (h, w) uint8 mask."""
         cells = self.cells
         trace = raster.trace_chain(self.points, cells.shape)
@@ -212,14 +212,14 @@ class _BorderOnGrid:
         free = cv2.inRange(cells[window], 0, OCCUPIED_THRESHOLD - 1)
         return window, cv2.bitwise_and(mask, free)
 
-    def curve(self) -> Tuple[raster.CellWindow, np.ndarray, np.ndarray]:
+    def fill_side_of_curve(self) -> Tuple[raster.CellWindow, np.ndarray, np.ndarray]:
         """Returns the area on the seed's side of a separating curve: a window, its (h, w) uint8 mask, and the line [m]."""
         prior = self.prior
         fit, tolerance = EXTENSION_FIT_LENGTH / prior.resolution, WALL_SNAP_DISTANCE / prior.resolution
         # no fill may enter obstacles, unknown cells, or the frame round the map
         framed = raster.filled((prior.shape[0] + 2, prior.shape[1] + 2), 255)
         cv2.inRange(self.cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
-        cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.free_cell)
+        cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.find_free_cell)
         line = prior.grid_to_world(cut.line)
         for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
             length = float(np.linalg.norm(line[index] - self.border.points[index]))
@@ -230,7 +230,7 @@ class _BorderOnGrid:
                 self.warn("extended_far", length=f"{length:.1f}", side=side)
         return cut.window, cut.region, line
 
-    def free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
+    def find_free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
         """Returns the seed's cell (row, column), or the nearest one not barred, on the side `away` points to if given.
 
         Raises:

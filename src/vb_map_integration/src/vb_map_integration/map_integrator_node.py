@@ -295,7 +295,7 @@ class MapIntegratorNode:
         except CodedError as error:
             return self._refused(response, error)
         integration = check.integration
-        region = integration.prior.with_data(np.where(integration.region, np.int8(100), np.int8(0)))
+        region = integration.prior.with_data(np.where(integration.restricted_cells, np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
         response.area_m2, response.line = integration.area_m2, messages.points_from_array(integration.line)
         response.free_parts = check.free_parts

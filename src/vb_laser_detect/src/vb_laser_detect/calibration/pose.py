@@ -277,13 +277,16 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
 def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:
     """Refuses a pose if another one is almost as likely: a small or distant plane looks alike in two orientations."""
     for pose in planar_poses(camera.rays(observed.pixels), observed.points):
-        if _angle_of(pose, fit.T_map_camera) < _SAME_TURN:
+        if _angle_between(pose, fit.T_map_camera) < _SAME_TURN:
             continue
         other = _fit(camera, observed, point_sigma, pose)
-        if _angle_of(other.T_map_camera, fit.T_map_camera) > _SAME_TURN and other.chi_square < fit.chi_square + _LIKELY:
+        if (
+            _angle_between(other.T_map_camera, fit.T_map_camera) > _SAME_TURN
+            and other.chi_square < fit.chi_square + _LIKELY
+        ):
             raise CodedError("ambiguous")
 
 
-def _angle_of(a: np.ndarray, b: np.ndarray) -> float:
+def _angle_between(a: np.ndarray, b: np.ndarray) -> float:
     """Returns the angle [rad] between two poses."""
     return float(np.linalg.norm(cv2.Rodrigues(a[:3, :3].T @ b[:3, :3])[0]))

@@ -93,7 +93,7 @@ class BorderLocation:
         corners = self.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         start, *ends = grid.world_to_grid(self.transform.apply(corners))
         matrix = np.column_stack([*(end - start for end in ends), start])
-        there = effect.region.view(np.uint8)
+        there = effect.restricted_cells.view(np.uint8)
         here = cv2.warpAffine(there, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
         left, top, width, height = cv2.boundingRect(here)
         window = slice(top, top + height), slice(left, left + width)

@@ -45,13 +45,13 @@ class KnownMap:
     """A map that the database knows.
 
     Attributes:
-        id: the map's number.
+        number: of the map.
         place: the number of the map on which the place's first border was drawn; its borders are in that map's frame.
         fingerprint: see `fingerprint`.
         transform: from the place's frame to this map's.
     """
 
-    id: int
+    number: int
     place: int
     fingerprint: str
     transform: Transform
@@ -97,11 +97,11 @@ class Database(DurableValues):
         """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
         maps = self.maps()
         number = next(
-            (one.id for one in maps if one.fingerprint == map_id), 1 + max((one.id for one in maps), default=0)
+            (one.number for one in maps if one.fingerprint == map_id), 1 + max((one.number for one in maps), default=0)
         )
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
-        others = [one for one in maps if one.place == place and one.id not in (place, number)]
+        others = [one for one in maps if one.place == place and one.number not in (place, number)]
         changes: Dict[str, Any] = {
             f"maps/{one.fingerprint}": None for one in others[:-MAX_MAPS] if one.fingerprint not in needed
         }
