@@ -1,8 +1,12 @@
-"""Numbers for tests that draw their examples."""
+"""Drawn examples: settings, and numbers."""
 
 import math
 
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
+
+# the same examples whenever the same code runs, however busy the computer
+STEADY = settings(derandomize=True, suppress_health_check=list(HealthCheck))
 
 _STEP = 1e-4 * math.pi
 

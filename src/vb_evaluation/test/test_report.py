@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import study_rows
+from examples import STEADY
 from study_rows import PUBLISHED, rows_of
 from refusals import refused
 
@@ -24,10 +25,6 @@ from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
 from vb_evaluation.study_kit import __main__ as command
-
-
-# the same examples on every computer, even a busy one
-STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(scope="module")

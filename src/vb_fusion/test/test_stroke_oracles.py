@@ -4,18 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from examples import off_thresholds
+from examples import STEADY, off_thresholds
 
 from vb_core.geometry import chain_length
-from vb_fusion.line import classify_closure
 from vb_fusion import seed, track
+from vb_fusion.line import classify_closure
 from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
-
-# the same examples on every computer, even a busy one
-STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 # ----------------------------------------------------------------- closing

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
+from examples import STEADY, off_thresholds
 from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
@@ -16,10 +17,8 @@ from vb_map_integration.grid import raster
 from vb_map_integration.grid.region import Region
 from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate
 
-# the same examples on every computer, even a busy one
-STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-
-PLACE = st.tuples(st.floats(-6.0, 18.0), st.floats(-6.0, 14.0))
+# on cells' centres, edges and corners, and anywhere else
+PLACE = st.tuples(*(st.integers(-24, 4 * end).map(lambda n: n / 4) | off_thresholds(-6.0, end) for end in (18, 14)))
 
 
 def winding(vertices, shape):

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import affinity
 from shapely.geometry import LineString, Point, box
 from shapely.ops import split
 
+from examples import STEADY
 from refusals import refused
 from vb_core import sentences
 from vb_core.grid_map import GridMap
@@ -18,7 +19,7 @@ from vb_map_integration.integration import IntegrationError, integrate
 
 from oracle import ORIGINS, RESOLUTION, ROOMS, place, rasterise, side_of, world
 
-SETTINGS = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+FEW = settings(STEADY, max_examples=25)
 
 
 def coordinates(line):
@@ -39,7 +40,7 @@ def codes(result):
     return [found.code for found in result.issues]
 
 
-@SETTINGS
+@FEW
 @given(st.integers(0, 10**6), st.sampled_from(sorted(ROOMS)), st.sampled_from(ORIGINS))
 def test_curves_match_exact_ones(seed, room_name, origin):
     random = np.random.default_rng(seed)
@@ -126,7 +127,7 @@ def test_a_tremor_at_the_end_hardly_turns_the_extension(tremor):
         assert jaccard(result.restricted_cells, rasterise(room.intersection(box(4.0, 0, 8, 5)), prior)) >= 0.94
 
 
-@SETTINGS
+@FEW
 @given(st.integers(0, 10**6))
 def test_a_line_beside_a_doorway_closes_the_doorway_only(seed):
     """Both ends are up to 0.15 m in front of or behind the walls of a closet, whose corner stands free in the room."""
@@ -139,7 +140,7 @@ def test_a_line_beside_a_doorway_closes_the_doorway_only(seed):
     assert jaccard(result.restricted_cells, inside) > 0.9
 
 
-@SETTINGS
+@FEW
 @given(st.integers(0, 10**6))
 def test_nothing_leaks_through_corners(seed):
     """The two sides of the curve never mix, even if walls one cell thick are met at any angle."""
@@ -166,7 +167,7 @@ def test_nothing_leaks_through_corners(seed):
     assert not one[5, 50] and not other[5, 50] and not one[50, 5] and not other[50, 5]
 
 
-@SETTINGS
+@FEW
 @given(st.integers(0, 10**6), st.floats(0.0, 1.0), st.booleans())
 def test_invariants_on_noisy_maps(seed, occupancy, closed):
     """For any map, the prior stays unchanged, no value is lowered, and obstacles and unknown cells stay as they are."""

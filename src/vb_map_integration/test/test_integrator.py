@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from examples import STEADY
 from integrators import GRID, at, expected, integrator, square
 from refusals import refused
 from vb_core.errors import CodedError
@@ -27,7 +28,7 @@ COMMANDS = st.lists(
 )
 
 
-@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(STEADY, max_examples=25)
 @given(COMMANDS)
 def test_the_map_shows_the_remaining_borders_after_any_history(commands):
     """This also holds after restarts."""

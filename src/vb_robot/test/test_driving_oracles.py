@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driving_rig import PROFILE, Rig
-from examples import off_thresholds
+from examples import STEADY, off_thresholds
 from plain_rooms import empty, scan_of, with_border
 
 from vb_core import geometry
@@ -20,9 +20,6 @@ from vb_robot.driving.gate import ESCAPE, FOLLOW, NAVIGATION, NONE, TELEOP, Gate
 from vb_robot.driving.safety import Clearance, arc
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.driving.workspace import Workspace
-
-# the same examples on every computer, even a busy one
-STEADY = settings(derandomize=True, suppress_health_check=list(HealthCheck))
 
 RADIUS = PROFILE.radius
 
