@@ -15,7 +15,7 @@ import pytest
 
 TOP = Path(__file__).resolve().parents[3]
 MARK = re.compile(
-    r"(?P<figure>[-−]?\d*\.?\d+)(?P<percent> ?%)?<!-- (?P<file>\S+) \"(?P<row>[^\"]+)\" (?P<column>\d+) -->"
+    r"(?P<figure>[-−]?[\d,]*\.?\d+)(?P<percent> ?%)?<!-- (?P<file>\S+) \"(?P<row>[^\"]+)\" (?P<column>\d+) -->"
 )
 PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("**/*.md"))]
 
@@ -42,7 +42,7 @@ def differences(text, top):
     """Lists the figures in which a page differs from the file."""
     found = []
     for mark in MARK.finditer(text):
-        said = mark["figure"].replace("−", "-")
+        said = mark["figure"].replace("−", "-").replace(",", "")
         has = figure_of(top / mark["file"], mark["row"], int(mark["column"])).replace("−", "-")
         digits = len(said.partition(".")[2])
         if abs(float(said) - float(has)) > 0.5 * 10.0**-digits + 1e-9:
@@ -66,10 +66,10 @@ def test_a_stale_figure_is_found(tmp_path):
     (tmp_path / "a.md").write_text(
         "| what | which | value |\n|---|---|---|\n| room | people | 0.997 [0.996, 0.998] |\n"
     )
-    (tmp_path / "b.csv").write_text("what,value\nroom,12.31\n")
-    fresh = 'It is .997<!-- a.md "room | people" 3 -->, 12.3<!-- b.csv "room" 2 --> cm.'
+    (tmp_path / "b.csv").write_text("what,value\nroom,12.31\nmany,5956\n")
+    fresh = 'It is .997<!-- a.md "room | people" 3 -->, 12.3<!-- b.csv "room" 2 --> cm, 5,956<!-- b.csv "many" 2 -->.'
     assert differences(fresh, tmp_path) == []
-    stale = fresh.replace(".997", ".999").replace("12.3<", "12.4<")
-    assert len(differences(stale, tmp_path)) == 2
+    stale = fresh.replace(".997", ".999").replace("12.3<", "12.4<").replace("5,956", "6,956")
+    assert len(differences(stale, tmp_path)) == 3
     with pytest.raises(AssertionError, match="no row"):
         differences(fresh.replace('"room" 2', '"corner" 2'), tmp_path)
