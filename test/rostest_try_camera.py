@@ -13,7 +13,7 @@ import shapely
 import yaml
 from scipy.spatial.distance import directed_hausdorff
 from vb_testing import run_command
-from vb_map_integration.borders.geojson import borders_from_geojson
+from vb_map_integration.geojson import borders_from_geojson
 
 
 class TestTryCamera(unittest.TestCase):

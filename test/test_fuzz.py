@@ -30,7 +30,7 @@ from vb_core.parameters import Parameters
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import cameras, images, messages
 from vb_laser_detect.calibration import calibration_file
-from vb_map_integration.borders import border_messages, geojson
+from vb_map_integration import border_messages, geojson
 from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
 

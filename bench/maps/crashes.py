@@ -29,7 +29,7 @@ from bench.frame import Table, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.geojson import border_to_feature
+from vb_map_integration.geojson import border_to_feature
 from vb_map_integration.integrator import MapIntegrator
 
 KINDS = ("kill", "flip")

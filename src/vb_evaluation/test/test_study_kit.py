@@ -27,7 +27,7 @@ from vb_evaluation.study_kit.measure import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.data import read_sheet, read_study
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_messages import message_from_border
+from vb_map_integration.border_messages import message_from_border
 from vb_map_integration.integration import integrate
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
 from vb_voice_wizard.interaction import Interaction

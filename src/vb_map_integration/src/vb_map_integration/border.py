@@ -18,7 +18,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.zones import KEEP_OUT, ZONES, Zone
-from vb_map_integration.borders.issues import IntegrationError
+from vb_map_integration.issues import IntegrationError
 from vb_map_integration.places.registration import Transform
 
 # more than a person draws: over three minutes without a pause, at 25 spots a second

@@ -40,8 +40,8 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_messages import border_from_message, message_from_border, messages_from_issues
-from vb_map_integration.borders.issues import IntegrationError, warning
+from vb_map_integration.border_messages import border_from_message, message_from_border, messages_from_issues
+from vb_map_integration.issues import IntegrationError, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
 # makes the change that a request asks for, given the time [s]

@@ -17,7 +17,7 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.issues import IntegrationError
+from vb_map_integration.issues import IntegrationError
 from vb_map_integration.grid.region import Region
 from vb_map_integration.integration import integrate
 from vb_map_integration.places.local_fit import fit_locally

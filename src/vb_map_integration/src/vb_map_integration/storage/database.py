@@ -19,7 +19,7 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import MAX_NAME, VirtualBorder
-from vb_map_integration.borders.geojson import border_from_feature, border_to_feature
+from vb_map_integration.geojson import border_from_feature, border_to_feature
 from vb_map_integration.places.registration import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 

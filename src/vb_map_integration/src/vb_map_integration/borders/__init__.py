@@ -1,1 +1,0 @@
-"""Borders as messages and as GeoJSON."""
