@@ -12,8 +12,8 @@ from typing import Callable, Optional, Sequence
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_fusion.extraction import BorderChain, ExtractionParams, extract_border
 from vb_fusion.collector import Collection
+from vb_fusion.extraction import BorderChain, ExtractionParams, extract_border
 from vb_fusion.seed import Dwell, choose_seed, find_dwells
 
 MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display

@@ -18,9 +18,9 @@ import numpy as np
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.issues import IntegrationError
 from vb_map_integration.grid.region import Region, join_regions, apply_regions
 from vb_map_integration.integration import integrate
+from vb_map_integration.issues import IntegrationError
 from vb_map_integration.places.recognition import BorderLocation
 
 # verdict codes: the border waits for a person, or is not in force

@@ -25,9 +25,9 @@ import shapely
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice
+from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import curve, raster
 from vb_map_integration.grid.region import Region, apply_regions
-from vb_map_integration.border import VirtualBorder
 from vb_map_integration.issues import IntegrationError, warning
 
 # [m] length of a curve's end that gives its extension's direction: longer than hand tremor, shorter than a doorway

@@ -17,10 +17,10 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.geojson import borders_to_geojson
-from vb_map_integration.issues import IntegrationError, warning
 from vb_map_integration.grid.region import count_free_parts, apply_regions
 from vb_map_integration.in_force import InForce, Verdict, find_notices, compute_in_force
 from vb_map_integration.integration import Integration, integrate
+from vb_map_integration.issues import IntegrationError, warning
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint

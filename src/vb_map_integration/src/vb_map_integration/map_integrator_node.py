@@ -41,8 +41,8 @@ from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayRe
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import border_from_message, message_from_border, messages_from_issues
-from vb_map_integration.issues import IntegrationError, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
+from vb_map_integration.issues import IntegrationError, warning
 
 # makes the change that a request asks for, given the time [s]
 ChangeHandler = Callable[[Any, float], Optional[ChangeResult]]
