@@ -198,3 +198,13 @@ def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
     lockstep.arrive("navigation")
     assert passed.wait(60.0)
     thread.join(60.0)
+
+
+def test_lockstep_gives_up_on_one_that_is_silent():
+    lockstep, silent = Lockstep(("driver",), timeout=0.01), []
+    lockstep.arrive("driver")
+    lockstep.wait()
+    thread = threading.Thread(target=lambda: (lockstep.wait(), silent.append(True)), daemon=True)
+    thread.start()
+    thread.join(60.0)
+    assert silent
