@@ -20,6 +20,7 @@ from vb_laser_detect.camera import controls
 from vb_laser_detect.camera.camera_files import load_lens, save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, Brightness, find_exposure, saturated_share
+from vb_laser_detect.camera_setup import CameraImages
 from vb_laser_detect.detector_params import CaptureParams
 
 WIDE = CameraModel(
@@ -177,12 +178,16 @@ def test_a_search_that_ends_early_sets_the_camera_back(monkeypatch, ended):
     assert now == given
 
 
-def test_a_setting_for_a_detector_that_does_not_run_is_refused(monkeypatch):
-    monkeypatch.setattr(rospy, "wait_for_service", Mock(side_effect=rospy.ROSException("timeout exceeded")))
-    images = object.__new__(camera_setup.CameraImages)
-    images._camera = "hall"
-    with refused("detector_missing"):
-        images.set(exposure=100)
+@pytest.mark.parametrize(
+    "ask, code", [(lambda images: images.set(exposure=100), "detector_missing"), (CameraImages.model, "camera_no_lens")]
+)
+def test_what_does_not_answer_is_named(monkeypatch, ask, code):
+    for wait in ("wait_for_service", "wait_for_message"):
+        monkeypatch.setattr(rospy, wait, Mock(side_effect=rospy.ROSException("timeout exceeded")))
+    images = object.__new__(CameraImages)
+    images._camera, images._image, images.next = "hall", "/hall/image_raw", lambda: (0.0, SimpleNamespace(size=(4, 3)))
+    with refused(code):
+        ask(images)
 
 
 def test_saturated_share_counts_surfaces_but_not_a_spot():

@@ -85,18 +85,18 @@ class CameraImages:
         raise CodedError("no_images", topics=self._topic)
 
     def model(self) -> CameraModel:
-        """Waits for camera_info and an image; returns the camera's model.
+        """Waits for an image and camera_info; returns the camera's model.
 
         Raises:
-            CodedError: "no_images" if either does not arrive; "bad_camera_info" if the lens is not calibrated;
-                "unsupported_camera"; "no_camera_info" if camera_info is for images of another size.
+            CodedError: "no_images"; "camera_no_lens" if images arrive without camera_info; "bad_camera_info" if the lens
+                is not calibrated; "unsupported_camera"; "no_camera_info" if camera_info is for images of another size.
         """
-        info = sibling_topic(self._image, "camera_info")
+        info, size = sibling_topic(self._image, "camera_info"), self.next()[1].size
         try:
             message = rospy.wait_for_message(info, CameraInfo, _TIMEOUT)
         except rospy.ROSException:
-            raise CodedError("no_images", topics=info) from None
-        return require_size(camera_from_info(message, is_rectified(self._image)), self.next()[1].size)
+            raise CodedError("camera_no_lens", camera=self._camera, why=f"nothing arrives on {info}") from None
+        return require_size(camera_from_info(message, is_rectified(self._image)), size)
 
     def set(self, **values: Any) -> None:
         """Changes settings of the running camera.
