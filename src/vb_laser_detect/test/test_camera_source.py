@@ -1,6 +1,7 @@
 """A camera's images: which are decoded, and which are left out because the computer is too slow or they are damaged."""
 
 import contextlib
+import errno
 import re
 import socketserver
 import struct
@@ -187,6 +188,40 @@ def test_a_new_delay_counts_from_the_next_image_on(film):
 )
 def test_no_password_is_shown(address, shown):
     assert printable(address) == shown
+
+
+def test_a_device_without_motion_jpeg_is_read_in_its_own_format_and_the_usual_size(tmp_path, monkeypatch):
+    (tmp_path / "yuyv").write_bytes(bytes([90, 128]) * (1280 * 720 * 3))
+    opened, seen = av.open, []
+
+    def open_device(address, format, container_options):
+        av.error.err_check(-errno.EINVAL if "input_format" in container_options else 0)
+        told = {"pixel_format": "yuyv422", "video_size": container_options["video_size"]}
+        return opened(str(tmp_path / "yuyv"), format="rawvideo", options=told)
+
+    monkeypatch.setattr(av, "open", open_device)
+    source = CameraSource("/dev/video0", CaptureParams(), lambda shot: seen.append(shot.picture().pixels), print)
+    source.start()
+    wait_until(lambda: len(seen) > 2, "three images")
+    source.close()
+    assert seen[2].shape == (720, 1280, 3) and abs(seen[2].mean() - 86.0) < 1.0  # of 16 to 235
+
+
+@pytest.mark.parametrize(
+    "number, code",
+    [
+        (errno.EBUSY, "camera_busy"),
+        (errno.ENODEV, "camera_unplugged"),
+        (errno.EACCES, "camera_forbidden"),
+        (errno.ECONNREFUSED, "camera_unreachable"),
+        (errno.EINVAL, "camera_fault"),
+        (av.error.tag_to_code(b"\xf8401"), "camera_password"),
+    ],
+)
+def test_why_a_device_cannot_be_opened_is_told(number, code, monkeypatch):
+    monkeypatch.setattr(av, "open", lambda *_, **__: av.error.err_check(-number))
+    with refused(code):
+        CameraSource("/dev/video0", CaptureParams(), print, print)._read()
 
 
 def test_half_a_jpeg_is_no_image():
