@@ -16,6 +16,7 @@ import rostest
 import tf2_ros
 import yaml
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.srv import SetCameraInfo
 
 from mjpeg_server import MjpegServer
 from scenes import GREEN, Scene
@@ -98,11 +99,18 @@ class TestCameraSource(unittest.TestCase):
 
     def test_2_others_get_images_while_they_listen(self):
         kinds = {"image_raw": Image, "image_raw/compressed": CompressedImage, "camera_info": CameraInfo}
-        whole, as_sent, info = (rospy.wait_for_message(f"/hall/{name}", kinds[name], TIMEOUT) for name in kinds)
+        hear = lambda name: rospy.wait_for_message(f"/hall/{name}", kinds[name], TIMEOUT)  # noqa: E731
+        whole, as_sent, info = map(hear, kinds)
         self.assertEqual(array_from_image(whole).shape, (HEIGHT, WIDTH, 3))
         self.assertEqual(whole.header.frame_id, "hall_optical_frame")
         self.assertIn(as_sent.data, self.spot)
         np.testing.assert_allclose(info.K, CAMERA.matrix.ravel())
+        write = rospy.ServiceProxy("/hall/set_camera_info", SetCameraInfo)
+        self.assertIn("bad_camera_info", write(CameraInfo()).status_message)
+        for focal in (1200.0, CAMERA.focal_px):
+            info.K = [focal, *info.K[1:]]
+            self.assertTrue(write(info).success)
+            wait_until(lambda: hear("camera_info").K == tuple(info.K), "the new lens")
 
     def test_3_a_stalled_camera_is_named_and_comes_back(self):
         self.server.stalled.set()

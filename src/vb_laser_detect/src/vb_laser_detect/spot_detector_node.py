@@ -55,6 +55,9 @@ class SpotDetectorNode:
         /virtual_borders/notices (vb_msgs/NoticeArray): the camera's faults: no images and why, no lens, no pose,
             another camera's frame, too bright, too slow, clocks that differ
         ~debug_image (sensor_msgs/Image): spots, and rejected candidates with the reason; only if there are subscribers
+    Services:
+        <camera>/set_camera_info (sensor_msgs/SetCameraInfo): only with ~source: writes the lens file, as
+            camera_calibration's button "commit" asks
     Parameters:
         config/stationary.yaml: for a ceiling camera. dynamic_reconfigure can change the parameters in ~detector,
             ~projection and ~capture while the node runs, except moving_camera, width, height, rate and pixel_format
