@@ -90,7 +90,7 @@ class CameraFeed:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), camera_info
             (sensor_msgs/CameraInfo): only while there are subscribers
     Services:
-        set_camera_info (sensor_msgs/SetCameraInfo): writes the lens file
+        set_camera_info (sensor_msgs/SetCameraInfo): writes the lens file, when somebody commits in camera_calibration
 
     Args:
         params: its detector's.
@@ -157,17 +157,14 @@ class CameraFeed:
             self._mailbox.wait_until_taken()
 
     def _on_source_state(self, error: Optional[CodedError]) -> None:
-        if error is None:
+        is_silent = error is not None
+        if not is_silent:
             rospy.loginfo("%s: reads %s", rospy.get_name(), printable(self._source.address))
-        self._report.set_source_fault(error or self._apply(), is_silent=error is not None)
-
-    def _apply(self) -> Optional[CodedError]:
-        """Sets exposure and white balance of a camera just opened; returns why that failed, or None."""
-        try:
-            self.set_params(self._source.params)
-        except CodedError as error:
-            return error.without_traceback()
-        return None
+            try:
+                self.set_params(self._source.params)  # a camera just opened has its own exposure and white balance
+            except CodedError as refusal:
+                error = refusal.without_traceback()
+        self._report.set_source_fault(error, is_silent)
 
 
 def subscribe_images(image: str, transport: str, frame: str, put: Callable[[ReceivedImage], Any]) -> str:
