@@ -206,9 +206,8 @@ class CameraSource:
     def _open(self) -> Any:
         if is_device(self.address):
             options = self._device_options()
-            with contextlib.suppress(
-                av.error.ArgumentError
-            ):  # it lacks this format: FFmpeg then chooses one that it has
+            # EINVAL: the device lacks this format, and FFmpeg is to choose one that it has
+            with contextlib.suppress(ValueError):
                 wanted = {**options, "input_format": self.params.pixel_format}
                 return av.open(self.address, format="v4l2", container_options=wanted)
             return av.open(self.address, format="v4l2", container_options=options)
