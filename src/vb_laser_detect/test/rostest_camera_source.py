@@ -123,20 +123,20 @@ class TestCameraSource(unittest.TestCase):
 
     def test_4_spots_are_dropped_while_the_lens_is_of_another_image_size(self):
         self.server.jpegs = images(320, 240)[1]
-        wait_until(lambda: self.refused("no_camera_info") > 0, "the refusal")
-        wait_until(lambda: "camera_no_lens" in self.codes(), "the sentence")
+        wait_until(lambda: self.refused("no_camera_info") > 0 and "camera_no_lens" in self.codes(), "the refusal")
         self.server.jpegs = self.spot
         self.comes_back()
 
-    def test_5_two_detectors_of_one_camera_are_noticed(self):
+    def test_5_two_detectors_of_one_camera_or_frame_are_noticed(self):
         other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
 
-        def speak():
-            other.publish(DetectorStatus(camera="hall", frame_id="hall_optical_frame"))
-            return self.refused("camera_name_twice") > 0 and "camera_name_twice" in self.codes()
+        def speak(camera, code):
+            other.publish(DetectorStatus(camera=camera, frame_id="hall_optical_frame"))
+            return self.refused(code) > 0 and code in self.codes()
 
-        wait_until(speak, "the refusal")
-        wait_until(lambda: "camera_name_twice" not in self.codes(), "its end")
+        for camera, code in (("hall", "camera_name_twice"), ("other", "shared_frame")):
+            wait_until(lambda: speak(camera, code), "the refusal")
+            wait_until(lambda: code not in self.codes(), "its end")
 
     def test_6_the_exposure_of_a_camera_in_the_network_cannot_be_set(self):
         done = subprocess.run(
