@@ -126,12 +126,20 @@ def test_bytes_that_are_not_a_picture_are_refused():
         images.array_from_compressed_image(CompressedImage(data=b"not a picture"))
 
 
-def test_cameras_round_trip_and_bad_ones_are_refused():
-    camera = CameraModel(640, 480, CameraModel.ideal(640, 480, 577.0).matrix, np.array([0.1, -0.2, 0.0, 0.0, 0.01]))
+@pytest.mark.parametrize(
+    "distortion, fisheye", [([0.1, -0.2, 0.0, 0.0, 0.01], False), ([-0.02, 0.004, 0.0, 0.0], True)]
+)
+def test_cameras_round_trip_and_bad_ones_are_refused(distortion, fisheye):
+    camera = CameraModel(640, 480, CameraModel.ideal(640, 480, 577.0).matrix, np.array(distortion), fisheye)
     info = cameras.info_from_camera(camera, rospy.Time(1), "x")
+    info.roi.width, info.roi.height = 640, 480  # the whole image
     back = cameras.camera_from_info(info)
     assert np.allclose(back.matrix, camera.matrix) and np.allclose(back.distortion, camera.distortion)
-    info.distortion_model = "equidistant"
+    assert back.fisheye == fisheye
+    info.roi.width = 320
+    with refused("unsupported_camera"):
+        cameras.camera_from_info(info)
+    info.roi.width, info.distortion_model, info.D = 640, "equidistant", [0.1] * 5
     with pytest.raises(CodedError):
         cameras.camera_from_info(info)
     with refused("bad_camera_info"):

@@ -16,6 +16,7 @@ import rostest
 import tf2_ros
 import yaml
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.srv import SetCameraInfo
 
 from mjpeg_server import MjpegServer
 from scenes import GREEN, Scene
@@ -98,51 +99,53 @@ class TestCameraSource(unittest.TestCase):
 
     def test_2_others_get_images_while_they_listen(self):
         kinds = {"image_raw": Image, "image_raw/compressed": CompressedImage, "camera_info": CameraInfo}
-        whole, as_sent, info = (rospy.wait_for_message(f"/hall/{name}", kinds[name], TIMEOUT) for name in kinds)
+        hear = lambda name: rospy.wait_for_message(f"/hall/{name}", kinds[name], TIMEOUT)  # noqa: E731
+        whole, as_sent, info = map(hear, kinds)
         self.assertEqual(array_from_image(whole).shape, (HEIGHT, WIDTH, 3))
         self.assertEqual(whole.header.frame_id, "hall_optical_frame")
         self.assertIn(as_sent.data, self.spot)
         np.testing.assert_allclose(info.K, CAMERA.matrix.ravel())
+        write = rospy.ServiceProxy("/hall/set_camera_info", SetCameraInfo)
+        self.assertIn("bad_camera_info", write(CameraInfo()).status_message)
+        for focal in (1200.0, CAMERA.focal_px):
+            info.K = [focal, *info.K[1:]]
+            self.assertTrue(write(info).success)
+            wait_until(lambda: hear("camera_info").K == tuple(info.K), "the new lens")
 
-    def test_3_a_stalled_camera_is_named_and_comes_back(self):
-        self.server.stalled.set()
-        wait_until(lambda: "camera_stalled" in self.codes(), "the sentence")
-        self.server.stalled.clear()
-        self.comes_back()
+    def test_3_a_camera_that_stalls_or_vanishes_is_named_and_comes_back(self):
+        for fault, status, code in (("stalled", 200, "camera_stalled"), ("broken", 401, "camera_password")):
+            self.server.status = status
+            getattr(self.server, fault).set()
+            wait_until(lambda: code in self.codes(), "the sentence")
+            getattr(self.server, fault).clear()
+            self.server.status = 200
+            self.comes_back()
 
-    def test_4_a_camera_that_vanishes_is_named_and_comes_back(self):
-        self.server.status = 401
-        self.server.broken.set()
-        wait_until(lambda: "camera_password" in self.codes(), "the sentence")
-        self.server.broken.clear()
-        self.server.status = 200
-        self.comes_back()
-
-    def test_5_spots_are_dropped_while_the_lens_is_of_another_image_size(self):
+    def test_4_spots_are_dropped_while_the_lens_is_of_another_image_size(self):
         self.server.jpegs = images(320, 240)[1]
-        wait_until(lambda: self.refused("no_camera_info") > 0, "the refusal")
-        wait_until(lambda: "camera_no_lens" in self.codes(), "the sentence")
+        wait_until(lambda: self.refused("no_camera_info") > 0 and "camera_no_lens" in self.codes(), "the refusal")
         self.server.jpegs = self.spot
         self.comes_back()
 
-    def test_6_two_detectors_of_one_camera_are_noticed(self):
+    def test_5_two_detectors_of_one_camera_or_frame_are_noticed(self):
         other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
 
-        def speak():
-            other.publish(DetectorStatus(camera="hall", frame_id="hall_optical_frame"))
-            return self.refused("camera_name_twice") > 0 and "camera_name_twice" in self.codes()
+        def speak(camera, code):
+            other.publish(DetectorStatus(camera=camera, frame_id="hall_optical_frame"))
+            return self.refused(code) > 0 and code in self.codes()
 
-        wait_until(speak, "the refusal")
-        wait_until(lambda: "camera_name_twice" not in self.codes(), "its end")
+        for camera, code in (("hall", "camera_name_twice"), ("other", "shared_frame")):
+            wait_until(lambda: speak(camera, code), "the refusal")
+            wait_until(lambda: code not in self.codes(), "its end")
 
-    def test_7_the_exposure_of_a_camera_in_the_network_cannot_be_set(self):
+    def test_6_the_exposure_of_a_camera_in_the_network_cannot_be_set(self):
         done = subprocess.run(
             [*COMMAND, "exposure", "hall"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         self.assertEqual(done.returncode, 1, done.stdout)
         self.assertIn("control_refused", done.stdout)
 
-    def test_8_the_delay_is_measured_with_the_terminal_s_light(self):
+    def test_7_the_delay_is_measured_with_the_terminal_s_light(self):
         dark, light = (
             [cv2.imencode(".jpg", np.full((HEIGHT, WIDTH, 3), level, np.uint8))[1].tobytes()] for level in (40, 160)
         )

@@ -165,7 +165,6 @@ class SpotDetectorTest(unittest.TestCase):
         self.pose_comes()
         self.check_spots("red", [LaserSpot.GROUND_PLANE], 0.01)
         self.bad_images()
-        self.frame_is_shared()
         self.tuning()
         self.debug_image()
         self.nothing_on_a_robot_is_a_spot()
@@ -206,17 +205,6 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait_for_spots("red", 1)
         timer.shutdown()
         self.wait(lambda: not self.observer.notices["/spot_detector_red"], "all well again")
-
-    def frame_is_shared(self):
-        """Checks that no spot is placed while another ceiling camera has the same frame: one of the poses is wrong."""
-        other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
-
-        def refusals():
-            other.publish(DetectorStatus(camera="other", frame_id=self.red.frame))
-            return self.observer.refused("red", "shared_frame")
-
-        self.wait(refusals, "the refusal of a shared frame")
-        self.wait_for_spots("red")
 
     def tuning(self):
         """Changes the parameters of the detector and of the projection."""

@@ -1,9 +1,14 @@
 """Lens, delay, exposure and settings of a camera that the detector reads itself, against known values."""
 
+import itertools
 import math
+import re
+from collections import deque
 from types import SimpleNamespace
 from unittest.mock import Mock
+from urllib.request import urlopen
 
+import cv2
 import numpy as np
 import pytest
 import rospy
@@ -13,13 +18,16 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
+from vb_core.image_format import Picture
 from vb_laser_detect import camera_setup
 from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls
 from vb_laser_detect.camera.camera_files import load_lens, save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure import TOO_BRIGHT, Brightness, find_exposure, saturated_share
+from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
+from vb_laser_detect.camera_feed import ReceivedImage
+from vb_laser_detect.camera_setup import CameraImages
 from vb_laser_detect.detector_params import CaptureParams
 
 WIDE = CameraModel(
@@ -41,16 +49,28 @@ def held(camera, rng, tilt=0.6):
     return BoardView(pixels[inside], corners[inside, :2].astype(float), np.flatnonzero(inside))
 
 
-def calibrate(camera, seed, tilt=0.6):
-    rng, lens = np.random.default_rng(seed), LensCalibration((camera.width, camera.height))
-    for _ in range(80):
-        lens.add(held(camera, rng, tilt))
-    return lens.solve()[0]
-
-
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_lens_is_found(seed):
-    found, camera = calibrate(WIDE, seed), WIDE
+def test_the_lens_is_found(seed, tmp_path, monkeypatch, capsys):
+    rng, views, camera = np.random.default_rng(seed), [], WIDE
+    image = np.full((camera.height, camera.width, 3), 90, np.uint8)
+    images = SimpleNamespace(settings=str(tmp_path / "detectors/hall.yaml"), next=lambda: (0.0, Picture(image, "bgr")))
+
+    def find_board(board, image):
+        if rng.random() < 0.2:
+            raise CodedError("no_board")
+        views.append(held(camera, rng))
+        return views[-1]
+
+    monkeypatch.setattr(camera_setup, "CameraImages", lambda name: images)
+    monkeypatch.setattr(camera_setup, "find_board", find_board)
+    monkeypatch.setattr("vb_laser_detect.calibration.lens.MIN_VIEWS", 30)  # for an exact lens
+    assert camera_setup.calibrate_lens(SimpleNamespace(camera="hall", paper="A3", square=None)) == 0
+    address = re.search(r"http://\S+/", capsys.readouterr().out).group()
+    assert b'src="image"' in urlopen(address).read()
+    live = cv2.imdecode(np.frombuffer(urlopen(address + "image").read(), np.uint8), cv2.IMREAD_COLOR)
+    columns, rows = (0.75 * views[-1].pixels).astype(int).T
+    assert live.shape == (540, 960, 3) and np.abs(np.median(live[rows, columns], axis=0) - (0, 220, 0)).max() < 40
+    found = load_lens(tmp_path / "lenses/hall.yaml")
     assert found.focal_px == pytest.approx(camera.focal_px, rel=0.012)
     # 90 % of the rays are within 0.01, which is 3 cm at 3 m, of their median error
     grid = np.stack(np.meshgrid(np.linspace(60, 1220, 9), np.linspace(60, 660, 7)), axis=-1).reshape(-1, 2)
@@ -60,8 +80,11 @@ def test_the_lens_is_found(seed):
 
 
 def test_a_board_that_is_never_tilted_does_not_determine_the_lens():
+    rng, lens = np.random.default_rng(1), LensCalibration((WIDE.width, WIDE.height))
+    for _ in range(80):
+        lens.add(held(WIDE, rng, tilt=0.0))
     with refused("board_not_tilted"):
-        calibrate(WIDE, 1, tilt=0.0)
+        lens.solve()
 
 
 def test_the_same_view_does_not_count_twice():
@@ -129,13 +152,41 @@ def test_a_terminal_gets_its_colours_back_from_an_interrupted_measurement(monkey
 
 
 # ------------------------------------------------------------- exposure
-@pytest.mark.parametrize("light", [0.2, 1.0, 8.0, 60.0])
-def test_an_exposure_is_found_at_which_the_floor_is_grey(light):
-    def camera(exposure):
-        level = 255.0 * min(1.0, (light * exposure / 2000.0)) ** (1 / 2.2)
-        return Brightness(level, float(level > 250))
+GIVEN = {"exposure": 120, "white_balance": 5000}
 
-    assert abs(camera(find_exposure(camera)).middle - 90.0) < 15.0
+
+@pytest.fixture
+def hall(monkeypatch):
+    """Yields a camera for the command `exposure`, whose test says the floor's level [grey levels] at an exposure."""
+    camera = SimpleNamespace(
+        params={"capture": {**GIVEN, "rate": 5.0}}, now=dict(GIVEN), kept={}, window=math.inf, laser=0
+    )
+    looks = itertools.count()
+
+    def look(after=0.0):
+        image = np.full((200, 200, 3), min(255.0, camera.level(camera.now["exposure"])), np.uint8)
+        if camera.now["exposure"] > camera.window:
+            image[:, :40] = 255
+        if not after and next(looks):  # the person was asked for the laser
+            image[100, 100 : 100 + camera.laser] = 255
+        return after, Picture(image, "bgr")
+
+    camera.set, camera.keep, camera.next = camera.now.update, camera.kept.update, look
+    monkeypatch.setattr(camera_setup, "CameraImages", lambda name: camera)
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(5)))
+    return camera
+
+
+@pytest.mark.parametrize("laser, status", [(4, 0), (0, 1), (90, 1)])  # [px]; 90: a lamp was switched on
+@pytest.mark.parametrize("light, window", [(0.2, math.inf), (8.0, math.inf), (60.0, math.inf), (1.0, 60)])
+def test_an_exposure_is_found_for_the_floor_and_the_spot(hall, light, window, laser, status, monkeypatch):
+    monkeypatch.setattr(camera_setup, "_SPOT_TIMEOUT", 0.1 if status else 60.0)
+    hall.level = lambda exposure: 255.0 * (light * exposure / 2000.0) ** (1 / 2.2)
+    hall.window, hall.laser = window, laser
+    assert camera_setup.set_exposure(SimpleNamespace(camera="hall")) == status
+    assert hall.kept == hall.now and hall.now["white_balance"] == 4600
+    # at 202 / light the floor's level is 90, and from 75 to 105 it is grey; a window in the image keeps it short
+    assert 0.67 < hall.now["exposure"] / min(202.0 / light, window) < 1.4
 
 
 @pytest.mark.parametrize(
@@ -143,46 +194,30 @@ def test_an_exposure_is_found_at_which_the_floor_is_grey(light):
     [
         (lambda e: 20.0, "exposure_ignored"),
         (lambda e: 5.0 + e / 100.0, "too_dark"),
-        (lambda e: min(255.0, 150.0 + e), "too_bright"),
+        (lambda e: 150.0 + e, "too_bright"),
+        (Mock(side_effect=CodedError("no_images")), "no_images"),
+        (Mock(side_effect=KeyboardInterrupt), ""),
     ],
 )
-def test_what_no_exposure_can_mend_is_told(level, code):
-    with refused(code):
-        find_exposure(lambda exposure: Brightness(level(exposure), float(level(exposure) > 250)))
-
-
-def test_a_window_in_the_image_keeps_the_exposure_short():
-    def camera(exposure):
-        return Brightness(min(255.0, 0.5 * exposure), 0.2 if exposure > 60 else 0.0)
-
-    assert 40 < find_exposure(camera) <= 62
-
-
-@pytest.mark.parametrize("ended", [CodedError("no_images"), KeyboardInterrupt()])
-def test_a_search_that_ends_early_sets_the_camera_back(monkeypatch, ended):
-    given = {"exposure": 120, "white_balance": 5000}
-    now = dict(given)
-
-    def end(after):
-        assert now != given
-        raise ended
-
-    images = SimpleNamespace(
-        params={"capture": {**given, "rate": 5.0}}, set=lambda **values: now.update(values), next=end
-    )
-    monkeypatch.setattr(camera_setup, "CameraImages", lambda camera: images)
-    monkeypatch.setattr(rospy.Time, "now", staticmethod(rospy.Time))
-    with pytest.raises(type(ended)):
+def test_a_search_that_fails_sets_the_camera_back(hall, level, code):
+    hall.level = level
+    with pytest.raises((CodedError, KeyboardInterrupt)) as raised:
         camera_setup.set_exposure(SimpleNamespace(camera="hall"))
-    assert now == given
+    assert getattr(raised.value, "code", "") == code and hall.now == GIVEN and not hall.kept
 
 
-def test_a_setting_for_a_detector_that_does_not_run_is_refused(monkeypatch):
-    monkeypatch.setattr(rospy, "wait_for_service", Mock(side_effect=rospy.ROSException("timeout exceeded")))
-    images = object.__new__(camera_setup.CameraImages)
-    images._camera = "hall"
-    with refused("detector_missing"):
-        images.set(exposure=100)
+@pytest.mark.parametrize(
+    "ask, arrived, code", [("set", 0, "detector_missing"), ("model", 0, "no_images"), ("model", 1, "camera_no_lens")]
+)
+def test_what_does_not_answer_is_named(monkeypatch, ask, arrived, code):
+    for wait in ("wait_for_service", "wait_for_message"):
+        monkeypatch.setattr(rospy, wait, Mock(side_effect=rospy.ROSException("timeout exceeded")))
+    monkeypatch.setattr(camera_setup, "time", SimpleNamespace(monotonic=itertools.count(0.0, 10.0).__next__))
+    images = object.__new__(CameraImages)
+    images._camera = images._topic = images._image = "/hall"
+    images._newest = deque([ReceivedImage(rospy.Time(5), "", lambda: Picture(np.zeros((3, 4, 3)), "bgr"))] * arrived)
+    with refused(code):
+        getattr(images, ask)()
 
 
 def test_saturated_share_counts_surfaces_but_not_a_spot():
@@ -211,17 +246,6 @@ OLD = NEW.replace("auto_exposure", "exposure_auto").replace("exposure_time_absol
 OLD = OLD.replace("white_balance_automatic", "white_balance_temperature_auto")
 
 
-def test_automatic_settings_are_switched_off_before_values_are_set():
-    params = CaptureParams(exposure=120, white_balance=9000)
-    assert controls.plan(NEW, params) == [
-        "auto_exposure=1",
-        "exposure_time_absolute=120",
-        "white_balance_automatic=0",
-        "white_balance_temperature=6500",  # the camera's maximum
-    ]
-    assert controls.plan(OLD, params)[:2] == ["exposure_auto=1", "exposure_absolute=120"]
-
-
 def test_settings_not_asked_for_are_the_camera_s_own():
     assert controls.plan(NEW, CaptureParams()) == ["auto_exposure=3", "white_balance_automatic=1"]
     ribbon = NEW.replace("min=0 max=3 default=3 value=3", "min=0 max=1 default=0 value=1")  # only two modes
@@ -231,7 +255,7 @@ def test_settings_not_asked_for_are_the_camera_s_own():
         controls.plan("", CaptureParams(exposure=100))
 
 
-def test_a_device_gets_each_setting(tmp_path, monkeypatch):
+def test_automatic_settings_of_a_device_are_switched_off_before_values_are_set(tmp_path, monkeypatch):
     tool = tmp_path / "v4l2-ctl"
     (tmp_path / "listing").write_text(NEW)
     tool.write_text(
@@ -239,15 +263,20 @@ def test_a_device_gets_each_setting(tmp_path, monkeypatch):
     )
     tool.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
-    controls.apply("/dev/video7", CaptureParams(exposure=50))
-    calls = (tmp_path / "calls").read_text().splitlines()
-    assert calls[:3] == [
-        f"-d /dev/video7 {what}"
-        for what in ("--list-ctrls", "--set-ctrl=auto_exposure=1", "--set-ctrl=exposure_time_absolute=50")
-    ]
+    params = CaptureParams(exposure=50, white_balance=9000)
+    controls.apply("/dev/video7", params)
+    asked, *told = (tmp_path / "calls").read_text().splitlines()
+    names = (
+        "auto_exposure=1",
+        "exposure_time_absolute=50",
+        "white_balance_automatic=0",
+        "white_balance_temperature=6500",
+    )
+    assert asked == "-d /dev/video7 --list-ctrls" and told == [f"-d /dev/video7 --set-ctrl={name}" for name in names]
+    assert controls.plan(OLD, params)[:2] == ["exposure_auto=1", "exposure_absolute=50"]
     tool.write_text("#!/bin/sh\necho 'VIDIOC_S_EXT_CTRLS: failed: Permission denied' >&2\nexit 1\n")
     with refused("control_refused") as caught:
-        controls.apply("/dev/video7", CaptureParams(exposure=50))
+        controls.apply("/dev/video7", params)
     assert "Permission denied" in caught.value.message
 
 

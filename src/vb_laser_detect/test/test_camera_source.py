@@ -1,6 +1,7 @@
 """A camera's images: which are decoded, and which are left out because the computer is too slow or they are damaged."""
 
 import contextlib
+import errno
 import re
 import socketserver
 import struct
@@ -93,6 +94,15 @@ def camera(packets):
         server.shutdown()
 
 
+@contextlib.contextmanager
+def reading(address, handle, report=print):
+    """Reads a camera meanwhile."""
+    source = CameraSource(address, CaptureParams(), handle, report)
+    source.start()
+    yield
+    source.close()
+
+
 def slowly(address, pause_s, count):
     """Returns brightness and times of the images that reach a reader with pauses, and why others were left out."""
     seen, left_out, over = [], [], []
@@ -106,10 +116,8 @@ def slowly(address, pause_s, count):
         else:
             over.append(True)
 
-    source = CameraSource(address, CaptureParams(), handle, lambda error: None)
-    source.start()
-    wait_until(lambda: over, "the last image")
-    source.close()
+    with reading(address, handle):
+        wait_until(lambda: over, "the last image")
     return (*np.array(seen).T, left_out)
 
 
@@ -140,10 +148,8 @@ def test_of_a_damaged_image_on_all_are_left_out_until_a_key_frame(packets, tmp_p
 def tell_three(address, handle):
     """Returns the first three codes that a camera's reader reports; None: images come."""
     told = []
-    source = CameraSource(address, CaptureParams(), handle, lambda error: told.append(error and error.code))
-    source.start()
-    wait_until(lambda: len(told) > 2, lambda: f"a third report after {told}")
-    source.close()
+    with reading(address, handle, lambda error: told.append(error and error.code)):
+        wait_until(lambda: len(told) > 2, lambda: f"a third report after {told}")
     return told[:3]
 
 
@@ -164,7 +170,7 @@ def test_a_new_delay_counts_from_the_next_image_on(film):
         taken.append(shot.taken)
         source.params = CaptureParams(delay_ms=5000.0 * (len(taken) > 2))
 
-    source = CameraSource(film, CaptureParams(), handle, lambda error: None)
+    source = CameraSource(film, CaptureParams(), handle, print)
     source.start()
     wait_until(lambda: len(taken) > 4, "five images")
     source.close()
@@ -187,6 +193,36 @@ def test_a_new_delay_counts_from_the_next_image_on(film):
 )
 def test_no_password_is_shown(address, shown):
     assert printable(address) == shown
+
+
+def test_a_device_without_motion_jpeg_is_read_in_its_own_format_and_the_usual_size(tmp_path, monkeypatch):
+    (tmp_path / "yuyv").write_bytes(bytes([90, 128]) * (1280 * 720 * 3))
+    opened, seen = av.open, []
+
+    def open_device(address, format, container_options):
+        av.error.err_check(-errno.EINVAL if "input_format" in container_options else 0)
+        told = {"pixel_format": "yuyv422", "video_size": container_options["video_size"]}
+        return opened(str(tmp_path / "yuyv"), format="rawvideo", options=told)
+
+    monkeypatch.setattr(av, "open", open_device)
+    with reading("/dev/video0", lambda shot: seen.append(shot.picture().pixels)):
+        wait_until(lambda: len(seen) > 2, "three images")
+    assert seen[2].shape == (720, 1280, 3) and abs(seen[2].mean() - 86.0) < 1.0  # of 16 to 235
+
+
+@pytest.mark.parametrize(
+    "name, code",
+    {
+        "EBUSY": "camera_busy",
+        "ENODEV": "camera_unplugged",
+        "EACCES": "camera_forbidden",
+        "EINVAL": "camera_fault",
+    }.items(),
+)
+def test_why_a_device_cannot_be_opened_is_told(name, code, monkeypatch):
+    monkeypatch.setattr(av, "open", lambda *_, **__: av.error.err_check(-getattr(errno, name)))
+    with refused(code):
+        CameraSource("/dev/video0", CaptureParams(), print, print)._read()
 
 
 def test_half_a_jpeg_is_no_image():

@@ -97,13 +97,3 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     blank = ImageRegistration()
     blank.motion_to(np.full((240, 320), 90, np.uint8))
     assert blank.motion_to(np.full((240, 320), 91, np.uint8)) is None
-
-
-def test_moving_camera_rejects_a_lamp_and_finds_a_moving_spot():
-    view, detector = View(7, still=True), ImageDetector(DetectorParams.mobile())
-    lamp = [detector.detect(view.at(i, (200.0, 150.0)), 0.04 * i) for i in range(40)]
-    assert not any(lamp)
-    told = 0
-    for i in range(40, 70):
-        told += len(detector.detect(view.at(i, (200.0 + 1.5 * (i - 40), 150.0)), 0.04 * i)) + len(detector.earlier)
-    assert told >= 20

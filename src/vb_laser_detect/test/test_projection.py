@@ -1,6 +1,7 @@
 """Pixels to the floor and back."""
 
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -178,17 +179,12 @@ def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height)
 def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     camera = CameraModel.ideal(1920, 1080, 1100.0)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
-    asked = []
-
-    def cylinders():
-        asked.append(1)
-        return [CYLINDER]
-
+    cylinders = Mock(return_value=[CYLINDER])
     frame = ImageGeometry(camera, lambda: pose, FloorProjection(), cylinders=cylinders)
-    assert not asked
+    assert not cylinders.called
     on, beside = pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]]))
     assert np.allclose(frame.point(*beside).position, (1.6, 1.3, 0.0))
     with refused("on_robot"):
         frame.point(*on)
-    assert len(asked) == 1
+    assert cylinders.call_count == 1
     assert ImageGeometry(camera, lambda: pose, FloorProjection()).point(*on) is not None

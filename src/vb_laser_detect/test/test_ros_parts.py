@@ -12,18 +12,18 @@ import rospy
 from sensor_msgs.msg import CompressedImage
 
 from refusals import refused
-from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.notices import Severity
 from vb_core.ros import cameras
 from vb_core.ros.images import decode
-from vb_laser_detect import calibrate_camera_node, camera_geometry, detector_diagnostics, spot_detector_node
+from vb_laser_detect import camera_geometry, detector_diagnostics
 from vb_laser_detect.camera_feed import LensFile
 from vb_laser_detect.camera_geometry import is_rectified
+from vb_laser_detect.camera_setup import CameraImages
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
-from vb_laser_detect.detector_params import DetectorParams, SpotDetectorNodeParams
+from vb_laser_detect.detector_params import DetectorParams
 from vb_msgs.msg import DetectorStatus
 
 
@@ -47,26 +47,14 @@ def test_rectified_images_are_not_undistorted_again():
     assert not is_rectified("/rect/image_raw") and not is_rectified("/hall/image_raw")
     models = {}
     for rectified in (False, True):
-        topic = camera_geometry.InfoTopic("/hall/camera_info", SimpleNamespace(), rectified)
+        topic = camera_geometry.InfoTopic("/hall/camera_info", Mock(), rectified)
         topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
         models[rectified] = topic.model_for((640, 480))
     assert models[False].distorted and not models[True].distorted
     assert models[True].matrix[0, 0] == 350.0
-
-
-def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
-    faults = []
-    whole = info_of([-0.02, 0.004, 0.0, 0.0], distortion_model="equidistant")
-    whole.roi.width, whole.roi.height = 640, 480
-    info = camera_geometry.InfoTopic("/hall/camera_info", SimpleNamespace(report_fault=faults.append))
-    info._on_info(whole)
-    assert info.model_for((640, 480)).fisheye and not faults
-    part = info_of([0.0] * 5)
-    part.roi.width, part.roi.height = 320, 240
-    info._on_info(part)
-    assert [error.code for error in faults] == ["unsupported_camera"]
-    with pytest.raises(CodedError):
-        info.model_for((640, 480))
+    topic._on_info(info_of([0.0] * 5, binning_x=2))
+    with refused("no_camera_info"):  # not the lens that it had before
+        topic.model_for((640, 480))
 
 
 def test_no_picture_outlives_its_search_without_a_lens(tmp_path):
@@ -186,10 +174,10 @@ def test_a_rate_that_varies_about_the_limit_is_told_throughout(report):
 
 
 def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
-    params = {"/spot_detector_red/detector": {"max_diameter_mm": 60.0, "max_dwell_time": 20.0}}
+    params = {"/spot_detector_red": {"detector": {"max_diameter_mm": 60.0, "max_dwell_time": 20.0}}}
     monkeypatch.setattr(rospy, "get_param", params.get)
-    assert calibrate_camera_node.detector_params_of("red").max_diameter_mm == 60.0
-    assert calibrate_camera_node.detector_params_of("green") == DetectorParams()
+    assert CameraImages("red", own_source=False).detector_params.max_diameter_mm == 60.0
+    assert CameraImages("green", own_source=False).detector_params == DetectorParams()
 
 
 @pytest.mark.parametrize(
@@ -205,13 +193,3 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
     assert decode(message)[1] == encoding
-
-
-def test_all_images_of_a_spot_s_confirmation_can_be_published_at_once(monkeypatch):
-    queues = {}
-    monkeypatch.setattr(rospy, "Publisher", lambda topic, *_, queue_size, **__: queues.update({topic: queue_size}))
-    parts = "DetectorDiagnostics", "CameraGeometry", "InfoTopic", "Worker", "ReconfigureServer", "subscribe_images"
-    for name in parts:
-        monkeypatch.setattr(spot_detector_node, name, Mock())
-    node = spot_detector_node.SpotDetectorNode(SpotDetectorNodeParams(camera="red"))
-    assert queues[names.SPOTS] >= node._stamps.maxlen

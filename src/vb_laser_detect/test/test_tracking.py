@@ -9,7 +9,6 @@ import pytest
 from vb_laser_detect.detection.features import ImageTraits
 from vb_laser_detect.detection.projection import GROUND_PLANE, FloorPoint
 from vb_laser_detect.detection.tracking import Spot, SpotTracker
-from vb_laser_detect.detector_params import DetectorParams
 
 GREEN = np.array([0.1, 1.0, 0.1])
 
@@ -23,8 +22,8 @@ def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
 class Film:
     """Feeds a tracker images at a rate [1/s]."""
 
-    def __init__(self, rate=25.0, mosaic=False, **changes):
-        self.tracker = SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes}))
+    def __init__(self, rate=25.0, mosaic=False, confirm_frames=3):
+        self.tracker = SpotTracker(confirm_frames, max_dwell_time=25.0)
         self.traits = ImageTraits(800.0, mosaic)
         self.period, self.now = 1.0 / rate, 0.0
 

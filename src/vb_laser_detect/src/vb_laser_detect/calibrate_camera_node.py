@@ -34,7 +34,7 @@ from vb_laser_detect.calibration.calibration_session import (
     describe_points,
     parse_place,
 )
-from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.detector import SpotDetector
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
@@ -44,11 +44,6 @@ Hold the spot still on a place that you know in the map, for two seconds, then
   click the place in RViz ("Publish Point"), or type its map coordinates: x y [m]
 Four places are needed, six to eight are good: near the corners of what the camera sees, and some within.
   undo   takes the last place back      done   ends and writes      quit   ends without writing"""
-
-
-def detector_params_of(camera: str) -> DetectorParams:
-    """Returns the parameters of a camera's running detector, else the defaults for a stationary camera."""
-    return DetectorParams.from_mapping(rospy.get_param(f"/spot_detector_{camera}/detector", {}), "detector")
 
 
 class Inputs:
@@ -88,9 +83,9 @@ class SpotCalibration:
         camera, self._arguments = arguments.camera, arguments
         self._inputs = Inputs()
         self._held, self._lock = HeldSpot(), threading.Lock()
-        # a held spot must not be taken for a lamp while the person finds the place in RViz
-        self._detector = SpotDetector(detector_params_of(camera).replace(max_dwell_time=3600.0))
         self._images = CameraImages(camera, own_source=False)
+        # a held spot must not be taken for a lamp while the person finds the place in RViz
+        self._detector = SpotDetector(self._images.detector_params.replace(max_dwell_time=3600.0))
         self.camera = self._images.model()
         self.session = CalibrationSession(self.camera, arguments.point_sigma)
         threading.Thread(target=self._watch, daemon=True).start()

@@ -10,15 +10,16 @@ from typing import Any, Callable, NamedTuple, Optional, Tuple
 import rospy
 import simplejpeg
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.srv import SetCameraInfo, SetCameraInfoRequest, SetCameraInfoResponse
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture, PixelReader
-from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.cameras import camera_from_info, info_from_camera
 from vb_core.ros.images import decode, message_from_image
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.camera import controls
-from vb_laser_detect.camera.camera_files import load_lens
+from vb_laser_detect.camera.camera_files import load_lens, save_lens
 from vb_laser_detect.camera.source import CameraSource, Shot, is_device, is_file, printable
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
@@ -73,6 +74,14 @@ class LensFile:
             raise self._error.without_traceback()
         return require_size(self._camera, size)
 
+    def write(self, request: SetCameraInfoRequest) -> SetCameraInfoResponse:
+        """Writes the lens of a request; the answer says whether, or why not."""
+        try:
+            save_lens(self._path, self._path.stem, camera_from_info(request.camera_info))
+        except CodedError as error:
+            return SetCameraInfoResponse(False, str(error))
+        return SetCameraInfoResponse(True, f"wrote {self._path}")
+
 
 class CameraFeed:
     """Reads a camera, and publishes its images while there are subscribers.
@@ -80,6 +89,8 @@ class CameraFeed:
     Published topics:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), camera_info
             (sensor_msgs/CameraInfo): only while there are subscribers
+    Services:
+        set_camera_info (sensor_msgs/SetCameraInfo): writes the lens file, when somebody commits in camera_calibration
 
     Args:
         params: its detector's.
@@ -97,6 +108,7 @@ class CameraFeed:
         self._raw = rospy.Publisher(image, Image, queue_size=1)
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
+        rospy.Service(sibling_topic(image, "set_camera_info"), SetCameraInfo, self.lens.write)
         self._setting = threading.Lock()
         self._source = CameraSource(params.source, params.capture, self._take, self._on_source_state)
         self._source.start()  # its thread may call back at once
@@ -145,17 +157,14 @@ class CameraFeed:
             self._mailbox.wait_until_taken()
 
     def _on_source_state(self, error: Optional[CodedError]) -> None:
-        if error is None:
+        is_silent = error is not None
+        if not is_silent:
             rospy.loginfo("%s: reads %s", rospy.get_name(), printable(self._source.address))
-        self._report.set_source_fault(error or self._apply(), is_silent=error is not None)
-
-    def _apply(self) -> Optional[CodedError]:
-        """Sets exposure and white balance of a camera just opened; returns why that failed, or None."""
-        try:
-            self.set_params(self._source.params)
-        except CodedError as error:
-            return error.without_traceback()
-        return None
+            try:
+                self.set_params(self._source.params)  # a camera just opened has its own exposure and white balance
+            except CodedError as refusal:
+                error = refusal.without_traceback()
+        self._report.set_source_fault(error, is_silent)
 
 
 def subscribe_images(image: str, transport: str, frame: str, put: Callable[[ReceivedImage], Any]) -> str:

@@ -32,6 +32,7 @@ from vb_laser_detect.camera.exposure import WHITE, Brightness, find_exposure, me
 from vb_laser_detect.camera.source import printable
 from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
+from vb_laser_detect.detector_params import DetectorParams
 
 _TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] to wait for the next image, and between two polls
 _SETTLED = 0.5  # [s] until a new exposure time shows in the images
@@ -52,6 +53,7 @@ class CameraImages:
 
     Attributes:
         params: its detector's parameters.
+        detector_params: those of the search, by default a stationary camera's.
         frame: its optical frame, from the detector's parameters, else from the images ("" before the first).
     """
 
@@ -60,6 +62,7 @@ class CameraImages:
         self.params: Dict[str, Any] = rospy.get_param(f"/spot_detector_{camera}", {})
         if own_source and not self.params.get("source"):
             raise CodedError("no_source", camera=camera)
+        self.detector_params = DetectorParams.from_mapping(self.params.get("detector", {}), "detector")
         self.settings = str(self.params.get("settings", ""))
         self.frame = str(self.params.get("frame", ""))
         self._newest: Deque[ReceivedImage] = deque(maxlen=1)
@@ -85,18 +88,18 @@ class CameraImages:
         raise CodedError("no_images", topics=self._topic)
 
     def model(self) -> CameraModel:
-        """Waits for camera_info and an image; returns the camera's model.
+        """Waits for an image and camera_info; returns the camera's model.
 
         Raises:
-            CodedError: "no_images" if either does not arrive; "bad_camera_info" if the lens is not calibrated;
-                "unsupported_camera"; "no_camera_info" if camera_info is for images of another size.
+            CodedError: "no_images"; "camera_no_lens" if images arrive without camera_info; "bad_camera_info" if the lens
+                is not calibrated; "unsupported_camera"; "no_camera_info" if camera_info is for images of another size.
         """
-        info = sibling_topic(self._image, "camera_info")
+        info, size = sibling_topic(self._image, "camera_info"), self.next()[1].size
         try:
             message = rospy.wait_for_message(info, CameraInfo, _TIMEOUT)
         except rospy.ROSException:
-            raise CodedError("no_images", topics=info) from None
-        return require_size(camera_from_info(message, is_rectified(self._image)), self.next()[1].size)
+            raise CodedError("camera_no_lens", camera=self._camera, why=f"nothing arrives on {info}") from None
+        return require_size(camera_from_info(message, is_rectified(self._image)), size)
 
     def set(self, **values: Any) -> None:
         """Changes settings of the running camera.
@@ -162,8 +165,7 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
     images = CameraImages(arguments.camera)
     board = BoardParams.for_paper(arguments.paper)
     board = board if arguments.square is None else board.replace(square=arguments.square)
-    image = images.next()[1].pixels
-    lens, picture = LensCalibration(image.shape[1::-1]), LivePicture()
+    lens, picture = LensCalibration(images.next()[1].size), LivePicture()
     print("Hold the board before the camera: near and far, at every edge of the picture, turned and tilted, and still.")
     print(f"The live picture: {picture.address}    Ctrl-C ends without writing.")
     while not rospy.is_shutdown():

@@ -73,7 +73,8 @@ class SpotDetector:
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
-        self.params = self._tracker.params = params
+        self.params = params
+        self._tracker.confirm_frames, self._tracker.max_dwell_time = params.confirm_frames, params.max_dwell_time
 
     def reset(self) -> None:
         """Forgets the scene; the next frame begins a new one."""
@@ -82,7 +83,8 @@ class SpotDetector:
         self._geometry: Optional[ImageGeometry] = None
         self._measured = False  # whether anything in the last image was bright enough to measure
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer, self._tracker = Proposer(self.params.moving_camera), SpotTracker(self.params)
+        self._proposer = Proposer(self.params.moving_camera)
+        self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_dwell_time)
 
     @property
     def lamps(self) -> int:

@@ -35,8 +35,8 @@ class DetectorParams(Parameters):
 class CaptureParams(Parameters):
     """How a camera is read; see config/stationary.yaml."""
 
-    width: int = param(0, "px", low=0, high=16384)
-    height: int = param(0, "px", low=0, high=16384)
+    width: int = param(1280, "px", low=0, high=16384)
+    height: int = param(720, "px", low=0, high=16384)
     rate: float = param(0.0, "images/s", low=0.0, high=1000.0)
     pixel_format: str = param("mjpeg")
     delay_ms: float = param(0.0, "ms", low=0.0, high=5000.0, doc="time from an image to its arrival")

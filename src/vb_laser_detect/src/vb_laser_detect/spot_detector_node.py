@@ -55,6 +55,8 @@ class SpotDetectorNode:
         /virtual_borders/notices (vb_msgs/NoticeArray): the camera's faults: no images and why, no lens, no pose,
             another camera's frame, too bright, too slow, clocks that differ
         ~debug_image (sensor_msgs/Image): spots, and rejected candidates with the reason; only if there are subscribers
+    Services:
+        <camera>/set_camera_info (sensor_msgs/SetCameraInfo): only with ~source: writes the lens file
     Parameters:
         config/stationary.yaml: for a ceiling camera. dynamic_reconfigure can change the parameters in ~detector,
             ~projection and ~capture while the node runs, except moving_camera, width, height, rate and pixel_format
@@ -78,7 +80,7 @@ class SpotDetectorNode:
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
         self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile, bool(params.source))
-        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_MAX_UNCONFIRMED_IMAGES, tcp_nodelay=True)
+        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=self._stamps.maxlen, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
         depth = DepthTopic(rospy.resolve_name(params.depth), self._report) if params.depth else None

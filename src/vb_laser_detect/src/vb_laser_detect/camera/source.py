@@ -205,14 +205,19 @@ class CameraSource:
 
     def _open(self) -> Any:
         if is_device(self.address):
-            return av.open(self.address, format="v4l2", container_options=self._device_options())
+            options = self._device_options()
+            # EINVAL: the device lacks this format, and FFmpeg is to choose one that it has
+            with contextlib.suppress(ValueError):
+                wanted = {**options, "input_format": self.params.pixel_format}
+                return av.open(self.address, format="v4l2", container_options=wanted)
+            return av.open(self.address, format="v4l2", container_options=options)
         options = {"rtsp_transport": "tcp", "fflags": "nobuffer"} if self.address.startswith("rtsp") else {}
         if is_network(self.address):
             return av.open(self.address, options=options, timeout=(_OPEN_TIMEOUT, _STALL_TIMEOUT))
         return av.open(str(Path(self.address).expanduser()))
 
     def _device_options(self) -> Dict[str, str]:
-        options = {"ts": "abs", "fflags": _NONBLOCK, "input_format": self.params.pixel_format}
+        options = {"ts": "abs", "fflags": _NONBLOCK}
         if self.params.width and self.params.height:
             options["video_size"] = f"{self.params.width}x{self.params.height}"
         if self.params.rate:

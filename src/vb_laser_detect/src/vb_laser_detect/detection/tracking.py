@@ -23,7 +23,6 @@ from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.background import Region
 from vb_laser_detect.detection.projection import FloorPoint
-from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
 
 _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
@@ -131,13 +130,13 @@ class SpotTracker:
     """Tracks the spots of one camera.
 
     Attributes:
-        params: the detector's; they may be changed between images.
+        confirm_frames, max_dwell_time: see config/stationary.yaml; they may be changed between images.
         period: [s] from one image to the next, the mean of the last ones; 0 before the second.
         lamps: number of lights that were published as the spot before they had rested for too long.
     """
 
-    def __init__(self, params: DetectorParams) -> None:
-        self.params = params
+    def __init__(self, confirm_frames: int, max_dwell_time: float) -> None:
+        self.confirm_frames, self.max_dwell_time = confirm_frames, max_dwell_time
         self._tracks: List[Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
@@ -177,11 +176,11 @@ class SpotTracker:
     def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each, None for lamps."""
         lit_s = [self._record_light(spot) for spot in spots]
-        lamps = [number for number, seconds in enumerate(lit_s) if seconds > self.params.max_dwell_time]
+        lamps = [number for number, seconds in enumerate(lit_s) if seconds > self.max_dwell_time]
         self._end_tracks([spots[number] for number in lamps])
         followed = [number for number in range(len(spots)) if number not in lamps]
         track_of = dict(zip(followed, self._assign([spots[number] for number in followed])))
-        oldest = self._stamp - max(_RECALL_TIME, (self.params.confirm_frames + 1) * self.period)
+        oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self.period)
         for number, track in track_of.items():
             track.lit_s = lit_s[number]
             self._add_sighting(track, spots[number])
@@ -244,7 +243,7 @@ class SpotTracker:
         track.diameter = spot.diameter
         if spot.tint is not None:
             track.light = spot.tint if track.light is None else track.light + spot.tint
-        if track.hits < self.params.confirm_frames or track.confirmed:
+        if track.hits < self.confirm_frames or track.confirmed:
             return
         # a white glint hardly larger than a pixel falls mostly on one pixel of a Bayer pattern, which looks coloured;
         # the mean over several images does not
@@ -253,14 +252,14 @@ class SpotTracker:
             least = _VIVID
         else:
             least = _PALE if self._traits.mosaic else 0.0
-        track.confirmed = self.params.confirm_frames <= 1 or shown >= least
+        track.confirmed = self.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:
         """Chooses the confirmed track to publish: the one already published, else the most certain.
 
         A moving track replaces a resting one, which may be a lamp, so that a drawing hand is not kept waiting.
         """
-        if self.params.confirm_frames <= 1:
+        if self.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
         confirmed = [track for track in tracks if track.confirmed]
