@@ -1,7 +1,5 @@
 """Malformed and hostile messages, derived from good ones, for the tests of the page."""
 
-from __future__ import annotations
-
 import copy
 import json
 

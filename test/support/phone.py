@@ -1,8 +1,6 @@
 """Chromium as a phone or a wall display, for the tests of the page; needs Debian's packages chromium, chromium-driver
 and python3-selenium."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 

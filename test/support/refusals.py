@@ -1,7 +1,5 @@
 """Tests check a refusal by its code, not by its words."""
 
-from __future__ import annotations
-
 import contextlib
 
 import pytest

@@ -1,7 +1,5 @@
 """A program in a pseudo-terminal, for the rostests."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

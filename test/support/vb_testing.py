@@ -3,8 +3,6 @@
 scripts/env.sh puts this folder on the path.
 """
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import time

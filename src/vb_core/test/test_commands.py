@@ -1,7 +1,5 @@
 """Service calls with timeouts, and commands: each has an id and expires, and stop waits for nothing."""
 
-from __future__ import annotations
-
 import re
 import threading
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Conversions with the real message classes, without a master; transforms with tf2's real buffer."""
 
-from __future__ import annotations
-
 import io
 import math
 import subprocess

@@ -1,7 +1,5 @@
 """Studies for tests of the report, made of the published study's first participants."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """What people see, over a real roscore: display_markers, RViz, and floor_projector with its calibration by clicks."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

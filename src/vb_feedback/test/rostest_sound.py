@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """feedback; sound_player with a program that takes the samples and without a device; kobuki_feedback, no Kobuki."""
 
-from __future__ import annotations
-
 import importlib.util
 import tempfile
 import unittest

@@ -1,7 +1,5 @@
 """The smart display: its layout, what it shows, and its words, which can be read from afar."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

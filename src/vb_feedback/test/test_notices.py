@@ -1,7 +1,5 @@
 """What the display says in addition to the last answer."""
 
-from __future__ import annotations
-
 from vb_core.notices import Notice
 from vb_core.notices import Severity
 from vb_core.ros.messages import values_from_mapping

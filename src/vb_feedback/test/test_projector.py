@@ -1,7 +1,5 @@
 """The projector's calibration and its picture."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 

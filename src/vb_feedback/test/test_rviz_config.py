@@ -1,7 +1,5 @@
 """The RViz configuration, fitted to a map and a screen."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The synthesis of sounds, and their way to the device."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sounds and colours, and both on a Kobuki base, without the need for its messages."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """A map of one room, borders in it, and integrators that keep them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vb_core.grid_map import GridMap

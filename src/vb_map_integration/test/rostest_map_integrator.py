@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """map_integrator, and borders imported from files, over a real roscore."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import unittest

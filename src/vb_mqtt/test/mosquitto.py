@@ -1,7 +1,5 @@
 """A real broker for tests, which can be killed, and a client that acts as a hub."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

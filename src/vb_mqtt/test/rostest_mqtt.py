@@ -4,8 +4,6 @@
 VB_BROKER_KILLS=50 scripts/test --only rostest mqtt     kills the broker 50 times instead of 3
 """
 
-from __future__ import annotations
-
 import collections
 import os
 import random

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """The interaction manager over a real roscore with stubs for its neighbours; the console in a pseudo-terminal."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

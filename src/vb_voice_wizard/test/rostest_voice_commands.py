@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """The real voice node with spoken commands, from sound to the command service."""
 
-from __future__ import annotations
-
 import threading
 import unittest
 

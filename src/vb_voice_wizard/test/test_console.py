@@ -1,7 +1,5 @@
 """The wizard console's text and keys."""
 
-from __future__ import annotations
-
 from io import StringIO
 
 import pytest

@@ -1,7 +1,5 @@
 """The voice recogniser and its parts, with espeak-ng's voices: utterances, streams with our sounds, microphones."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 import time

@@ -1,7 +1,5 @@
 """The main accessibility checks: names, contrast, size of touch targets."""
 
-from __future__ import annotations
-
 # a script that runs in the page and returns a sentence for each fault
 CHECKS = r"""
 const faults = [], shown = (e) => e.getClientRects().length && getComputedStyle(e).visibility !== "hidden" && !e.closest(".skip");

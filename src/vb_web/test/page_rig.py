@@ -1,7 +1,5 @@
 """The fixture of the page's tests: the page in a real browser, with the real nodes behind it."""
 
-from __future__ import annotations
-
 import unittest
 from contextlib import closing, contextmanager
 from pathlib import Path

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """Borders drawn, edited and shown on the page."""
 
-from __future__ import annotations
-
 import numpy as np
 import rospy
 import rostest

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """What people see on the page: languages, sizes, robots and cameras, and missing parts of the lab or its server."""
 
-from __future__ import annotations
-
 import signal
 from contextlib import closing
 

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """Stop, Resume and the other commands on the page."""
 
-from __future__ import annotations
-
 import os
 import signal
 
