@@ -42,7 +42,7 @@ from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
 from vb_laser_detect.camera.camera_files import save_lens
-from vb_laser_detect.camera.source import CameraSource, Shot
+from vb_laser_detect.camera.source import CameraSource, Shot, is_file
 from vb_laser_detect.detector_params import CaptureParams
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message
@@ -56,6 +56,11 @@ _GRID = 0.5  # [m] between the lines that the page draws
 # of the video: [s] without a spot between a line and its seed, and until it begins again
 _PAUSE, _BETWEEN = 1.0, 2.9
 _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
+_HOW = "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
+_HOW_FILM = (
+    "The film is played again and again: press Define border before the line begins, Mark what is off limits when it is"
+    " drawn, and Save when the spot was held there. After Cancel, all of it comes again."
+)
 
 
 # ------------------------------------------------------------- the floor
@@ -292,13 +297,14 @@ def run(arguments: Optional[List[str]] = None) -> int:
     print("Starting the detector, the map and the page ...", flush=True)
     lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros, rviz=False, page_port=port)
     try:
-        return _follow(out, address, truth is not None, options.once, lab)
+        how = "" if truth else _HOW_FILM if is_file(source) else _HOW
+        return _follow(out, address, how, options.once, lab)
     finally:
         lab.stop()
 
 
-def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
-    """Follows the running lab; if it `plays`, gives the commands that belong to the supplied video."""
+def _follow(out: Path, address: str, how: str, once: bool, lab: Any) -> int:
+    """Follows the running lab; tells people `how` to draw, or gives the supplied video's commands if that is empty."""
     end = time.monotonic() + _START_TIMEOUT
     with contextlib.suppress(OSError):  # roslaunch starts the master
         while lab.running and time.monotonic() < end and not rosgraph.is_master_online():
@@ -315,11 +321,8 @@ def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
         return 1
     running = TryLab(out)
     print(f"The page is at {address}", flush=True)
-    if not plays:
-        print(
-            "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save.",
-            flush=True,
-        )
+    if how:
+        print(how, flush=True)
     else:
         running.play()
         if once:
