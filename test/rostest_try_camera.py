@@ -2,6 +2,7 @@
 """`make try`: a film's line becomes a border in metres, where the rendering says it is, unattended and by hand."""
 
 import os
+import shutil
 import sys
 import tempfile
 import unittest
@@ -14,14 +15,18 @@ import shapely
 import yaml
 from scipy.spatial.distance import directed_hausdorff
 from phone import WALL, Browser
-from vb_testing import is_listening, run_command, wait_until
+from vb_testing import run_command, wait_until
+from vb_core.errors import CodedError
 from vb_evaluation.processes import Child, free_port
 from vb_map_integration.borders.geojson import borders_from_geojson
 
 ROOM = Path(rospkg.RosPack().get_path("vb_bringup")) / "try"
 TRUTH = yaml.safe_load((ROOM / "room.yaml").read_text())
+CARPET = [100 * TRUTH[side] for side in ("width", "depth")]  # [cm]
 TRY = [sys.executable, "-m", "vb_bringup.try_camera", "--out"]
 ALONE = {**os.environ, "DISPLAY": "", "BROWSER": "true"}  # no browser is opened
+JUDGE = "get('width').value = get('depth').value = 99; corners = arguments[0]; return ask('floor')"
+REFUSED = CodedError("bad_rectangle").message
 MISSED = (0.8, -0.6), (-0.7, 0.5), (0.4, 0.9), (-0.9, -0.4)  # [px] of the screen, by which a hand misses the corners
 # whether the spot that the page shows has gone from near the seed, or from elsewhere
 GONE = """Object.values(virtualBorders.map.spots || {}).some((spot) => spot.style.opacity === "0" &&
@@ -51,19 +56,23 @@ class TestTryCamera(unittest.TestCase):
     def test_a_film_given_as_a_camera_becomes_a_border_by_hand(self):
         port = free_port()
         with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-            command = [*TRY, folder, "--camera", str(ROOM / "room.mp4"), "--port", str(port)]
+            film = Path(folder) / "film.mp4"
+            command = [*TRY, folder, "--camera", str(film), "--port", str(port)]
             running = Child(command, Path(folder) / "said.txt", ALONE)
             stack.callback(running.stop)
-            wait_until(lambda: is_listening(port), running.tail)
+            wait_until(lambda: f"check_lab --camera {film}" in running.tail(), "how to describe a missing camera")
             browser = stack.enter_context(closing(Browser(f"http://127.0.0.1:{port}/", WALL)))
+            self.assertEqual(browser.run(JUDGE, TRUTH["corners"]), {"error": REFUSED})  # there is no picture
+            shutil.copy(str(ROOM / "room.mp4"), str(film))
             left, top, scale = browser.wait("""picture.naturalWidth && (({ left, top, width }) =>
                 [left, top, width / picture.naturalWidth])(picture.getBoundingClientRect())""")
+            self.assertEqual(browser.run(JUDGE, []), {"error": REFUSED})  # there are no corners
             for (u, v), (right, down) in zip(TRUTH["corners"], MISSED):
                 browser.fingers_on_screen([[(left + (u + 0.5) * scale + right, top + (v + 0.5) * scale + down)]])
-            for side in ("width", "depth"):
-                browser.driver.find_element("id", side).send_keys(f"{100 * TRUTH[side]:g}")
-            browser.wait("!get('start').disabled")
-            browser.run("get('start').click()")
+            for sides, told in (([2000.0, 2000.0], REFUSED), (CARPET, "half a metre apart")):
+                browser.run("[get('width').value, get('depth').value] = arguments; judge()", *sides)
+                browser.wait("text.textContent.includes(arguments[0])", told)
+            self.assertGreater(browser.run("get('start').click(); return lines.length"), 4)
             browser.wait_ready()
             for command, moment in MOMENTS.items():
                 browser.wait(moment, *TRUTH["seed"], what=f"the moment to {command}")
