@@ -17,12 +17,6 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 
-def listening_beyond_loopback(pid):
-    """Finds (address, port) of a process's listening IPv4 sockets that other computers can reach."""
-    listening = [one.laddr for one in psutil.Process(pid).net_connections("tcp4") if one.status == psutil.CONN_LISTEN]
-    return [(ip, port) for ip, port in listening if not ip.startswith("127.")]
-
-
 class CheckLab(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -47,14 +41,6 @@ class CheckLab(unittest.TestCase):
     def reported(self):
         return {(notice.code, notice.camera) for notice in self.notices.current()}
 
-    def wait(self, arrived):
-        wait_until(arrived, lambda: f"a notice that is not in {self.reported()}")
-
-    def check(self, *arguments):
-        command = ("rosrun", "vb_bringup", "check_lab", "--seconds", "2", *arguments)
-        done = run_command(*command, stderr=None, timeout=300)
-        return done.returncode, done.stdout
-
     def test_each_fault_is_reported_by_its_node_and_printed(self):
         expected = {
             ("camera_no_lens", "north"),
@@ -62,23 +48,29 @@ class CheckLab(unittest.TestCase):
             ("camera_not_calibrated", "south"),
             ("detector_missing", "south"),
         }
-        self.wait(lambda: expected <= self.reported())
-        status, text = self.check("--json")
-        self.assertEqual(status, 1)
-        lines = {(line["code"], line["camera"]): line for line in json.loads(text)}
+        wait_until(lambda: expected <= self.reported(), lambda: f"a notice that is not in {self.reported()}")
+        command = ("rosrun", "vb_bringup", "check_lab", "--seconds", "2", "--json", "--language", "de")
+        done = run_command(*command, stderr=None, timeout=300)
+        self.assertEqual(done.returncode, 1)
+        lines = {(line["code"], line["camera"]): line for line in json.loads(done.stdout)}
         self.assertLessEqual({*expected, ("lab_node_missing", ""), ("lab_map_without_borders", "")}, set(lines))
         self.assertNotIn(("camera_silent", "north"), lines)
-        self.assertIn("1 of 2", lines["lab_borders_ok", ""]["message"])
+        self.assertIn("1 von 2", lines["lab_borders_ok", ""]["message"])
+        line = lines["camera_not_calibrated", "south"]
+        self.assertEqual((line["state"], line["robot"], line["values"]["camera"]), ("error", "", "south"))
         # the nodes logged their faults, with the codes
         for node, code in (("/camera_poses", "detector_missing"), ("/spot_detector_north", "camera_no_lens")):
-            self.wait(lambda: [1 for name, text in self.logged if name == node and f"[{code}]" in text])
+            wait_until(
+                lambda: [1 for who, text in self.logged if who == node and f"[{code}]" in text], f"{node}: {code}"
+            )
 
     def test_nothing_listens_beyond_this_machine(self):
         nodes = rosnode.get_node_names()
         for name in nodes:
             pid = process_of(name)
             self.assertTrue(pid, name)
-            self.assertEqual(listening_beyond_loopback(pid), [], name)
+            sockets = [one for one in psutil.Process(pid).net_connections("tcp4") if one.status == psutil.CONN_LISTEN]
+            self.assertEqual([one.laddr for one in sockets if not one.laddr.ip.startswith("127.")], [], name)
         self.assertGreaterEqual(len(nodes), 4)
 
 

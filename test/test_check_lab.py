@@ -1,6 +1,5 @@
 """check_lab names the faults that only the whole lab shows, and repeats the notices of its nodes."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,16 +7,18 @@ import pytest
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
 
-from vb_bringup import lab_checks, lab_observation
-from vb_bringup.check_lab import to_json
+from vb_bringup import check_lab, lab_checks, lab_observation
 from vb_bringup.lab_checks import is_all_known
 from vb_core import names
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 from vb_core.offer import offer
 from vb_core.ros.robots import connections_from_message
+from vb_laser_detect.camera import report
+from vb_laser_detect.camera.source import Shot
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 
@@ -35,7 +36,7 @@ def graph(*publishers, topic="/north/image_raw", type="sensor_msgs/Image"):
 
 
 GOOD = {
-    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters={}, rate=15.0),
+    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters={}, measured=False, rate=15.0),
     "robot": dict(name="ada", keeps_margin=True, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
     "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", all_known=False),
     "disk": dict(folder="/x", free_mb=9000.0),
@@ -51,8 +52,6 @@ GOOD = {
         ("camera", dict(graph=graph()), "lab_camera_no_publisher"),
         ("camera", dict(graph=graph("/usb_cam", topic="/north/image_rect")), "lab_camera_other_topic"),
         ("camera", dict(graph=graph("/a", "/b")), "lab_camera_many_publishers"),
-        ("camera", dict(parameters={"source": "rtsp://1.2.3.4/"}), "lab_camera_no_delay"),
-        ("camera", dict(parameters={"source": "rtsp://1.2.3.4/", "capture": {"delay_ms": 80.0}}), ""),
         ("robot", dict(scan_deg=0.0), "lab_robot_no_scan"),
         ("robot", dict(scan_deg=30.0), "lab_robot_narrow_scan"),
         ("robot", dict(scan_deg=None), ""),
@@ -74,6 +73,59 @@ def test_each_mistake_in_a_lab_is_named(what, changes, code):
     lines = result if isinstance(result, list) else [result]
     assert codes(lines) == [code] * bool(code)
     assert all(what not in ("camera", "robot") or arguments["name"] in line.sentence() for line in lines)
+
+
+@pytest.mark.parametrize(
+    "delay, written, said",
+    [
+        (0.0, "capture:", "calibrate_camera delay north"),
+        (0.0, "capture: {delay_ms: 0.0}", "stored delay: 0 ms"),  # which was measured
+        (80.5, "", "stored delay: 80.5 ms"),
+    ],
+)
+def test_a_network_camera_s_delay_is_shown_or_asked_for(tmp_path, delay, written, said):
+    (tmp_path / "north.yaml").write_text(written)
+    detector = {"source": "rtsp://a/", "settings": str(tmp_path / "north.yaml"), "capture": {"delay_ms": delay}}
+    line = lab_checks.check_camera(graph(), "north", detector, lab_observation._has_delay(detector), 15.0)
+    assert said in line.sentence()
+
+
+def camera(address, _params, take, tell):
+    """Stands in for a CameraSource: sends three images, which cannot be decoded, 40 ms apart, and ends."""
+
+    def start():
+        for number in range(3):
+            take(Shot(0.04 * number, b"no JPEG"))
+        tell(CodedError("camera_ended", source=address))
+
+    return SimpleNamespace(start=start, close=lambda: None)
+
+
+DESCRIBED = ["source /dev/x", "Driver Info", "told: camera_ended", "3 images", "cannot decode", "stamps: 40.0 ms apart"]
+ELSEWHERE = "on 192.0.2.7:\nrosrun vb_bringup check_lab --camera /dev/x"
+
+
+@pytest.mark.parametrize(
+    "arguments, code, host, said",
+    [
+        (["--camera", "/dev/x"], "", "", DESCRIBED),  # without a lab
+        ([], "control_refused", "127.0.0.1", DESCRIBED),
+        ([], "camera_no_pose", "127.0.0.1", []),
+        ([], "camera_unplugged", "192.0.2.7", [ELSEWHERE]),
+    ],
+)
+def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments, code, host, said):
+    monkeypatch.setattr(report, "CameraSource", camera)
+    monkeypatch.setattr(report, "_SECONDS", 0.0)
+    monkeypatch.setattr(report, "run_v4l2", lambda *_: "Driver Info")
+    monkeypatch.setattr(check_lab, "observe_lab", lambda _: [Notice(code, Severity.WARNING, camera="north")])
+    monkeypatch.setattr(check_lab.rosgraph, "is_master_online", lambda: bool(code))
+    monkeypatch.setattr(check_lab.rosnode, "get_api_uri", lambda *_: f"http://{host}:1/")
+    monkeypatch.setattr(check_lab.rospy, "init_node", lambda *_, **__: None)
+    monkeypatch.setattr(check_lab.rospy, "get_param", lambda *_: {"source": "/dev/x"})
+    assert check_lab.run(arguments) == check_lab.READY
+    told = capsys.readouterr().out
+    assert [part for part in (*DESCRIBED, ELSEWHERE) if part in told] == said
 
 
 @pytest.mark.parametrize("free_thresh, is_reported", [(0.196, False), (0.25, True)])
@@ -118,18 +170,6 @@ def test_a_robot_s_scan_is_looked_for_where_its_profile_says(monkeypatch, driver
     status = RobotStatus(robot="ada", driver=driver, plans_round_borders=not driver)
     lines = lab_observation._check_robot(status, {heard: SCAN})
     assert [(line.code, line.values["topic"]) for line in lines] == expected
-
-
-def test_lines_for_programs_say_what_they_are_about():
-    cameras = {"first": "north", "second": "south", "cm": "9"}
-    lines = [
-        Notice("cameras_disagree", Severity.ERROR, camera="south", values=cameras),
-        Notice("of_another_version", Severity.WARNING, robot="ada", message="It rains."),
-    ]
-    first, second = json.loads(to_json(lines, "de"))
-    assert [first[name] for name in ("state", "code", "camera", "robot")] == ["error", "cameras_disagree", "south", ""]
-    assert first["values"] == cameras and "9 cm" in first["message"] and "Kameras" in first["message"]
-    assert (second["state"], second["robot"], second["message"]) == ("warning", "ada", "It rains.")
 
 
 def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monkeypatch):

@@ -15,24 +15,16 @@ from vb_core.map_files import read_map, write_map
 from vb_evaluation.study_kit import conduct
 
 TOP = Path(__file__).resolve().parents[1]
+PROFILES = TOP / "robots"
 OWN = {"cameras", "configs", "calibration", "state", "map", "robot_types"}
 
 
-@pytest.fixture
-def profiles(tmp_path):
-    folder = tmp_path / "robots"
-    folder.mkdir()
-    for name in ("template", "turtlebot2"):
-        (folder / f"{name}.yaml").write_text("shape: {radius: 0.18}\n")
-    return folder
-
-
-def test_a_lab_of_two_cameras(tmp_path, profiles):
+def test_a_lab_of_two_cameras(tmp_path):
     lab = tmp_path / "lab"
     grid = GridMap(np.array([[0, 100], [100, -1]], np.int8), 0.05, (1.0, 2.0, 0.0))
     write_map(tmp_path / "room", grid)
-    written = write_lab(lab, {"north": "/dev/video0", "south": ""}, "turtlebot2", tmp_path / "room.yaml", profiles)
-    assert all(path.is_file() for path in written)
+    written = write_lab(lab, {"north": "/dev/video0", "south": ""}, "turtlebot2", tmp_path / "room.yaml", PROFILES)
+    assert {lab / "robot.yaml", lab / "map.pgm"} <= set(written)
     launch, stack = (ElementTree.parse(str(path / "lab.launch")).getroot() for path in (lab, TOP / "launch"))
     given, common = ({arg.get("name"): arg.get("default") for arg in of.findall("arg")} for of in (launch, stack))
     # apart from the lab's own values, the arguments have the stack's defaults
@@ -72,18 +64,12 @@ def test_cameras_with_and_without_a_source(tmp_path, monkeypatch):
         ("lab", {"a": ""}, "r2d2", None, "unknown_robot_type"),
         ("lab", {"a": ""}, "", Path("rooom.yaml"), "bad_map_file"),
         ("my lab", {"a": ""}, "", None, "folder_with_space"),
+        ("old", {"a": ""}, "", None, "folder_not_empty"),
     ],
 )
-def test_bad_labs_are_refused_before_anything_is_written(tmp_path, profiles, name, cameras, robot, room, code):
+def test_bad_labs_are_refused_before_anything_is_written(tmp_path, name, cameras, robot, room, code):
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old/lab.launch").write_text("mine")
     with refused(code):
-        write_lab(tmp_path / name, cameras, robot, room, profiles)
-    assert not (tmp_path / name).exists()
-
-
-def test_nothing_is_overwritten(tmp_path, profiles):
-    lab = tmp_path / "lab"
-    write_lab(lab, {"north": ""}, "", None, profiles)
-    before = (lab / "lab.launch").read_text()
-    with refused("folder_not_empty"):
-        write_lab(lab, {"south": ""}, "", None, profiles)
-    assert (lab / "lab.launch").read_text() == before
+        write_lab(tmp_path / name, cameras, robot, room, PROFILES)
+    assert (tmp_path / "old/lab.launch").read_text() == "mine" and len(list(tmp_path.rglob("*"))) == 2

@@ -6,15 +6,21 @@ import argparse
 import json
 import sys
 from typing import List, Optional
+from urllib.parse import urlparse
 
 import rosgraph
+import rosnode
 import rospy
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
+from rosgraph.network import is_local_address
 
 from vb_bringup.lab_observation import observe_lab
+from vb_bringup.new_lab import parse_source
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
+from vb_laser_detect.camera.report import REPORTED, describe, describing_command
+from vb_laser_detect.detector_params import CaptureParams
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
@@ -23,24 +29,24 @@ _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "
 
 def print_table(lines: List[Notice], language: str, console: Console) -> None:
     """Prints the lines as a table, with the faults last, where they are noticed."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("", ""):
-        table.add_column(heading, overflow="fold")
+    table = Table(Column(overflow="fold"), Column(overflow="fold"), box=None, padding=(0, 2, 0, 0))
     for line in sorted(lines, key=lambda line: line.severity):
         table.add_row(f"[{_STYLES[line.severity]}]{_STATES[line.severity]}[/]", line.sentence(language))
     console.print(table)
 
 
 def print_camera(camera: str) -> None:
-    """Prints the report to send if a camera read by its detector itself does not work; takes some seconds."""
-    from vb_laser_detect.camera.report import describe
-    from vb_laser_detect.detector_params import CaptureParams
-
-    parameters = rospy.get_param(f"/spot_detector_{camera}", {}) if camera else {}
-    if parameters.get("source"):
-        print(f"\nIf the camera {camera} does not work at all, report this with the lines above:")
-        capture = CaptureParams.from_mapping(parameters.get("capture"), "capture")
-        print("\n".join(describe(str(parameters["source"]), capture)))
+    """Prints the report to send of a camera that its detector reads directly, or how to get it on that computer."""
+    parameters = rospy.get_param(f"/spot_detector_{camera}", {})
+    source = str(parameters.get("source", ""))
+    if not source:
+        return
+    # a detector that has just ended has no address, and is taken for one of this computer
+    host = urlparse(rosnode.get_api_uri(rosgraph.Master("/check_lab"), f"/spot_detector_{camera}") or "").hostname
+    lines = [f"what this prints on {host}:", describing_command(source)]
+    if is_local_address(host):
+        lines = ["these:", *describe(source, CaptureParams.from_mapping(parameters.get("capture"), "capture"))]
+    print(f"\nIf the camera {camera} still does not work, report the lines above, and", "\n".join(lines))
 
 
 def to_json(lines: List[Notice], language: str) -> str:
@@ -48,10 +54,7 @@ def to_json(lines: List[Notice], language: str) -> str:
     rows = [
         {
             "state": _STATES[line.severity],
-            "code": line.code,
-            "camera": line.camera,
-            "robot": line.robot,
-            "values": line.values,
+            **{name: getattr(line, name) for name in ("code", "camera", "robot", "values")},
             "message": line.sentence(language),
         }
         for line in lines
@@ -73,7 +76,11 @@ def run(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to the nodes (4)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
+    parser.add_argument("--camera", metavar="SOURCE", help="only describe a camera, given as to new_lab; without a lab")
     chosen = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
+    if chosen.camera:
+        print("\n".join(describe(parse_source(chosen.camera), CaptureParams())))
+        return READY
     if not rosgraph.is_master_online():
         print(
             f"The ROS master does not answer at {rosgraph.get_master_uri()}: start lab.launch first, and set "
@@ -83,14 +90,13 @@ def run(arguments: Optional[List[str]] = None) -> int:
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
     lines = observe_lab(chosen.seconds)
-    faults = [line for line in lines if line.severity is Severity.ERROR]
     if chosen.json:
         print(to_json(lines, chosen.language))
     else:
         print_table(lines, chosen.language, Console())
-        for camera in sorted({str(line.values.get("camera", "")) for line in faults}):
+        for camera in sorted({line.camera for line in lines if line.code in REPORTED}):
             print_camera(camera)
-    return FAULTS if faults else READY
+    return FAULTS if any(line.severity is Severity.ERROR for line in lines) else READY
 
 
 def main() -> None:

@@ -22,14 +22,15 @@ _IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 _HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
 
 
-def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], rate: float) -> Notice:
+def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], measured: bool, rate: float) -> Notice:
     """Checks how a camera's images reach its detector; the detector itself reports whether they are usable.
 
     Args:
         parameters: its detector's.
+        measured: whether somebody has measured a source's delay, even if that is 0.
         rate: [1/s] searched images per second.
     """
-    source = str(parameters.get("source", ""))
+    source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
     images = [topic for topic in graph.subscriptions(f"/spot_detector_{name}", _IMAGES) if "depth" not in topic]
     topic = "" if source or not images else images[0]
     publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
@@ -49,9 +50,10 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], rat
         return line(Severity.ERROR, "lab_camera_no_publisher")
     if len(publishers) > 1:
         return line(Severity.ERROR, "lab_camera_many_publishers", nodes=", ".join(publishers))
-    if "://" in source and not parameters.get("capture", {}).get("delay_ms", 0.0):  # nobody has measured it
+    if "://" in source and not (delay or measured):
         return line(Severity.WARNING, "lab_camera_no_delay")
-    return line(Severity.INFO, "lab_camera_ok", rate=f"{rate:.1f}")
+    code = "lab_camera_ok_delay" if source else "lab_camera_ok"
+    return line(Severity.INFO, code, rate=f"{rate:.1f}", delay=f"{delay:g}")
 
 
 def check_robot(

@@ -14,6 +14,7 @@ from rosgraph.names import ns_join
 from sensor_msgs.msg import LaserScan
 
 from vb_bringup.lab_checks import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
+from vb_bringup.launch_check import read_parameters
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
@@ -44,7 +45,8 @@ def observe_lab(seconds: float) -> List[Notice]:
     if rospy.has_param("/border_fusion") and not statuses:
         lines.append(Notice("lab_no_cameras", Severity.WARNING))
     for camera, status in sorted(statuses.items()):
-        line = check_camera(graph, camera, _parameters(f"/spot_detector_{camera}"), status.rate_hz)
+        detector = _parameters(f"/spot_detector_{camera}")
+        line = check_camera(graph, camera, detector, _has_delay(detector), status.rate_hz)
         if line.severity is Severity.ERROR:  # the line says why the camera is silent
             notices = [one for one in notices if (one.code, one.camera) != ("camera_silent", camera)]
         if line.severity is not Severity.INFO or all(one.camera != camera for one in notices):
@@ -84,6 +86,13 @@ def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], 
     wait_for_publishers([notices.subscriber, detectors, *subscribers], _CONNECTION_TIMEOUT)
     rospy.rostime.wallsleep(seconds)
     return dict(newest), dict(statuses), notices.current()
+
+
+def _has_delay(detector: Mapping[str, Any]) -> bool:
+    """Returns whether a camera's own file has a delay: as a parameter, a measured 0 cannot be told from the default."""
+    with contextlib.suppress(CodedError):  # there is none, or it is on another computer
+        return "delay_ms" in (read_parameters("configs", str(detector.get("settings", ""))).get("capture") or {})
+    return False
 
 
 def _scan(robot: str) -> str:

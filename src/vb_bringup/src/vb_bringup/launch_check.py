@@ -59,8 +59,9 @@ def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
 
 
 def check_names(argument: str, value: str) -> None:
-    """Raises CodedError "launch_bad_names" unless the value is empty or names separated by spaces."""
-    wrong = [name for name in value.split() if not NAME.fullmatch(name)]
+    """Raises CodedError "launch_bad_names" unless the value is empty or unique names separated by spaces."""
+    names = value.split()
+    wrong = [name for name in names if not NAME.fullmatch(name) or names.count(name) > 1]
     if wrong:
         raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(wrong))
 

@@ -114,7 +114,7 @@ The way to the first border:
 def write_lab(
     folder: Path, cameras: Mapping[str, str], robot: str, map_file: Optional[Path], profiles: Path
 ) -> List[Path]:
-    """Writes the folder; returns the files written.
+    """Writes the folder; returns its files.
 
     Args:
         folder: may exist, but must be empty.
@@ -153,20 +153,17 @@ def write_lab(
     for name, source in cameras.items():
         content = yaml.safe_dump({"source": source} if source else {}).strip()
         files[f"detectors/{name}.yaml"] = _DETECTOR.format(name=name, content=content)
-    written = []
     try:
         for name in ("calibration", "detectors", "lenses", "state"):
             (folder / name).mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
-            written.append(folder / name)
         if map_file is not None:
-            written += _copy_map(map_file, folder)
+            _copy_map(map_file, folder)
         shutil.copyfile(str(profile), str(folder / "robot.yaml"))
-        written.append(folder / "robot.yaml")
     except OSError as error:
         raise CodedError("cannot_write_lab", folder=folder, error=error.strerror) from None
-    return written
+    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def parse_source(text: str) -> str:
@@ -189,14 +186,13 @@ def parse_cameras(text: str) -> Dict[str, str]:
     return {name: source and parse_source(source) for name, source in cameras.items()}
 
 
-def _copy_map(map_file: Path, folder: Path) -> List[Path]:
+def _copy_map(map_file: Path, folder: Path) -> None:
     """Copies a readable map as map.yaml, with its image."""
     description = yaml.safe_load(map_file.read_text(encoding="utf-8"))
     image = map_file.parent / description["image"]
     copy = folder / f"map{image.suffix}"
     shutil.copyfile(str(image), str(copy))
     (folder / "map.yaml").write_text(yaml.safe_dump({**description, "image": copy.name}), encoding="utf-8")
-    return [folder / "map.yaml", copy]
 
 
 def run(arguments: Optional[List[str]] = None) -> int:

@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
 import json
 import os
 import shutil
 import sys
 import time
 import webbrowser
+from collections import deque
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Callable, Deque, Dict, List, Optional
 
 import cv2
 import numpy as np
@@ -36,13 +36,15 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
+from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import free_port, roslaunch
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import project
 from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
 from vb_laser_detect.camera.camera_files import save_lens
-from vb_laser_detect.camera.source import CameraSource, Shot
+from vb_laser_detect.camera.report import describing_command
+from vb_laser_detect.camera.source import CameraSource, Shot, is_file
 from vb_laser_detect.detector_params import CaptureParams
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import border_from_message
@@ -56,6 +58,8 @@ _GRID = 0.5  # [m] between the lines that the page draws
 # of the video: [s] without a spot between a line and its seed, and until it begins again
 _PAUSE, _BETWEEN = 1.0, 2.9
 _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
+_HOW = "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
+_REPEATS = " The film repeats: press each just before its part; what was missed can be cancelled, and comes again."
 
 
 # ------------------------------------------------------------- the floor
@@ -108,33 +112,28 @@ class CornerPage:
 
     def __init__(self, source: str) -> None:
         self.view: Optional[FloorView] = None
-        self._shot: Optional[Shot] = None
+        self._newest: Deque[Shot] = deque(maxlen=1)
         self.error = ""  # why there is no picture
-        self._source = CameraSource(source, CaptureParams(), self._take, self._show_error)
+        self._source = CameraSource(source, CaptureParams(), self._newest.append, self._show_error)
         self._source.start()
 
-    def _take(self, shot: Shot) -> None:
-        self._shot = shot
-
     def _show_error(self, error: Optional[CodedError]) -> None:
-        self.error = "" if error is None else CodedError(error.code, **{**error.values, "camera": "1"}).message
+        before, self.error = self.error, ""
         if error is not None:
-            print(f"  {self.error}", flush=True)
+            self.error = CodedError(error.code, **{**error.values, "camera": "1"}).message
+        if self.error not in ("", before):
+            print(f"  {self.error}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
+            print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
 
     async def ask(self, port: int) -> FloorView:
         """Serves the page until the corners are given."""
         self._done = asyncio.Event()
-        quiet = {"log_function": lambda _handler: None}
-        local = tornado.web.Application(
-            [
-                (r"/", _Page, {"page": self}),
-                (r"/image\.jpg", _Picture, {"page": self}),
-                (r"/(floor|start)", _Floor, {"page": self}),
-            ],
-            **quiet,
-        )
+        handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
+        application = tornado.web.Application(log_function=lambda _handler: None)
         # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
-        application = tornado.web.Application([(tornado.web.HostMatches(r"(localhost|127\.0\.0\.1)"), local)], **quiet)
+        application.add_handlers(
+            r"(localhost|127\.0\.0\.1)", [(path, handler, {"page": self}) for path, handler in handlers.items()]
+        )
         server = application.listen(port, "127.0.0.1")
         await self._done.wait()
         await asyncio.sleep(0.3)  # until the answer has been sent
@@ -145,8 +144,7 @@ class CornerPage:
 
     def picture(self) -> Optional[np.ndarray]:
         """Returns the newest picture (H, W, 3) bgr."""
-        shot = self._shot
-        return None if shot is None else shot.picture().pixels
+        return self._newest[-1].picture().pixels if self._newest else None
 
     def judge(self, request: Dict[str, Any], start: bool) -> Dict[str, Any]:
         """Returns the floor's grid and worst error from four corners; raises CodedError "bad_rectangle"."""
@@ -250,26 +248,19 @@ class TryLab:
         return time.monotonic() - self._spot_at > seconds
 
     @staticmethod
-    def _wait(condition: Any) -> None:
-        end = time.monotonic() + _PLAY_TIMEOUT
-        while not condition():
-            if time.monotonic() > end or rospy.is_shutdown():
-                raise CodedError("no_response", who="$interaction_manager")
-            rospy.rostime.wallsleep(0.05)
+    def _wait(condition: Callable[[], bool]) -> None:
+        if not wait_until(condition, _PLAY_TIMEOUT):
+            raise CodedError("no_response", who="$interaction_manager")
 
 
-def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
+def run(arguments: Optional[List[str]] = None) -> int:
+    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; returns 0 on success."""
     parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
     parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
     parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")
     parser.add_argument("--port", type=int, default=PORT, help="of the page")
     parser.add_argument("--once", action="store_true", help="end after the video's border was saved")
-    return parser.parse_args(arguments)
-
-
-def run(arguments: Optional[List[str]] = None) -> int:
-    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; returns 0 on success."""
-    options = _arguments(arguments)
+    options = parser.parse_args(arguments)
     import rospkg
 
     package = Path(rospkg.RosPack().get_path("vb_bringup"))
@@ -292,22 +283,19 @@ def run(arguments: Optional[List[str]] = None) -> int:
     print("Starting the detector, the map and the page ...", flush=True)
     lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros, rviz=False, page_port=port)
     try:
-        return _follow(out, address, truth is not None, options.once, lab)
+        how = "" if truth else _HOW + (_REPEATS if is_file(source) else "")
+        return _follow(out, address, how, options.once, lab)
     finally:
         lab.stop()
 
 
-def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
-    """Follows the running lab; if it `plays`, gives the commands that belong to the supplied video."""
-    end = time.monotonic() + _START_TIMEOUT
-    with contextlib.suppress(OSError):  # roslaunch starts the master
-        while lab.running and time.monotonic() < end and not rosgraph.is_master_online():
-            time.sleep(0.1)
-    if not lab.running:
-        print(lab.tail(), file=sys.stderr)
-        return 1
-    rospy.init_node("try_camera", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+def _follow(out: Path, address: str, how: str, once: bool, lab: Any) -> int:
+    """Follows the running lab; tells people `how` to draw, or gives the supplied video's commands if that is empty."""
+    wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
     try:
+        if not lab.running:
+            raise rospy.ROSException
+        rospy.init_node("try_camera", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
         for service in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):  # of all that a border passes
             rospy.wait_for_service(service, _START_TIMEOUT)
     except rospy.ROSException:
@@ -315,11 +303,8 @@ def _follow(out: Path, address: str, plays: bool, once: bool, lab: Any) -> int:
         return 1
     running = TryLab(out)
     print(f"The page is at {address}", flush=True)
-    if not plays:
-        print(
-            "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save.",
-            flush=True,
-        )
+    if how:
+        print(how, flush=True)
     else:
         running.play()
         if once:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shlex
 import time
 from typing import List
 
@@ -14,7 +15,17 @@ from vb_laser_detect.camera.controls import run_v4l2
 from vb_laser_detect.camera.source import CameraSource, Shot, is_device, printable
 from vb_laser_detect.detector_params import CaptureParams
 
+# the notices that the lines help to explain: a camera cannot be read, is slow, or refuses a setting
+REPORTED = frozenset(
+    "camera_unplugged camera_busy camera_forbidden camera_unreachable camera_stalled camera_ended camera_password"
+    " camera_no_stream camera_fault camera_silent camera_slow bad_image control_refused no_control".split()
+)
 _SECONDS = 5.0
+
+
+def describing_command(source: str) -> str:
+    """Returns the command that describes a camera; a password in its address is left out."""
+    return f"rosrun vb_bringup check_lab --camera {shlex.quote(printable(source))}"
 
 
 def describe(source: str, params: CaptureParams) -> List[str]:
@@ -53,10 +64,14 @@ def _watch(source: str, params: CaptureParams) -> List[str]:
     if len(shots) < 2:
         return [*lines, f"{len(shots)} images in {_SECONDS:g} s"]
     first = shots[0]
+    try:
+        size: object = first.picture().pixels.shape[1::-1]
+    except CodedError as error:
+        size = error
     stamps, ages = np.diff([shot.taken for shot in shots]), np.array(arrived) - [shot.taken for shot in shots]
     return [
         *lines,
-        f"{len(shots)} images in {_SECONDS:g} s, as {'JPEG' if first.jpeg else 'video'}, {first.picture().pixels.shape[1::-1]} px",
+        f"{len(shots)} images in {_SECONDS:g} s, as {'JPEG' if first.jpeg else 'video'}, {size} px",
         f"stamps: {1e3 * np.median(stamps):.1f} ms apart ({1e3 * stamps.min():.1f} to {1e3 * stamps.max():.1f})",
         f"arrival after the stamp: {1e3 * np.median(ages):.1f} ms ({1e3 * ages.min():.1f} to {1e3 * ages.max():.1f})",
     ]
