@@ -261,6 +261,11 @@ def events_of(folder):
     return [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
 
 
+def test_orders_are_drawn_again_for_every_plan(tmp_path):
+    assert main(["plan", "--out", str(tmp_path / "other.csv")]) == main(["plan", "--out", str(tmp_path / "a.csv")]) == 0
+    assert (tmp_path / "other.csv").read_text() != (tmp_path / "a.csv").read_text()
+
+
 def do(planned, keys, started=None):
     def start(plan):
         (started if started is not None else []).append(plan.command)
