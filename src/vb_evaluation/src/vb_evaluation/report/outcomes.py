@@ -164,10 +164,6 @@ def accuracy_section(study: StudyResults) -> List[Block]:
     heads = columns("scenario", "method", "median", "least", "paper", "runs", least="Smallest")
     blocks: List[Block] = [
         "Restricted cells against those that were asked for, over completed runs.",
-        (
-            "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
-            "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart."
-        ),
         Grid("accuracy", heads, rows, {"median": 3, "least": 3, "paper": 3}),
         *effect_sizes.wilcoxon_blocks(study, "jaccard", "", True),
     ]
