@@ -263,21 +263,19 @@ def test_orders_are_drawn_again_for_every_plan(tmp_path):
     assert (tmp_path / "other.csv").read_text() != (tmp_path / "a.csv").read_text()
 
 
-def do(planned, keys, started=None):
-    def start(plan):
-        (started if started is not None else []).append(plan.command)
-        return lambda: None
-
-    return conduct.conduct_run(planned, start, iter(keys), lambda words: None)
+def do(planned, keys):
+    conduct.conduct_run(planned, lambda plan: lambda: None, iter(keys), lambda words: None)
 
 
-def test_runs_come_in_the_planned_order_in_their_condition(planned):
+def test_runs_come_in_the_planned_order_in_their_condition(planned, monkeypatch, capsys):
     entries, started = protocol.read(planned)[:6], []
+    monkeypatch.setattr(conduct, "roslaunch", lambda run: started.append(run) or (lambda: None))
+    monkeypatch.setattr(conduct, "read_keys", lambda: iter(["b", "h", "n", "slow today", "c"]))
     for entry in entries:
-        run = conduct.next_run(planned, "p01")
-        assert run.entry == entry and (run.last, run.questionnaire) == (entry == entries[-1], entries[0].method)
-        assert do(run, ["b", "h", "n", "slow today", "c"], started)["completed"] is True
-    for entry, command in zip(entries, started):
+        assert "hand out" not in capsys.readouterr().out
+        assert main(["run", "p01", "--protocol", str(planned)]) == 0 and started[-1].entry == entry
+    assert f"hand out questionnaire_{entries[0].method}_first.html" in capsys.readouterr().out
+    for entry, command in zip(entries, (run.command for run in started)):
         assert f"method:={entry.method}" in command and f"record:={planned.parent / entry.recording}" in command
         assert ("cameras:=none" in command) == (entry.method == "robot_only")
     notes = events_of(planned.parent / entries[0].recording)
@@ -285,6 +283,7 @@ def test_runs_come_in_the_planned_order_in_their_condition(planned):
     assert notes[0]["time"] <= notes[-1]["time"]
     recorded = Recording(planned.parent / entries[0].recording).run
     assert recorded["order"] == 1 and recorded["method"] == entries[0].method and recorded["revision"]
+    assert recorded["completed"] is True
     with refused("all_done"):
         conduct.next_run(planned, "p01")
     with refused("no_participant"):
