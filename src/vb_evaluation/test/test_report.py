@@ -20,9 +20,11 @@ from vb_core.errors import CodedError
 from vb_evaluation import statistics
 from vb_evaluation.report import paper_comparison, questionnaire, sensitivity
 from vb_evaluation.report.answers import answers, write_page
+from vb_evaluation.report.blocks import Grid
 from vb_evaluation.report.data import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.maps import nearest_to_median
-from vb_evaluation.report.page import write_report
+from vb_evaluation.report.outcomes import MARGINS
+from vb_evaluation.report.page import SECTIONS, write_report
 from vb_evaluation.statistics import Interval
 from vb_evaluation.study_kit import __main__ as command
 
@@ -54,13 +56,8 @@ def test_tables_hold_what_the_rows_say(full):
         assert int(row["runs"]) == len(done)
 
 
-def test_no_p_of_simulated_people_and_p_of_people(full, tmp_path):
-    _, page = full
-    assert not re.search(r"\bp [<=]|exact p|Wilcoxon signed-rank", words_of(page))
-    of_people = words_of(
-        write_report(study_rows.make_study(tmp_path / "people", 6, people=True, maps=False)).read_text()
-    )
-    assert "exact p" in of_people and "This is a simulation" not in of_people
+def test_simulated_people_have_no_p(full):
+    assert not re.search(r"\bp [<=]|exact p|Wilcoxon signed-rank", words_of(full[1]))
 
 
 @pytest.mark.parametrize("low, high, reading", [(0.975, 0.990, "better"), (0.78, 0.82, "worse"), (0.84, 0.88, "same")])
@@ -127,31 +124,21 @@ def test_maps_are_those_nearest_to_the_median(full):
 def test_few_participants_and_nothing_but_runs(tmp_path, participants):
     folder = study_rows.make_study(tmp_path / "study", participants, worlds=False, maps=False)
     (folder / "study.json").unlink()
+    *rows, missing = rows_of(folder / "runs.csv")
+    study_rows.write(folder / "runs.csv", rows)
     page = write_report(folder).read_text()
     assert "Beside the paper" in page and "Plausible worlds" not in page and "nan" not in words_of(page)
+    assert f"Missing runs (1): {missing['participant']}, " in page
 
 
-def test_runs_that_are_missing_are_named(tmp_path):
-    folder = study_rows.make_study(tmp_path / "study", 3, worlds=False, maps=False)
-    study_rows.write(folder / "runs.csv", rows_of(folder / "runs.csv")[:-1])
-    assert "Missing runs (1): 3, Carpet exclusion, Robot only" in write_report(folder).read_text()
-
-
-@pytest.mark.parametrize(
-    "change, words",
-    [
-        ({"jaccard": "good"}, "line 2: jaccard: expected a number, got 'good'"),
-        ({"time_total_s": "1,5"}, "line 2: time_total_s"),
-        ({"error_mean_cm": "x"}, "line 2: error_mean_cm"),
-    ],
-)
-def test_bad_data_is_one_line(tmp_path, change, words, capsys):
+@pytest.mark.parametrize("column", ["jaccard", "time_total_s", "error_mean_cm"])
+def test_bad_data_is_one_line(tmp_path, column, capsys):
     folder = study_rows.make_study(tmp_path / "study", 1, worlds=False, maps=False)
     rows = rows_of(folder / "runs.csv")
-    rows[0].update(change)
+    rows[0][column] = "1,5"
     study_rows.write(folder / "runs.csv", rows)
     assert command.main(["report", str(folder)]) == 2
-    assert words in capsys.readouterr().err
+    assert f"line 2: {column}: expected a number, got '1,5'" in capsys.readouterr().err
 
 
 def test_a_missing_file_or_column(tmp_path):
@@ -294,28 +281,32 @@ def person(name, nrs, robot_only, helped="yes"):
     return [name, *[answer for _ in questionnaire.STATEMENTS for answer in (nrs, robot_only)], helped]
 
 
-def test_fifteen_people_as_in_the_paper(tmp_path):
-    # Sect. 5.8.2: 14 of 15 said yes; statement 3 has M = 4.47 and 3.13. The single answers are not published: these are
-    # one set with the same means
-    nrs, alone = [5, 5, 5, 5, 5, 5, 5, 4, 4, 4, 4, 4, 4, 4, 4], [3, 4, 3, 4, 3, 3, 4, 3, 3, 2, 3, 4, 2, 3, 3]
-    rows = [
-        person(f"p{number}", a, b, "no" if number == 1 else "yes") for number, (a, b) in enumerate(zip(nrs, alone), 1)
-    ]
-    found = questionnaire.read(write_answers(tmp_path / "answers.csv", rows))
-    assert (found.helped, found.asked) == (14, 15)
-    third = found.answers[2]
-    assert (round(third.first.mean(), 2), round(third.second.mean(), 2)) == (4.47, 3.13)
-    # one of them sees no difference, the other fourteen all rate the network robot system higher
-    compared = statistics.compare_paired(third.first, third.second)
-    assert compared.test.z < -3.0 and compared.test.p_exact == 2.0**-13 and compared.rank_biserial == 1.0
-    assert "demanding" in third.statement and compared.n == 15
-
-
 def test_answers_not_given_are_left_out(tmp_path):
     found = questionnaire.read(
-        write_answers(tmp_path / "a.csv", [person("a", 5, ""), person("b", 4, 3), person("c", 5, 2, "")])
+        write_answers(tmp_path / "a.csv", [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")])
     )
-    assert found.answers[0].first.tolist() == [4.0, 5.0] and (found.helped, found.asked) == (2, 2)
+    assert found.answers[0].first.tolist() == [4.0, 5.0] and (found.helped, found.asked) == (1, 2)
+
+
+def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_path):
+    folder = study_rows.make_study(tmp_path / "study", 6, worlds=False, maps=False, people=True)
+    # one answer for each statement; then boxes ticked: the good end of all pairs is on the right, the first four pragmatic
+    given = zip((5, 4, 5, 4, 5, 7, 7, 6, 5, 4, 3, 2, 1), (1, 2, 3, 3, 4, *(1,) * 8))
+    row = [answer for pair in given for answer in pair]
+    rows = [[number, *row[:10], "yes", *row[10:]] for number in range(6)]
+    write_answers(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
+    page, study = words_of(write_report(folder).read_text()), read_study(folder)
+    assert "exact p" in page and "Yes: 6 of 6" in page and "This is a simulation" not in page
+    blocks = [block for _, _, make in SECTIONS for block in make(study) if isinstance(block, Grid)]
+    tables = {block.name: block.rows for block in blocks}
+    statements, scales = tables["questionnaire"][:5], tables["questionnaire"][5:]
+    assert [(row["nrs"], row["robot_only"]) for row in statements] == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4)]
+    assert [(row["nrs"], row["robot_only"]) for row in scales] == [(2.25, -3.0), (-1.5, -3.0), (0.375, -3.0)]
+    assert [row["holm"] for row in statements + scales] == [".156"] * 5 + [".094"] * 3  # 5 and 3 times 2 of 2**6
+    kinds = [[row for row in tables["not_worse"] if row["measure"] == words] for words, *_ in MARGINS.values()]
+    for family in (tables["test_time_total_s"], tables["test_jaccard"], tables["who_completed"], *kinds):
+        corrected = statistics.holm([row["p_value"] for row in family])
+        assert len(family) == 3 and [row["holm"] for row in family] == [statistics.format_p(p) for p in corrected]
 
 
 @pytest.mark.parametrize(

@@ -40,15 +40,7 @@ def test_hollander_and_wolfe_exact_p_estimate_and_interval():
     assert found.shift.estimate == pytest.approx(-0.46)
     assert (found.shift.low, found.shift.high) == pytest.approx((-0.786, -0.010))
     assert found.shift.confidence == pytest.approx(0.961, abs=5e-4)
-
-
-def test_rank_biserial_of_a_worked_example():
-    # the example of Wikipedia's article on the test until 2020: a sum of signed ranks of 9 out of 45
-    found = statistics.compare_paired(
-        [125, 115, 130, 140, 140, 115, 140, 125, 140, 135], [110, 122, 125, 120, 140, 124, 123, 137, 135, 145]
-    )
-    assert (found.test.w_plus, found.test.w_minus) == (27.0, 18.0)
-    assert found.rank_biserial == pytest.approx(0.2)
+    assert found.rank_biserial == pytest.approx((5.0 - 40.0) / 45.0)
 
 
 @pytest.mark.parametrize(
@@ -64,17 +56,6 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
         start += size + 1
     test = statistics.signed_rank(differences)
     assert round(test.z, 3) == z and test.p_exact == 2.0**-14
-
-
-@pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
-def test_paper_accuracy_is_an_exact_test_of_13_pairs(w, z, p):
-    # Sect. 5.8.4: Z and p agree for an exact test of 13 pairs, those with both runs completed (93.3 % each)
-    signs = next(
-        chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w
-    )
-    differences = np.array([rank if rank in signs else -rank for rank in range(1, 14)], float)
-    test = statistics.signed_rank(differences)
-    assert round(test.z, 3) == z and statistics.format_p(test.p_exact) == p
 
 
 def ranks_of(values):
@@ -97,17 +78,6 @@ def test_exact_p_against_all_signs(values):
     ranks, sums = ranks_of(ranked)
     assert test.p_exact == pytest.approx(min(1.0, 2 * np.mean(sums <= min(test.w_plus, test.w_minus) + 1e-9)))
     assert test.z <= 1e-12 and test.w_plus + test.w_minus == pytest.approx(ranks.sum())
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.floats(-50, 50), min_size=2, max_size=12), st.lists(st.floats(-50, 50), min_size=12, max_size=12))
-def test_exchanging_the_samples_turns_the_signs(first, second):
-    second = second[: len(first)]
-    a, b = statistics.compare_paired(first, second), statistics.compare_paired(second, first)
-    assert (a.test.w_plus, a.test.w_minus) == (b.test.w_minus, b.test.w_plus)
-    assert a.shift.estimate == pytest.approx(-b.shift.estimate) and a.shift.low == pytest.approx(-b.shift.high)
-    assert a.shift.low <= a.shift.estimate <= a.shift.high
-    assert (a.test.p_exact, a.r) == pytest.approx((b.test.p_exact, b.r), nan_ok=True)
 
 
 @settings(max_examples=60, deadline=None)

@@ -2,7 +2,9 @@
 
 import re
 import textwrap
+from collections import defaultdict
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -87,22 +89,28 @@ def test_hash_tells_configurations_apart():
 
 def test_orders_are_random_and_balanced():
     scenarios, methods = ["room", "carpet", "corner"], ["nrs", "robot_only"]
-    orders = [order_runs(number, scenarios, methods, 1) for number in range(1, 16)]
-    for order in orders:
-        assert len(set(order)) == 6
-        # all runs of one method, then all of the other, as in the paper
-        assert len({method for _, method in order[:3]}) == len({method for _, method in order[3:]}) == 1
-    first = [order[0][1] for order in orders]
-    # each method comes first as often as the other, to within one, for any number of participants
-    assert all(abs(first[:count].count("nrs") - first[:count].count("robot_only")) <= 1 for count in range(1, 16))
-    # in each half, each scenario is equally often at each position, exactly so for whole blocks of three
-    for half in (0, 3):
-        for place in range(3):
+    follows, uneven = defaultdict(set), set()  # which method comes next, by the lead of one; where no block ends
+    for seed in range(100):
+        orders = [order_runs(number, 12, scenarios, methods, seed) for number in range(1, 13)]
+        for order in orders:
+            assert len(set(order)) == 6
+            # all runs of one method, then all of the other, as in the paper
+            assert len({method for _, method in order[:3]}) == len({method for _, method in order[3:]}) == 1
+        first = [order[0][1] for order in orders]
+        leads = [first[:count].count("nrs") - first[:count].count("robot_only") for count in range(13)]
+        assert leads[12] == 0
+        uneven |= set(np.flatnonzero(leads))
+        for lead, method in zip(leads, first):
+            follows[lead].add(method)
+        # in each half, each scenario is equally often at each position, exactly so for whole blocks of three
+        for half, place in product((0, 3), range(3)):
             third = [order[half + place][0] for order in orders]
-            assert [third.count(scenario) for scenario in scenarios] == [5, 5, 5]
-    assert len(set(map(tuple, orders))) > 8 and orders != [
-        order_runs(number, scenarios, methods, 2) for number in range(1, 16)
-    ]
+            assert [third.count(scenario) for scenario in scenarios] == [4, 4, 4]
+        assert len(set(map(tuple, orders))) > 8
+    # the next method is foreseen only at the end, and where the longest block must still become even
+    assert uneven == set(range(1, 12))
+    assert follows.pop(3) == {"robot_only"} and follows.pop(-3) == {"nrs"}
+    assert set(follows) == {-2, -1, 0, 1, 2} and all(next_ == set(methods) for next_ in follows.values())
 
 
 def test_columns_begin_with_the_contracts():

@@ -1,6 +1,7 @@
 """Ground truths, protocol, and measures taken from recordings that the other packages' code writes."""
 
 import json
+import re
 import shutil
 import tempfile
 from itertools import product
@@ -103,18 +104,14 @@ def test_a_picture_that_is_no_ground_truth_is_named(picture, words, tmp_path):
 
 
 # ------------------------------------------------------------------ protocol
-def test_protocol_round_trip_and_spreadsheets(tmp_path):
+def test_a_protocol_is_read_as_written_without_runs_that_did_not_take_place(tmp_path):
     path = tmp_path / "protocol.csv"
     protocol.write(path, protocol.plan(2, ["room"], ["nrs", "robot_only"], 1))
     entries = protocol.read(path)
     assert len(entries) == 4 and entries[0].completed is None
     with pytest.raises(CodedError):
         protocol.write(path, [])  # an existing protocol is not overwritten
-    path.write_text(
-        "\ufeffparticipant;order;method;scenario;recording;completed;note\n"
-        "p1;1;nrs;room;a;yes;fine\np2;1;nrs;room;;;ill\n;;;;;;\n",
-        encoding="utf-8",
-    )
+    path.write_text(f"{','.join(protocol.COLUMNS)}\np1,1,nrs,room,a,yes,fine\np2,1,nrs,room,,,ill\n")
     assert protocol.read(path) == [protocol.Entry("p1", "nrs", "room", "a", True, "fine", 1)]
 
 
@@ -261,21 +258,24 @@ def events_of(folder):
     return [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
 
 
-def do(planned, keys, started=None):
-    def start(plan):
-        (started if started is not None else []).append(plan.command)
-        return lambda: None
-
-    return conduct.conduct_run(planned, start, iter(keys), lambda words: None)
+def test_orders_are_drawn_again_for_every_plan(tmp_path):
+    assert main(["plan", "--out", str(tmp_path / "other.csv")]) == main(["plan", "--out", str(tmp_path / "a.csv")]) == 0
+    assert (tmp_path / "other.csv").read_text() != (tmp_path / "a.csv").read_text()
 
 
-def test_runs_come_in_the_planned_order_in_their_condition(planned):
+def do(planned, keys):
+    conduct.conduct_run(planned, lambda plan: lambda: None, iter(keys), lambda words: None)
+
+
+def test_runs_come_in_the_planned_order_in_their_condition(planned, monkeypatch, capsys):
     entries, started = protocol.read(planned)[:6], []
+    monkeypatch.setattr(conduct, "roslaunch", lambda run: started.append(run) or (lambda: None))
+    monkeypatch.setattr(conduct, "read_keys", lambda: iter(["b", "h", "n", "slow today", "c"]))
     for entry in entries:
-        run = conduct.next_run(planned, "p01")
-        assert run.entry == entry
-        assert do(run, ["b", "h", "n", "slow today", "c"], started)["completed"] is True
-    for entry, command in zip(entries, started):
+        assert "hand out" not in capsys.readouterr().out
+        assert main(["run", "p01", "--protocol", str(planned)]) == 0 and started[-1].entry == entry
+    assert f"hand out questionnaire_{entries[0].method}_first.html" in capsys.readouterr().out
+    for entry, command in zip(entries, (run.command for run in started)):
         assert f"method:={entry.method}" in command and f"record:={planned.parent / entry.recording}" in command
         assert ("cameras:=none" in command) == (entry.method == "robot_only")
     notes = events_of(planned.parent / entries[0].recording)
@@ -283,6 +283,7 @@ def test_runs_come_in_the_planned_order_in_their_condition(planned):
     assert notes[0]["time"] <= notes[-1]["time"]
     recorded = Recording(planned.parent / entries[0].recording).run
     assert recorded["order"] == 1 and recorded["method"] == entries[0].method and recorded["revision"]
+    assert recorded["completed"] is True
     with refused("all_done"):
         conduct.next_run(planned, "p01")
     with refused("no_participant"):
@@ -314,22 +315,23 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
     assert again.entry == first.entry and again.folder != first.folder
     do(again, ["b", "f"])
     assert events_of(first.folder) and measure.last_attempt(first.folder) == again.folder
+    (again.folder / "bags").mkdir()
+    (again.folder / "bags" / "session.bag").write_bytes(b"#ROSBAG V2.0\n")  # a torn one does not stop the next run
     assert conduct.next_run(planned, "p02").entry.order == 2
 
 
-def test_a_torn_bag_does_not_stop_the_next_run(planned):
-    first = conduct.next_run(planned, "p02")
-    do(first, ["b", "c"])
-    (first.folder / "bags").mkdir()
-    (first.folder / "bags" / "session.bag").write_bytes(b"#ROSBAG V2.0\n")
-    assert conduct.next_run(planned, "p02").entry.order == 2
+def test_power_lists_the_people_that_an_effect_needs(capsys):
+    assert main(["power"]) == main(["power", "--tests", "1"]) == 0
+    listed = re.findall(r"^  (.*): (\d+)$", capsys.readouterr().out, re.M)
+    assert listed[2::7] == [("0.6", "34"), ("0.6", "25")] and listed[4] == ("1.0", "15")
 
 
 def test_forms_are_written_once(tmp_path):
     written = {path.name for path in forms.write(tmp_path / "forms")}
     assert {"information.md", "consent.md", "preregistration.md", "codebook.csv", "demographics.html"} <= written
     pages = [(tmp_path / "forms" / f"questionnaire_{first}_first.html").read_text() for first in ("robot_only", "nrs")]
-    assert pages[0] != pages[1] and "http://" not in pages[0]
+    titles = [re.findall("Method: (.*)</h2>", page) for page in pages]
+    assert titles == [["robot only", "network robot system"], titles[0][::-1]] and "http://" not in pages[0]
     with pytest.raises(CodedError):
         forms.write(tmp_path / "forms")
 
@@ -389,7 +391,8 @@ def mishaps(study):
 def test_every_mishap_is_what_it_is_in_every_table(mishaps):
     rows_of(mishaps)
     # the judge sees what was drawn, but not by whom, with which method or in which order
-    pictures = blind.write(mishaps, mishaps / "out")
+    assert main(["judge", str(mishaps / "out")]) == 0
+    pictures = mishaps / "judging"
     key = read_sheet(mishaps / "judging_key.csv", ("code", "recording")).set_index("recording").code
     assert {path.stem for path in pictures.glob("*.png")} == set(key) and "crash" not in key and "given_up" not in key
     (pictures / "judgements.csv").write_text(f"code,completed\n{key['refused']},no\n{key['good']},yes\n")

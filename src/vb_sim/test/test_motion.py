@@ -2,6 +2,7 @@
 
 import math
 import threading
+from functools import partial
 
 import cv2
 import numpy as np
@@ -183,28 +184,35 @@ def test_a_person_is_seen_by_the_scanner():
 
 
 # ------------------------------------------------------------ time
+class Clock(threading.Condition):
+    """What a step waits on: waiting takes a second until somebody late arrives, or else as long as it may."""
+
+    def wait_for(self, predicate, timeout):
+        self.waited, self.woken = 0.0, True
+        for arrive in self.late:
+            self.waited, self.woken = self.waited + 1.0, False
+            arrive()
+        if not (self.woken and predicate()):
+            self.waited = timeout
+
+    def notify_all(self):
+        self.woken = True
+
+
 def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
-    lockstep, passed = Lockstep(("navigation", "driver"), timeout=3600.0), threading.Event()
-    lockstep.wait()  # nobody drives: it does not wait an hour
-    lockstep.arrive("driver")
-    lockstep.wait()
-    for who in ("navigation", "driver"):
-        lockstep.arrive(who)
-    lockstep.wait()
-    lockstep.arrive("driver")  # from here on both are expected
-    thread = threading.Thread(target=lambda: (lockstep.wait(), passed.set()), daemon=True)
-    thread.start()
-    assert not passed.wait(0.05)
-    lockstep.arrive("navigation")
-    assert passed.wait(60.0)
-    thread.join(60.0)
+    lockstep = Lockstep(("navigation", "driver"), timeout=5.0)
+    clock = lockstep._condition = Clock()
 
+    def step(*early, late=()):
+        """Ends a step; returns how long it waited."""
+        clock.late, clock.waited = [partial(lockstep.arrive, who) for who in late], 0.0
+        for who in early:
+            lockstep.arrive(who)
+        lockstep.wait()
+        return clock.waited
 
-def test_lockstep_gives_up_on_one_that_is_silent():
-    lockstep, silent = Lockstep(("driver",), timeout=0.01), []
-    lockstep.arrive("driver")
-    lockstep.wait()
-    thread = threading.Thread(target=lambda: (lockstep.wait(), silent.append(True)), daemon=True)
-    thread.start()
-    thread.join(60.0)
-    assert silent
+    both = ("navigation", "driver")
+    assert step() == step("driver") == step(*both) == 0.0  # nobody drives, or not all; from here on both are expected
+    assert step(*both) == 0.0 and step("driver", late=["navigation"]) == 1.0 and step(late=both) == 2.0
+    assert step("driver") == 5.0, "it gives up on who is silent"
+    assert step("driver") == step() == step(*both) == 0.0 and step("navigation") == 5.0

@@ -164,7 +164,6 @@ def accuracy_section(study: StudyResults) -> List[Block]:
     heads = columns("scenario", "method", "median", "least", "paper", "runs", least="Smallest")
     blocks: List[Block] = [
         "Restricted cells against those that were asked for, over completed runs.",
-        "The index saturates with the area's size: the boundary error above tells runs apart that it does not.",
         Grid("accuracy", heads, rows, {"median": 3, "least": 3, "paper": 3}),
         *effect_sizes.wilcoxon_blocks(study, "jaccard", "", True),
     ]

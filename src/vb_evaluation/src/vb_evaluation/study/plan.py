@@ -70,7 +70,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
         Job(participant, scenario, method, order=place)
         for participant in range(1, participants + 1)
         for place, (scenario, method) in enumerate(
-            order_runs(participant, design.scenarios, design.methods, design.seed), 1
+            order_runs(participant, design.participants, design.scenarios, design.methods, design.seed), 1
         )
     ]
 

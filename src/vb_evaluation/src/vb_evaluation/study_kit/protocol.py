@@ -48,7 +48,7 @@ def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], se
             "recording": f"p{number:02d}_{order}_{method}_{scenario}",
         }
         for number in range(1, participants + 1)
-        for order, (scenario, method) in enumerate(order_runs(number, scenarios, methods, seed), 1)
+        for order, (scenario, method) in enumerate(order_runs(number, participants, scenarios, methods, seed), 1)
     ]
 
 
