@@ -56,7 +56,7 @@ def recorded(tmp_path_factory):
     writer.release()
     labels = ",".join(f'{{"frame": {number}, "x": 160, "y": 120, "event": 1}}' for number in range(35, 40))
     (folder / "labels.json").write_text(f'{{"videos": {{"one.avi": {{"width": 320, "labels": [{labels}]}}}}}}')
-    spoken = {"stop/one.wav": say("stop"), "sentences/one.wav": say("the weather is fine")}
+    spoken = {"stop/one.wav": say("stop"), "sentences/one.wav": say("fine", pause=0.1)}
     for name, pcm in {**spoken, "kitchen.flac": room_noise(5 * RATE, 1000.0).astype(np.int16)}.items():
         (folder / name).parent.mkdir(exist_ok=True)
         wavfile.write(str(folder / name), RATE, pcm)
