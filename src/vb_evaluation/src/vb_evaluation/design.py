@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import zlib
 from typing import List, Sequence, Tuple
 
@@ -40,7 +39,7 @@ def counterbalance(
     random = np.random.default_rng([seed, zlib.crc32(label.encode())])
     orders: List[List[str]] = []
     while len(orders) < number:
-        left = math.ceil((participants - len(orders)) / len(things))
+        left = -(-(participants - len(orders)) // len(things))  # squares, the last perhaps not in full
         firsts = [random.permutation(list(things)) for _ in range(min(random.integers(squares) + 1, left))]
         block = [np.roll(first, shift) for first in firsts for shift in range(len(things))]
         orders += random.permutation(block).tolist()

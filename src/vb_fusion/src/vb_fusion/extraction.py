@@ -1,7 +1,6 @@
 """Extracts one border from the spots of all cameras, treating each stroke as one track through time.
 
-The stages, in the order of the data, are in `observations` (0), `track` (1), `observations` (2), `line` (3 to 5) and
-here (6); docs/explanation/extraction.md describes each.
+Stages: `observations` (0, 2), `track` (1), `line` (3 to 5) and here (6); docs/explanation/extraction.md describes each.
 `ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps.
 
 >>> import numpy as np

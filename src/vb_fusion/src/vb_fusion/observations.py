@@ -20,8 +20,7 @@ LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently
 BIN_PHASE = 0.031  # of a bin: no bin should begin at a round time, as images come at round intervals
 TIME_BIN = 0.1  # [s] within it a hand moves the pointer by centimetres, and a camera with 10 images/s sees it
 MAX_DROPOUTS = 3.0  # median intervals between occupied time bins, within which a moving pointer is seen again
-# correlation of a robot's error with its error a second later: localisation corrects itself within metres
-ERROR_CORRELATION = math.exp(-1.0 / 10.0)
+ERROR_CORRELATION = math.exp(-0.1)  # of a robot's error with that a second later: it is corrected within metres
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
 
