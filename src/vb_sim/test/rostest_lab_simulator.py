@@ -133,9 +133,9 @@ class LabSimulatorTest(unittest.TestCase):
     # ------------------------------------------------------------- the lab
     def test_time_goes_on_evenly(self):
         self.clock.next(60)
-        stamps = [message.clock.to_nsec() for message in self.clock.all]
-        self.assertGreater(min(np.diff(stamps[5:])), 0)
-        self.assertEqual(set(np.diff(stamps[-40:])) - {20000000, 40000000, 60000000}, set())
+        # rospy's own subscription to /clock, which this one shares, keeps the newest message only: some are missing
+        steps = np.diff([message.clock.to_nsec() for message in self.clock.all[5:]])
+        self.assertEqual((min(steps), set(steps % 20_000_000)), (20_000_000, {0}))
 
     def test_the_robot_is_where_tf_says_and_stops_by_itself(self):
         start, command = self.state.next().robot_poses[0], Twist()
