@@ -8,9 +8,11 @@ import rospy
 import rostest
 from nav_msgs.msg import OccupancyGrid
 
+from vb_testing import wait_until
 from vb_core import names
 from vb_core.ros import node
 from vb_evaluation.navigation_check import NavigationCheck
+from vb_evaluation.observer import Observer
 from vb_msgs.srv import ListBorders
 
 GOAL = (1.6, 1.6)
@@ -21,10 +23,14 @@ class NavigationCheckTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("test_navigation_check")
         node.wait_for_clock()
-        # the command assumes that they exist: people run it beside a running system
-        for service in ("/move_base/make_plan", "/miswired/move_base/make_plan", names.ADD_BORDER, names.LIST_BORDERS):
+        # the command assumes that they exist, and that each move_base has its map: people run it beside a running system
+        for service in (names.ADD_BORDER, names.LIST_BORDERS):
             rospy.wait_for_service(service, 120.0)
         rospy.wait_for_message(names.MAP_WITH_BORDERS, OccupancyGrid, 120.0)
+        observer, near = Observer(), (GOAL[0] + 0.1, GOAL[1], 0.0)
+        for service in ("/move_base/make_plan", "/miswired/move_base/make_plan"):
+            rospy.wait_for_service(service, 120.0)
+            wait_until(lambda: len(observer.plan((*GOAL, 0.0), near, service)), f"a plan of {service}")
 
     @classmethod
     def tearDownClass(cls):
