@@ -125,6 +125,8 @@ class StopTest(PageTest):
     def test_stop_reaches_robots_without_the_manager(self):
         self.heard.pop(names.STOP, None)
         robot = rospy.Publisher(names.DRIVERS, DriverState, queue_size=1)
+        listen = "new MutationObserver(() => said.push(toast.dataset.code)).observe(toast, { attributes: true })"
+        self.browser.run(f"said = []; {listen}")
         manager = process_of("/interaction_manager")
         # halted first: if killed at once, it would be restarted before anybody missed it
         os.kill(manager, signal.SIGSTOP)
@@ -143,6 +145,8 @@ class StopTest(PageTest):
         # roslaunch restarts the manager, and the robot that heard the stop reports it
         wait_until(told, "the manager to know of the stop")
         self.browser.wait_text("#banners", "All robots are stopped")
+        # what is pressed before the stop is answered waits for that, and may expire meanwhile
+        self.browser.wait("said.some((code) => code.startsWith('stop'))", what="the answer to the stop")
         self.resume()
         robot.unregister()
 
