@@ -99,7 +99,10 @@ class TestCameraSource(unittest.TestCase):
 
     def test_2_others_get_images_while_they_listen(self):
         kinds = {"image_raw": Image, "image_raw/compressed": CompressedImage, "camera_info": CameraInfo}
-        hear = lambda name: rospy.wait_for_message(f"/hall/{name}", kinds[name], TIMEOUT)  # noqa: E731
+
+        def hear(name):
+            return rospy.wait_for_message(f"/hall/{name}", kinds[name], TIMEOUT)
+
         whole, as_sent, info = map(hear, kinds)
         self.assertEqual(array_from_image(whole).shape, (HEIGHT, WIDTH, 3))
         self.assertEqual(whole.header.frame_id, "hall_optical_frame")

@@ -80,7 +80,7 @@ class SpotDetectorNode:
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
         self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile, bool(params.source))
-        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=self._stamps.maxlen, tcp_nodelay=True)
+        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_MAX_UNCONFIRMED_IMAGES, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
         depth = DepthTopic(rospy.resolve_name(params.depth), self._report) if params.depth else None
