@@ -43,10 +43,12 @@ def versions(given: argparse.Namespace) -> Dict[str, Optional[Path]]:
 
 
 class Table:
-    """Rows of results: printed as they come, and appended, with the revision, to a CSV file if one is given."""
+    """Rows of results: printed as they come, and appended, with seed and revision, to a CSV file if one is given."""
 
-    def __init__(self, path: Optional[Path] = None) -> None:
-        self._path, self._revision = path, revision() if path is not None else ""
+    def __init__(self, path: Optional[Path] = None, seed: Optional[int] = None) -> None:
+        self._path, self._source = path, {"revision": revision()} if path is not None else {}
+        if seed is not None:
+            self._source["seed"] = str(seed)
         self.rows: List[Dict[str, Any]] = []
 
     def add(self, **row: Any) -> None:
@@ -58,7 +60,7 @@ class Table:
         if self._path is not None:
             new = {key: value for key, value in row.items() if not isinstance(value, list)}
             kept = [pandas.read_csv(self._path, dtype=str, keep_default_na=False)] if self._path.exists() else []
-            table = pandas.concat([*kept, pandas.DataFrame([{**new, "revision": self._revision}], dtype=str)])
+            table = pandas.concat([*kept, pandas.DataFrame([{**new, **self._source}], dtype=str)])
             self._path.parent.mkdir(parents=True, exist_ok=True)
             table.fillna("").to_csv(self._path, index=False)
 

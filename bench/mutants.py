@@ -222,7 +222,7 @@ def main() -> int:
     parser.add_argument("--each", type=int, default=8, help="mutants of each module")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
-    table, tests = Table(given.csv), {name: tests_of(name) for name in given.modules}
+    table, tests = Table(given.csv, given.seed), {name: tests_of(name) for name in given.modules}
     for needed in NEEDED.split():
         importlib.import_module(needed)
     hypothesis.settings.register_profile("mutants", database=None, deadline=None)
@@ -246,7 +246,7 @@ def main() -> int:
             name, line, words, _ = chosen[number]
             source = file_of(name).read_text(encoding="utf-8").splitlines()[line - 1].strip()
             table.add(module=name, line=line, change=words, source=source)
-    print(f"survivors: {share(len(table.rows), len(chosen))}")
+    table.add(module="all", change="survivors", source=share(len(table.rows), len(chosen)))
     return 0
 
 

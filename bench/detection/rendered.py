@@ -25,7 +25,7 @@ def main() -> int:
     parser.add_argument("--share", type=float, default=1.0)
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    table, room, rooms = Table(given.csv), lab(), Rooms(given.seed)
+    table, room, rooms, everything = Table(given.csv, given.seed), lab(), Rooms(given.seed), {}
     for scene in ceiling_scenes(room) + mobile_scenes(room):
         if any(word in scene.title for word in given.scenes):
             finders = {version: Finder(scene.role, source) for version, source in versions(given).items()}
@@ -35,7 +35,10 @@ def main() -> int:
                     count.look(frame)
             for version, count in counts.items():
                 found = {**figures([count], "mm"), "false_at": count.false[:12]}
-                table.add(scene=scene.title, version=version, seed=given.seed, share=given.share, **found)
+                table.add(scene=scene.title, version=version, share=given.share, **found)
+                everything.setdefault(version, []).append(count)
+    for version, counted in everything.items():
+        table.add(scene="all", version=version, share=given.share, **figures(counted, "mm"))
     return 0
 
 

@@ -36,7 +36,7 @@ from bench.detection.finder import Finder, LabeledFrame
 from bench.detection.hard_scenes import Scene, frames
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
-from bench.frame import TOP, Table, arguments
+from bench.frame import TOP, Table, arguments, share
 from vb_laser_detect.detection.features import Blob, SpotClassifier
 
 SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than rendered.py's
@@ -147,8 +147,12 @@ def main() -> int:
         table.add(
             left_out=group, spots=int(truth.sum()), found=found, others=int((~truth).sum()), taken_for_spots=taken
         )
+    groups = pandas.DataFrame(table.rows)
+    for kind, part in groups.groupby(groups.left_out.map(fitting.kind)):
+        spots, found, others, taken = part[["spots", "found", "others", "taken_for_spots"]].sum()
+        table.add(left_out=f"each {kind}", found=share(found, spots), taken_for_spots=share(taken, others))
     if given.out:
-        kinds = [name.split(":")[0] if ":" in name else "clip" for name in names]
+        kinds = [fitting.kind(name) for name in names]
         trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
         made = fitting.calibrate(fitting.fit(examples), left_out.values())
         fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))

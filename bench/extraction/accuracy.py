@@ -185,7 +185,8 @@ def main() -> int:
         tools["other"] = extracting(import_from(given.other, "vb_fusion.extraction")[0], "robust", True)
     tools = {name: tools[name] for name in (given.methods or tools)}
     which, base = ("judge", 100_000) if given.judge else ("develop", 0)
-    base, table = base if given.seed is None else given.seed, Table(given.csv)
+    base = base if given.seed is None else given.seed
+    table = Table(given.csv, base)
     for group in given.only:
         if group == "people":
             cells = strokes_of_people(which, given.draws, base)

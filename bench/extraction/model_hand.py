@@ -237,14 +237,18 @@ def main() -> None:
     parser.add_argument("--times", type=float, default=1.0, help="of each row's number of strokes")
     parser.add_argument("--only", nargs="*", default=[""], help="rows with one of these in their names")
     given = parser.parse_args()
-    table = Table(given.csv)
+    table = Table(given.csv, given.seed)
     for number, (name, (make, count)) in enumerate(ROWS.items()):
         for version, source in versions(given).items() if any(part in name for part in given.only) else ():
             modules, seeds = import_from(source, *MODULES), range(max(1, int(count * given.times)))
             look_at = judge_seed if make is held else judge
             found = [look_at(make, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]
             bad, silent, told, off = np.array(found, float).T
-            counts = {"bad": int(bad.sum()), "silent": share(int(silent.sum()), len(found)), "told": int(told.sum())}
+            counts = {
+                "bad": share(int(bad.sum()), len(found)),
+                "silent": share(int(silent.sum()), len(found)),
+                "told": int(told.sum()),
+            }
             table.add(row=name, version=version, **counts, median_m=float(np.nanmedian(off)))
 
 

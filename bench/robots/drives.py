@@ -58,7 +58,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="leave out so many of these drives, to go on with a seed")
     parser.add_argument("--drives", type=int, default=1000, help="how many at most")
     given = parser.parse_args()
-    table, counts = Table(given.csv), Counter()
+    table, counts = Table(given.csv, given.seed), Counter()
     todo = [task for task in tasks(given.seed) if task[0] in given.kinds][given.first :][: given.drives]
     if not todo:
         parser.error("no drives are left")
@@ -69,9 +69,7 @@ def main() -> int:
         good = run["outcome"] in WANTED[kind] and not entered and run["still_s"] <= STUCK
         counts[kind, "done"] += added
         counts[kind, "as wanted"] += added and good
-        table.add(
-            robot=given.robot, seed=given.seed, kind=kind, scenario=scenario, number=number, **run, as_wanted=good
-        )
+        table.add(robot=given.robot, kind=kind, scenario=scenario, number=number, **run, as_wanted=good)
 
     try:
         for scenario, part in itertools.groupby(todo, key=lambda task: task[1]):
@@ -83,7 +81,8 @@ def main() -> int:
     finally:
         lab.child.stop()
     for kind in given.kinds:
-        print(f"{kind}: as wanted {share(counts[kind, 'as wanted'], counts[kind, 'done'])}")
+        good = share(counts[kind, "as wanted"], counts[kind, "done"])
+        table.add(robot=given.robot, kind=f"each {kind}", as_wanted=good)
     return 0
 
 
