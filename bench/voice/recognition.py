@@ -94,8 +94,10 @@ def main() -> int:
     else:
         judge_people(given.folder, given.half, tally)
     shares = {figure: share(sum(trials), len(trials)) for figure, trials in tally.figures.items()}
-    for what, value in {**shares, **Counter(tally.wrong)}.items():
+    for what, value in shares.items():
         table.add(half=given.half, what=what, share=value)
+    for case, times in Counter(tally.wrong).items():
+        table.add(half=given.half, what="taken for a command", share=times, case=case)
     return 0
 
 
