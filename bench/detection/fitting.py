@@ -42,7 +42,7 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     """
     names, truth = examples.columns[:-1], examples.truth.to_numpy()
     columns = examples[names].to_numpy().T
-    kinds = np.array([kind(group) for group in examples.index])
+    kinds = np.array([kind_of(group) for group in examples.index])
     weights = np.where(truth, 1.0, _FALSE_COSTS)
     for kind in np.unique(kinds):
         of_kind = kinds == kind
@@ -93,7 +93,7 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     return SpotClassifier(curves, intercept)
 
 
-def kind(group: str) -> str:
+def kind_of(group: str) -> str:
     """Returns what a clip or scene is by its name: a clip, a clip taken again, or a kind of scene."""
     return group.split(":")[0] if ":" in group else "clip"
 

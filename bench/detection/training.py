@@ -148,11 +148,11 @@ def main() -> int:
             left_out=group, spots=int(truth.sum()), found=found, others=int((~truth).sum()), taken_for_spots=taken
         )
     groups = pandas.DataFrame(table.rows)
-    for kind, part in groups.groupby(groups.left_out.map(fitting.kind)):
+    for kind, part in groups.groupby(groups.left_out.map(fitting.kind_of)):
         spots, found, others, taken = part[["spots", "found", "others", "taken_for_spots"]].sum()
         table.add(left_out=f"each {kind}", found=share(found, spots), taken_for_spots=share(taken, others))
     if given.out:
-        kinds = [fitting.kind(name) for name in names]
+        kinds = [fitting.kind_of(name) for name in names]
         trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
         made = fitting.calibrate(fitting.fit(examples), left_out.values())
         fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
