@@ -24,6 +24,7 @@ from vb_evaluation.provenance import revision
 from vb_evaluation.statistics import proportion
 
 TOP = Path(__file__).resolve().parents[1]
+HALVES = ("development", "judging")  # of recordings: those looked at while a program is changed, and the others
 
 
 def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = False) -> argparse.ArgumentParser:

@@ -10,13 +10,15 @@ import pytest
 from scipy.io import wavfile
 
 from speech import RATE, room_noise, say
+from test_recognition import flat
+from vb_core.map_files import write_map
+from vb_map_integration.places.registration import Transform
 from vb_testing import run_command
 
 TOP = Path(__file__).resolve().parents[1]
 HANG_S = 1800  # only a bench that hangs takes this long, even on a busy computer
 
 SAMPLES = {
-    "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/clips.py": "{recorded} --roles window",
     "detection/rendered.py": "'robot turns' --share 0.02 --other {top}/src",
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
@@ -26,6 +28,7 @@ SAMPLES = {
     "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
+    "maps/recorded.py": "{recorded}",
     "mutants.py": "--modules vb_evaluation.study_kit.measure --each 1",
     "voice/recognition.py": "{recorded}",
     "detection/training.py": "--clips {recorded} --scenes grey --examples {folder}/examples --out {folder}/made.json",
@@ -44,7 +47,7 @@ def test_every_bench_has_a_sample():
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Returns a folder with a labelled clip, a spot on a grey floor, and with what the bench of voice listens to."""
+    """Returns a folder with a labelled clip, a spot on a grey floor, what the bench of voice listens to, and two maps."""
     folder = tmp_path_factory.mktemp("recorded")
     (folder / "clips").mkdir()
     writer = cv2.VideoWriter(str(folder / "clips" / "one.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))
@@ -60,6 +63,9 @@ def recorded(tmp_path_factory):
     for name, pcm in {**spoken, "kitchen.flac": room_noise(5 * RATE, 1000.0).astype(np.int16)}.items():
         (folder / name).parent.mkdir(exist_ok=True)
         wavfile.write(str(folder / name), RATE, pcm)
+    write_map(folder / "old", flat())
+    write_map(folder / "new", flat(Transform(0.25), seed=1))
+    (folder / "pairs.json").write_text('[{"old": "old", "new": "new", "transform": [0.25, 0, 0]}]')
     return folder
 
 

@@ -6,7 +6,6 @@ Only this module knows the detector's interface, and only this one decides which
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
@@ -62,7 +61,7 @@ class Finder:
 
 
 class Count:
-    """Scores a detector on the frames of one clip, scene or camera.
+    """Scores a detector on the frames of one clip or scene.
 
     Args:
         reach: a spot nearer than this to one of the frame's is right.
@@ -73,7 +72,6 @@ class Count:
         found: (stamp, index) of each of the frames' spots that was found.
         errors: distances of the right spots from the frames'.
         false: (frame number, u, v [px]) of the others; `fringe` of them are at unclear positions.
-        ms: thread time of each search.
     """
 
     def __init__(
@@ -87,15 +85,12 @@ class Count:
         self._frames: Dict[float, Tuple[int, LabeledFrame]] = {}
         self.found: Set[Tuple[float, int]] = set()
         self.false: List[Tuple[int, float, float]] = []
-        self.fringe, self.errors, self.ms = 0, [], []
+        self.fringe, self.errors = 0, []
 
     def look(self, frame: LabeledFrame) -> None:
         """Searches a frame and counts."""
         self._frames[frame.stamp] = len(self._frames), frame._replace(image=None, geometry=None)
-        began = time.thread_time()
-        spots = self._finder.find(frame)
-        self.ms.append(1e3 * (time.thread_time() - began))
-        for spot in spots:
+        for spot in self._finder.find(frame):
             if spot.stamp != frame.stamp and not self._recalls:
                 continue
             (number, truth), place = self._frames[spot.stamp], self._place_of(spot)

@@ -20,8 +20,8 @@ from typing import Dict, List
 
 import numpy as np
 
-from bench.frame import Table, arguments, share
-from bench.voice.room import HALVES, RATE, Clip, Room, load, read_people, trimmed
+from bench.frame import HALVES, Table, arguments, share
+from bench.voice.room import RATE, Clip, Room, load, read_people, trimmed
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import ANSWERS
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult

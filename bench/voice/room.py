@@ -11,6 +11,7 @@ import av
 import numpy as np
 import soxr
 
+from bench.frame import HALVES
 from vb_feedback.sound.tone_synthesis import RATE as TONE_RATE
 from vb_feedback.sound.tone_synthesis import synthesize
 from vb_core.vocabulary import STOP
@@ -22,7 +23,6 @@ PIECE = RATE // 20  # a microphone's samples come in such pieces
 PEAK = 8000.0  # of a voice's loudest sample
 SNR_DB = 10.0  # of the kitchen
 AFTER = 1.2  # [s] of quiet after each utterance: more than it takes to end it
-HALVES = ("development", "judging")
 
 
 class Clip(NamedTuple):
