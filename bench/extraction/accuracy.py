@@ -2,7 +2,6 @@
 """Judges border extraction on people's strokes and generated ones, beside the paper's mode and another version.
 
     python3 bench/extraction/accuracy.py --judge              people's strokes and the generator on judging data, about an hour
-    python3 bench/extraction/accuracy.py --judge --strokes 20 --only people usual
     python3 bench/extraction/accuracy.py --other 3655b17      also the code of another revision, on the same strokes
     python3 bench/extraction/accuracy.py --judge --seed 300000 unseen seeds: a range is fresh only once
 
@@ -37,13 +36,9 @@ Extract = Callable[[Stroke], Any]
 USUAL = Setting()
 SETTINGS = {
     "usual": USUAL,
-    "rough": USUAL.replace(tremor=0.03, bias=0.04, noise=0.02),
-    "outliers 10 %": USUAL.replace(outliers=0.10),
     "outliers 20 %": USUAL.replace(outliers=0.20),
     "slow 0.2 m/s": USUAL.replace(speed=0.2),
     "fast 1 m/s": USUAL.replace(speed=1.0),
-    "1 camera": USUAL.replace(cameras=1),
-    "4 cameras": USUAL.replace(cameras=4),
     "white tremor": USUAL.replace(tremor_time=0.02),
     "gap 0.4 m": USUAL.replace(gap=0.4),
     "ends 0.4 m apart": USUAL.replace(end_gap=0.4),

@@ -235,11 +235,10 @@ def main() -> None:
     """Measures row by row."""
     parser = arguments(__doc__, seed=0, other=True)
     parser.add_argument("--times", type=float, default=1.0, help="of each row's number of strokes")
-    parser.add_argument("--only", nargs="*", default=[""], help="rows with one of these in their names")
     given = parser.parse_args()
     table = Table(given.csv, given.seed)
     for number, (name, (make, count)) in enumerate(ROWS.items()):
-        for version, source in versions(given).items() if any(part in name for part in given.only) else ():
+        for version, source in versions(given).items():
             modules, seeds = import_from(source, *MODULES), range(max(1, int(count * given.times)))
             look_at = judge_seed if make is held else judge
             found = [look_at(make, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]

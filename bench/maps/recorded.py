@@ -116,7 +116,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
     given = parser.parse_args()
-    table, half, outcomes = Table(given.csv), HALVES.index(given.half), []
+    table, half, outcomes = Table(given.csv, given.seed), HALVES.index(given.half), []
     pairs = json.loads((given.folder / "pairs.json").read_text(encoding="utf-8"))
     for number, pair in list(enumerate(pairs, 1))[half::2]:
         outcomes += judge_pair(f"pair {number}", pair, given.folder, np.random.default_rng([given.seed, number]))
@@ -125,9 +125,10 @@ def main() -> int:
         trials[what].append(bool(holds))
     rows: Dict[str, Any] = {"pairs of maps": len(pairs[half::2]), "lines across doorways": len(trials[SILENT])}
     rows.update({what: share(sum(some), len(some)) for what, some in trials.items()})
-    rows.update({case: 1 for _, holds, case in outcomes if holds and case})
     for what, value in rows.items():
         table.add(half=given.half, what=what, share=value)
+    for case in (case for _, holds, case in outcomes if holds and case):
+        table.add(half=given.half, what="went wrong without a word", share=1, case=case)
     return 0
 
 

@@ -14,7 +14,7 @@ pieces, with a clock, beside our own sounds, and never reset. The last rows list
 from __future__ import annotations
 
 import sys
-from collections import Counter, defaultdict
+from collections import defaultdict
 from pathlib import Path
 from typing import Dict, List
 
@@ -96,8 +96,8 @@ def main() -> int:
     shares = {figure: share(sum(trials), len(trials)) for figure, trials in tally.figures.items()}
     for what, value in shares.items():
         table.add(half=given.half, what=what, share=value)
-    for case, times in Counter(tally.wrong).items():
-        table.add(half=given.half, what="taken for a command", share=times, case=case)
+    for case in tally.wrong:
+        table.add(half=given.half, what="taken for a command", share=1, case=case)
     return 0
 
 
