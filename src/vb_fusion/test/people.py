@@ -39,7 +39,7 @@ class Localization:
     """The error of a robot's pose: standard deviations and correlation time.
 
     In the simulated lab AMCL's position was off by 2.5 cm in the median, 5 cm at 95 %
-    (docs/results/robots/navigation.md).
+    (`git show 27ba7133:docs/results/robots/navigation.md`).
     """
 
     position: float = 0.02  # [m] per axis

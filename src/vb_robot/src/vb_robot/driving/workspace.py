@@ -21,7 +21,7 @@ from vb_robot.driving.safety import HORIZON, arc
 LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
 # How far off the localisation may be. AMCL reports the spread of its particles; its pose, which is their mean, is off
 # by much less: at 96 of 100 updates by less than the distance that robots keep with these values
-# (docs/results/robots/navigation.md). For the rest there is the clearance of navigation itself.
+# (`git show 27ba7133:docs/results/robots/navigation.md`). For the rest there is the clearance of navigation itself.
 STD_FACTOR = 0.75  # of the particles' standard deviation
 MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
 MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] beyond these, three times what the margin covers, the robot counts as lost

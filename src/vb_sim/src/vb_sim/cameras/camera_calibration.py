@@ -22,7 +22,6 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
     Position and angles come out wrong by centimetres and tenths of a degree that compensate each other: the camera puts
     the floor where the person measured it, so that its points on the floor are more accurate than one measured point.
-    docs/results/detection/calibration.md compares with what calibrate_camera finds.
     """
     rng = make_generator(seed, f"calibration of {camera.name}")
     true = camera.pose()
