@@ -180,7 +180,7 @@ def main() -> int:
             print(number, rows[-1], flush=True)
             shutil.copytree(str(folder), f"{tempfile.gettempdir()}/border_crash_{number}", dirs_exist_ok=True)
     shutil.rmtree(str(root))
-    table = Table(given.csv)
+    table = Table(given.csv, given.seed)
     for kind in (*KINDS, "all"):
         some = [row for row in rows if kind in (row["kind"], "all")]
         outcomes, said = Counter(row["outcome"] for row in some), Counter(row["said"] or "nothing" for row in some)
