@@ -51,7 +51,8 @@ def answers(study: StudyResults) -> List[str]:
         "\n".join(f"{number}. {words}." for number, words in enumerate(_answers(study, grids), 1)),
     ]
     for name, title in TABLES.items():
-        found += [f"**{title}**", grids[name].markdown()] if name in grids else []
+        if name in grids:
+            found += [". ".join(filter(None, (f"**{title}**", grids[name].words))), grids[name].markdown()]
     return found
 
 
