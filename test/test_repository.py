@@ -172,6 +172,12 @@ def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
     assert not missing
 
 
+def test_the_table_of_topics_has_every_fixed_name():
+    table = (TOP / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
+    fixed = {value for key, value in vars(names).items() if key.isupper() and key != "MAP_FRAME"}
+    assert not fixed - set(re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE))
+
+
 # ------------------------------------------------------------ words
 def calls(source):
     """Lists the calls in a program's text: (name, arguments, keyword arguments)."""
@@ -228,11 +234,8 @@ def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
 def texts():
     """Lists the files that people read: code, interfaces, documentation, messages."""
     kinds = ("*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "*.js")
-    return [
-        TOP / name
-        for name in listed_by_git(*kinds, "scripts", "src/*/scripts/*")
-        if ("/languages/" not in name or "/en/" in name)
-    ]
+    listed = listed_by_git(*kinds, "scripts", "src/*/scripts/*")
+    return [TOP / name for name in listed if "/languages/" not in name or "/en/" in name]
 
 
 def test_links_lead_somewhere():

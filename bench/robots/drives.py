@@ -81,8 +81,8 @@ def main() -> int:
     finally:
         lab.child.stop()
     for kind in given.kinds:
-        good = share(counts[kind, "as wanted"], counts[kind, "done"])
-        table.add(robot=given.robot, kind=f"each {kind}", as_wanted=good)
+        as_wanted = share(counts[kind, "as wanted"], counts[kind, "done"])
+        table.add(robot=given.robot, kind=f"each {kind}", as_wanted=as_wanted)
     return 0
 
 
