@@ -95,7 +95,7 @@ class SpotCalibration:
         while not rospy.is_shutdown():
             try:
                 stamp, picture = self._images.next()
-                spots = self._detector.detect(picture, stamp)
+                spots = self._detector.detect(picture, stamp).spots
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, str(error))
                 continue

@@ -19,7 +19,7 @@ from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import array_from_image
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, RobotCylinder
+from vb_laser_detect.detection.projection import Depth, FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 
 # [s] between lookups of a camera's lens and pose: a recalibration is soon noticed, and no image waits for it
@@ -105,7 +105,7 @@ class DepthTopic:
         self._info = InfoTopic(sibling_topic(topic, "camera_info"), report)
         rospy.Subscriber(topic, Image, self._images.append, queue_size=1, buff_size=2**22)
 
-    def nearest(self, stamp: rospy.Time, color_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+    def nearest(self, stamp: rospy.Time, color_frame: str) -> Depth:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
@@ -192,12 +192,16 @@ class CameraGeometry:
             self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
             self._looked_up, self._of = now, (frame_id, size)
-        if self._mobile:
-            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
-        else:
-            pose = partial(np.copy, self._pose)
-        depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
-        return ImageGeometry(self._camera, pose, self._floor_projection, depth, partial(self.cylinders, stamp))
+        pose = None if self._mobile else self._pose
+        return LookedUpGeometry(self._camera, self._floor_projection, pose, self, frame_id, stamp)
+
+    def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
+        """Returns a moving camera's pose (4, 4); raises CodedError "no_transform", "bad_transform" if it is unknown."""
+        return self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
+
+    def depth_at(self, frame_id: str, stamp: rospy.Time) -> Optional[Depth]:
+        """Returns what `DepthTopic.nearest` does; None without a depth topic."""
+        return None if self._depth is None else self._depth.nearest(stamp, frame_id)
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the pose (4, 4); for a moving camera only to check that there is one: most images need none."""
@@ -233,3 +237,36 @@ class CameraGeometry:
             radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
             found.append(RobotCylinder(x, y, radius, profile.shape.height))
         return found
+
+
+class LookedUpGeometry(ImageGeometry):
+    """An image's geometry that looks up only what the image turns out to need.
+
+    Args:
+        camera, floor_projection, pose: see `ImageGeometry`.
+        lookups, frame_id, stamp: asked for what is needed at the image's time, with its frame.
+    """
+
+    def __init__(
+        self,
+        camera: CameraModel,
+        floor_projection: FloorProjection,
+        pose: Optional[np.ndarray],
+        lookups: CameraGeometry,
+        frame_id: str,
+        stamp: rospy.Time,
+    ) -> None:
+        super().__init__(camera, floor_projection, pose)
+        self._lookups, self._frame_id, self._stamp = lookups, frame_id, stamp
+
+    def look_up_pose(self) -> np.ndarray:
+        """See `ImageGeometry.look_up_pose`."""
+        return self._lookups.pose_at(self._frame_id, self._stamp)
+
+    def look_up_depth(self) -> Optional[Depth]:
+        """See `ImageGeometry.look_up_depth`."""
+        return self._lookups.depth_at(self._frame_id, self._stamp)
+
+    def look_up_robots(self) -> List[RobotCylinder]:
+        """See `ImageGeometry.look_up_robots`."""
+        return self._lookups.cylinders(self._stamp)

@@ -6,7 +6,7 @@ import threading
 import time
 import traceback
 from collections import deque
-from typing import Any, Deque, Optional, Tuple, Union
+from typing import Any, Deque, Optional, Sequence, Tuple, Union
 
 import cv2
 import rospy
@@ -148,29 +148,27 @@ class SpotDetectorNode:
             self._report.report_fault(CodedError("internal_error"), severe=True)
 
     def _search_image(self, received: ReceivedImage) -> None:
-        stamp, detector = received.stamp, self._detector
+        stamp = received.stamp
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         picture = received.read()
         self._stamps.append(stamp)
         geometry, pose_error = self._place(received.frame_id, stamp, picture.size)
-        late, lamps = detector.late, detector.lamps
         began = time.perf_counter()
-        spots = detector.detect(picture, stamp.to_sec(), geometry)
+        found = self._detector.detect(picture, stamp.to_sec(), geometry)
         took = time.perf_counter() - began
-        located = [spot for spot in spots if spot.floor_point is not None]
+        located = [spot for spot in found.spots if spot.floor_point is not None]
         for spot in located:
             self._spots.publish(self._message(spot))
-        if detector.lamps > lamps:
+        if found.lamps:
             self._report.report_fault(CodedError("lamp"))
         if geometry is not None:
             pose_error = geometry.pose_error  # set if the pose was needed and is unknown
         # rejections are normal: they are counted, without a warning
-        rejected = [one.rejection for one in detector.candidates if one.rejection]
-        rejected += ["late_image"] * (detector.late - late)
+        rejected = ["late_image"] * found.is_late + [one.rejection for one in found.candidates if one.rejection]
         self._report.record_image(stamp, received.frame_id, picture, pose_error, took, len(located), rejected)
         if self._debug.get_num_connections() > 0:
-            self._publish_debug(picture, received)
+            self._publish_debug(picture, found.candidates, received)
         if self._feed is not None:
             self._feed.publish(received, picture)
 
@@ -199,12 +197,12 @@ class SpotDetectorNode:
         result.projection = getattr(LaserSpot, point.source.upper())
         return result
 
-    def _publish_debug(self, picture: AnyPicture, received: ReceivedImage) -> None:
+    def _publish_debug(self, picture: AnyPicture, candidates: Sequence[Spot], received: ReceivedImage) -> None:
         now = rospy.Time.now()
         if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_PERIOD:
             return
         self._last_debug = now
-        image = draw_candidates(picture, self._detector.candidates)
+        image = draw_candidates(picture, candidates)
         self._debug.publish(message_from_image(image, "bgr8", received.stamp, received.frame_id))
 
 

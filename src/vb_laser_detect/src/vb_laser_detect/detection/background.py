@@ -6,12 +6,13 @@ Whole images are compared only by blocks, which must stay cheap.
 from __future__ import annotations
 
 import math
-from typing import Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
+from vb_laser_detect.detection.stage_results import Box
 
 BLOCK = 8  # [px] edge of a block
 _BAND_BYTES = 160_000  # [bytes] of one pixel row of all blocks in a band: small enough for a core's cache
@@ -29,8 +30,31 @@ GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] after this time a removed object 
 _KEYFRAME = 6  # [images] for which a moving camera's background is kept: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width by which the image may have moved: floor new in view is not in the keyframe
 _MIN_FLICKER = 0.1  # under flickering lamps, the light of an image's rows differs by at least this share
+_MIN_CHANGE = 0.15  # of what is bright in the room; smaller differences become part of the background
+_MAX_CHANGE = 0.15  # of the image brighter, or twice as much darker: the light was switched
 _SQUARE = np.ones((3, 3), np.uint8)
-Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
+
+
+class Changes(NamedTuple):
+    """What an image changes in the background.
+
+    Attributes:
+        rise: (rows, columns) uint8, each block's largest rise above the background.
+        brighter, darker: (rows, columns) bool, blocks that clearly became so.
+    """
+
+    rise: np.ndarray
+    brighter: np.ndarray
+    darker: np.ndarray
+
+    @property
+    def everywhere(self) -> bool:
+        """Returns whether so much changed that the background no longer holds.
+
+        A person close to the camera darkens much of the image too, and must not become its background.
+        """
+        changed = max(np.count_nonzero(self.brighter), 0.5 * np.count_nonzero(self.darker))
+        return changed > _MAX_CHANGE * self.brighter.size
 
 
 class Background:
@@ -46,7 +70,6 @@ class Background:
     Attributes:
         image: the background itself.
         whole: the same at the camera's own size; None if that is the size searched.
-        reference: what the last image was compared with.
         blocks: number of their rows and columns.
         bright: [grey levels] of the brightest surfaces in it, see `ImageTraits`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
@@ -55,11 +78,10 @@ class Background:
     def __init__(self, image: np.ndarray, whole: Optional[np.ndarray] = None) -> None:
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise, self._deviation, self._changed_s = np.zeros((3,) + blocks, np.float32)
-        self._limit: Optional[np.ndarray] = None  # smallest rise that exceeds the noise, once that is known
         self._noise_s, self._noise_known = 0.0, False
         self.whole = whole
-        self._adopt(image.copy())
-        self.reference = self.image
+        self._adopt(image)
+        self._reference = self.image
         self._gains: Optional[np.ndarray] = None  # of each row of blocks, if the last image's rows differ in light
 
     def _adopt(self, image: np.ndarray) -> None:
@@ -67,6 +89,7 @@ class Background:
         self.image, self._sample = image, sample_blocks(image)
         self.motion: Optional[np.ndarray] = None
         self._brightest: Optional[np.ndarray] = None  # maxima of 3 x 3 pixels
+        self._limit: Optional[np.ndarray] = None  # smallest rise that is clear, and exceeds the noise
         self._age, self._images = 0.0, 0
         # the room's brightest surfaces: single lamps are less than a hundredth of the image. Neighbouring pixels of a
         # Bayer image see different colours
@@ -74,44 +97,52 @@ class Background:
         cells = seen if seen.ndim == 3 else cv2.dilate(seen, np.ones((2, 2), np.uint8), anchor=(0, 0))
         bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
         self.bright = min(max(bright, _DARKEST), _BRIGHTEST)
+        self._min_change = _MIN_CHANGE * self.bright
 
-    def subtract_background(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
-        """Compares an image with the background.
+    def compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:
+        """Compares an image with the background, which flickering lamps may light row by row.
 
         Args:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
 
         Returns:
-            Each block's largest rise above the background, and by how much its sample became darker, (rows, columns)
-            uint8. While the camera moves no block counts as darker: a new keyframe soon includes the change.
+            What changed. While the camera moves no block counts as darker: a new keyframe soon includes the change.
         """
-        self.motion, self.reference, self._gains = motion, self.image, None
-        if motion is None:
-            return block_maxima(image, self.image), max_channel(cv2.subtract(self._sample, sample_blocks(image)))
-        if self._brightest is None:
-            self._brightest = cv2.dilate(self.image, _SQUARE)
-        # a fraction of a pixel does not matter to the maximum of nine
-        self.reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
-        rise = block_maxima(image, self.reference)
-        return rise, np.zeros_like(rise)
+        self.motion, self._gains = motion, None
+        if motion is not None:
+            if self._brightest is None:
+                self._brightest = cv2.dilate(self.image, _SQUARE)
+            # a fraction of a pixel does not matter to the maximum of nine
+            self._reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
+            rise = block_maxima(image, self._reference)
+            return Changes(rise, self._exceeds_noise(rise), np.zeros(rise.shape, bool))
+        self._reference, now = self.image, sample_blocks(image)
+        changes = self._changes(image, now, self._sample)
+        if changes.everywhere and self._relight_rows(now):
+            changes = self._changes(image, now, sample_blocks(self._reference))
+        return changes
 
-    def subtract_bands(self, image: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
-        """Compares an image with the background, relit row by row; None if all rows have the same light.
+    def _changes(self, image: np.ndarray, now: np.ndarray, before: np.ndarray) -> Changes:
+        """Compares an image with the reference; `now` and `before` are their blocks' samples."""
+        rise = block_maxima(image, self._reference)
+        return Changes(rise, self._exceeds_noise(rise), max_channel(cv2.subtract(before, now)) > self._min_change)
+
+    def _relight_rows(self, now: np.ndarray) -> bool:
+        """Relights the reference row by row as the samples of an image's blocks; False if all rows have the same light.
 
         A rolling shutter exposes its rows one after the other, so that flickering lamps light them differently.
         """
-        now, before = (max_channel(sample).astype(np.float32) + 1.0 for sample in (sample_blocks(image), self._sample))
-        gains = np.median(now / before, axis=1)
+        light, light_before = (max_channel(sample).astype(np.float32) + 1.0 for sample in (now, self._sample))
+        gains = np.median(light / light_before, axis=1)
         if np.ptp(gains) < _MIN_FLICKER * gains.mean():
-            return None
-        self._gains, self.reference = gains, _apply_row_gains(self.image, gains, BLOCK)
-        darker = cv2.subtract(sample_blocks(self.reference), sample_blocks(image))
-        return block_maxima(image, self.reference), max_channel(darker)
+            return False
+        self._gains, self._reference = gains, _apply_row_gains(self.image, gains, BLOCK)
+        return True
 
-    def whole_reference(self) -> np.ndarray:
-        """Returns the reference at the camera's own size."""
+    def reference(self) -> np.ndarray:
+        """Returns what the last image was compared with, at the camera's own size."""
         if self.whole is None:
-            return self.reference
+            return self._reference
         return self.whole if self._gains is None else _apply_row_gains(self.whole, self._gains, 2 * BLOCK)
 
     def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
@@ -121,20 +152,23 @@ class Background:
         there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
         return _warp(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
 
-    def foreground_blocks(self, maxima: np.ndarray, threshold: float) -> np.ndarray:
-        """Finds the blocks (rows, columns) bool whose rise is at least `threshold` and exceeds the block's own noise."""
+    def _exceeds_noise(self, rise: np.ndarray) -> np.ndarray:
+        """Finds the blocks (rows, columns) bool whose rise is no small change, and exceeds the block's own noise."""
         if not self._noise_known:
+            if self._images == 0:
+                return rise >= self._min_change
             # from the second image: the noise of the whole scene
-            middle = float(np.median(maxima))
-            self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
-            self._limit, self._noise_known = None, True
+            middle = float(np.median(rise))
+            self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(rise - middle))))
+            self._noise_known = True
         if self.motion is not None:
             # a block's noise depends on the edges that it showed
-            return maxima >= max(threshold, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
+            return rise >= max(self._min_change, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
         if self._limit is None:
             # in whole grey levels, like the rise: comparing bytes is four times faster
-            self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
-        return cv2.compare(maxima, cv2.max(self._limit, math.ceil(threshold)), cv2.CMP_GE) > 0
+            noise = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
+            self._limit = cv2.max(noise, math.ceil(self._min_change))
+        return cv2.compare(rise, self._limit, cv2.CMP_GE) > 0
 
     def update(self, picture: AnyPicture, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
         """Adds a frame.
@@ -176,7 +210,7 @@ class Background:
         keyframe = image.copy()
         self._changed_s[:] = 0.0
         # a block's noise depends on the edges that it showed
-        self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
+        self._noise[:], self._deviation[:] = self._noise.mean(), self._deviation.mean()
         left, top, wide, high = cv2.boundingRect(spots.view(np.uint8))
         if wide:
             part = slice(BLOCK * top, BLOCK * (top + high)), slice(BLOCK * left, BLOCK * (left + wide))
@@ -285,6 +319,20 @@ def sample_blocks(image: np.ndarray) -> np.ndarray:
     rows, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
     # numpy copies three bytes no faster than thirty
     return cv2.resize(image[: rows * BLOCK, : columns * BLOCK], (columns, rows), interpolation=cv2.INTER_NEAREST)
+
+
+def brightest(image: np.ndarray, box: Box) -> float:
+    """Returns the brightest sample [grey levels] of a box."""
+    left, top, right, bottom = box
+    # columns and channels side by side
+    return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
+
+
+def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, block: int = BLOCK) -> Tuple[slice, slice]:
+    """Returns the rows and columns of a grid (rows, columns) of blocks, `block` wide, within `reach` of a place [px]."""
+    top, bottom = int(max(0.0, v - reach)) // block, int(max(-1.0, v + reach)) // block + 1
+    left, right = int(max(0.0, u - reach)) // block, int(max(-1.0, u + reach)) // block + 1
+    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
 
 
 def max_channel(image: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from vb_core.image_format import Picture
-from vb_laser_detect.detection.tracking import Spot
+from vb_laser_detect.detection.stage_results import Spot
 
 _SPOT, _REJECTED = (0, 220, 0), (0, 140, 255)
 

@@ -1,4 +1,4 @@
-"""Measures features of a region, and decides by them whether it shows a laser spot.
+"""Measures features of an image's regions, and decides by them whether each shows a laser spot.
 
 `measure` cuts a blob out of the rise over the reference and measures what sets light apart: it is brightest in its
 middle, ends within some pixels and darkens nothing. An additive logistic model weighs the features: each has a curve,
@@ -14,18 +14,20 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import cycle
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import Region, max_channel, relight
+from vb_laser_detect.detection.background import blocks_around, brightest, max_channel, relight
+from vb_laser_detect.detection.stage_results import Box, ImageTraits, SearchedImage, Spot
 
 _EDGE = 0.35  # the blob is where the rise exceeds this share of its peak
 _MAX_ELONGATION = 2.0  # largest length of a spot, in largest diameters: a fast one is elongated
 _ONE_MOSAIC = 0.75  # in one mosaic, a small spot's colour depends on the pixels it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above this says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has at least this share of the strongest
+_MIN_BUSY = 0.02  # from this value of `busy` on, ghosts may be left
 FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
 # features that do not count against a spot seen where it was expected: its surroundings, and its colour, which it has
 # shown before, and which other light, or the pixels of a mosaic that it falls on, may now hide
@@ -54,47 +56,63 @@ class Blob:
     features: Dict[str, float] = field(default_factory=dict)
 
 
-class ImageTraits(NamedTuple):
-    """Properties of a camera's images.
-
-    Attributes:
-        diagonal: [px]
-        mosaic: whether they are Bayer images.
-        bright: [grey levels] of the room's bright surfaces, at the current exposure; spots are judged relative to it.
-    """
-
-    diagonal: float
-    mosaic: bool
-    bright: float = 190.0
-
-
-def measure(
-    image: np.ndarray,
-    reference: np.ndarray,
-    region: Region,
-    max_diameter: float,
-    traits: ImageTraits,
-    max_width: float = math.inf,
-) -> Blob:
-    """Measures the brightest blob of a region.
+def examine_regions(
+    searched: SearchedImage, max_diameters: Dict[Box, float], classifier: SpotClassifier, min_probability: float
+) -> List[Spot]:
+    """Measures and classifies all regions of an image.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8.
-        reference: the same shape; what the floor there looks like without a spot.
-        region: contains the peak.
-        max_diameter: [px] a spot's largest diameter.
+        max_diameters: [px] a spot's largest diameter in each box of each bright region; NaN where no floor is seen.
+        min_probability: that the classifier must give to a spot.
+
+    Returns:
+        What each region shows, a spot or a rejected candidate, in the regions' order.
+    """
+    found = []
+    for region in searched.regions:
+        blob = _unmeasured(region.box, "too_dark")
+        for box in region.boxes() if region.bright else ():
+            max_width = math.inf if box is region.box else region.expected.max_width
+            blob = measure(searched, box, max_diameters[box], max_width)
+            if blob.problem != "too_large":
+                break
+            # by now, other light falls where a spot is expected
+        probability, rejection = 0.0, blob.problem
+        if not rejection:
+            is_expected = region.expected is not None and region.expected.holds(blob.u, blob.v)
+            probability, reason = classifier.classify(blob, is_expected)
+            rejection = reason if probability < min_probability else ""
+        found.append(Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=blob.tint))
+    return found
+
+
+def _unmeasured(box: Box, problem: str) -> Blob:
+    left, top, right, bottom = box
+    return Blob((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), problem)
+
+
+def measure(searched: SearchedImage, box: Box, max_diameter: float, max_width: float) -> Blob:
+    """Measures the brightest blob of an image whose peak is in a box.
+
+    Args:
+        max_diameter: [px] a spot's largest diameter; NaN if no floor is seen there.
         max_width: [px] wider light is a change of the room's light, and belongs to the background.
 
     Returns:
         The blob; see its `problem`.
     """
-    left, top, right, bottom = region
+    if math.isnan(max_diameter):
+        return _unmeasured(box, "off_floor")
+    image = searched.picture.pixels
+    if brightest(image, box) < searched.traits.min_level:  # now that it is decoded whole
+        return _unmeasured(box, "too_dark")
+    left, top, right, bottom = box
     margin, missing = 20, 1
     while missing > 0:
         # even bounds keep each pixel's position in the Bayer pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         window = slice(y0, bottom + margin), slice(x0, right + margin)
-        now, before = image[window], reference[window]
+        now, before = image[window], searched.reference[window]
         if max_width < math.inf:
             before = cv2.max(before, relight(before, now, max_width))
         # the kernel [1 2 1] averages out noise and a Bayer image's mosaic
@@ -125,12 +143,19 @@ def measure(
     diameter = 2.0 * math.sqrt(area / math.pi)
     if diameter > max_diameter:
         return Blob(u, v, diameter, "too_large")
-    tint, features = _light_of(mask, diameter, smooth[part], now[part], before[part], traits)
-    return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **features})
+    busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
+    tint, light = _light_of(mask, diameter, smooth[part], now[part], before[part], searched.traits, may_be_ghost)
+    return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **light, "busy": busy})
 
 
 def _light_of(
-    mask: np.ndarray, diameter: float, light: np.ndarray, now: np.ndarray, before: np.ndarray, traits: ImageTraits
+    mask: np.ndarray,
+    diameter: float,
+    light: np.ndarray,
+    now: np.ndarray,
+    before: np.ndarray,
+    traits: ImageTraits,
+    may_be_ghost: bool,
 ) -> Tuple[Optional[np.ndarray], Dict[str, float]]:
     """Returns the tint of a blob's light, and the features that say how it differs from the floor.
 
@@ -138,6 +163,7 @@ def _light_of(
         mask: (H, W) uint8, the blob.
         light: (H, W) the rise of the brightest channel, smoothed.
         now, before: image and reference.
+        may_be_ghost: whether its edge says anything: a real spot on the edge of a white sheet could look like a ghost.
     """
     levels, reference_levels = means_over(mask, traits.mosaic, now, before)
     tint = tint_of(mask, light, now, before, levels, reference_levels) if len(levels) > 1 else None
@@ -145,13 +171,27 @@ def _light_of(
     return tint, {
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / traits.bright),
         "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / traits.bright),
-        "edge": _edge(mask, _plane(now, channel), _plane(before, channel)),
+        "edge": _edge(mask, _plane(now, channel), _plane(before, channel)) if may_be_ghost else math.nan,
         # a light darkens no channel, paint does
         "fall": max(0.0, float((reference_levels - levels).max())) / traits.bright,
         "diameter": math.log(diameter / traits.diagonal),
         # many webcams show a spot as white, mosaics show its colour: only there is a single blob's colour informative
         "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if traits.mosaic else math.nan,
     }
+
+
+def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImage) -> Tuple[float, bool]:
+    """Returns how much else changed in the image, apart from a blob and its own light, and whether it may be a ghost.
+
+    A ghost is the trace of an object that moved away. There is none where the camera is stationary, little else changes,
+    and nothing passed by recently.
+    """
+    changed, ghosts, block = searched.changed, searched.ghost_s > 0.0, searched.block_px
+    reach = 1.25 * diameter + block
+    own, around = (blocks_around(changed.shape, u, v, size, block) for size in (reach, 2.0 * reach))
+    busy = math.sqrt((np.count_nonzero(changed) - np.count_nonzero(changed[own])) / changed.size)
+    passed = np.count_nonzero(ghosts[around]) > np.count_nonzero(ghosts[own])
+    return busy, busy >= _MIN_BUSY or passed or searched.shifted
 
 
 # ------------------------------------------------------------------ colour
@@ -269,18 +309,17 @@ class SpotClassifier:
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
         self.curves, self.intercept = curves, intercept
 
-    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
+    def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
         """Classifies a blob by its features; one that says nothing (NaN) adds nothing.
 
         Args:
-            blob: for subclasses that judge by position, such as training's; the curves need its features only.
             expected: whether a tracked spot should be there.
 
         Returns:
             The probability that it is a spot, 0 ... 1, and the feature that speaks most against it.
         """
         logit, least, reason = self.intercept, math.inf, ""
-        for name, value in features.items():
+        for name, value in blob.features.items():
             if name in self.curves and not math.isnan(value):
                 part = float(np.interp(value, *self.curves[name]))
                 if expected and name in _WAIVED_IF_EXPECTED:

@@ -7,9 +7,8 @@ on it is a spot on the floor. Because the robots' poses are known, their lights,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Callable, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,9 +16,10 @@ from vb_core.camera_model import CameraModel, floor_points
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
+from vb_laser_detect.detection.stage_results import FloorPoint, Spot
 
 # a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
-DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
+Depth = Tuple[Optional[np.ndarray], Optional[CameraModel]]
 
 # vb_msgs/LaserSpot's constants in lower case
 GROUND_PLANE = "ground_plane"
@@ -40,23 +40,6 @@ class ProjectionParams(Parameters):
 
     floor_height: float = param(0.0, "m", low=-10.0, high=10.0, doc="z of the floor in the map frame")
     max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="largest distance from the camera to the spot")
-
-
-@dataclass(frozen=True)
-class FloorPoint:
-    """A point on the floor.
-
-    Attributes:
-        position: (3,) [m], map frame; z is the height that was measured.
-        meters_per_pixel: [m/px] floor length of a pixel there.
-        source: GROUND_PLANE, DEPTH or GROUND_PLANE_FALLBACK.
-        range: [m] from the camera.
-    """
-
-    position: np.ndarray
-    meters_per_pixel: float
-    source: str
-    range: float
 
 
 def _scales(corners: np.ndarray) -> np.ndarray:
@@ -193,53 +176,65 @@ class RobotCylinder:
 
 
 class ImageGeometry:
-    """Locates the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
+    """Locates the pixels of one image on the floor: first `meters_per_pixel`, then `locate`.
 
-    Attributes:
-        pose_error: why the requested pose is not known; None if it is, or was not requested.
+    Most images show nothing to be located. So a subclass may look up pose, depth and robots when they are asked for.
 
     Args:
         camera: of the image.
-        pose: returns (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
         floor_projection: the camera's.
-        depth: returns the depth image of that time; None: the floor is a plane.
-        cylinders: returns the robots on the floor at that time; called at most once, and only for a candidate.
+        pose: (4, 4) T_map_camera at the image's time; None: it must be looked up.
+
+    Attributes:
+        pose_error: why the pose is unknown, although it was looked up; else None.
     """
 
     def __init__(
-        self,
-        camera: CameraModel,
-        pose: Callable[[], np.ndarray],
-        floor_projection: FloorProjection,
-        depth: Optional[DepthAt] = None,
-        cylinders: Callable[[], Sequence[RobotCylinder]] = tuple,
+        self, camera: CameraModel, floor_projection: FloorProjection, pose: Optional[np.ndarray] = None
     ) -> None:
         self.pose_error: Optional[CodedError] = None
-        self._camera, self._floor_projection = camera, floor_projection
-        self._ask_pose, self._depth, self._ask_cylinders = pose, depth, cylinders
+        self._camera, self._floor_projection, self._pose = camera, floor_projection, pose
+        self._robots: Optional[Sequence[RobotCylinder]] = None  # once they are looked up
 
-    @cached_property
-    def pose(self) -> np.ndarray:
-        """Returns T_map_camera (4, 4)."""
-        return self._ask_pose()
+    def look_up_pose(self) -> np.ndarray:
+        """Returns (4, 4) T_map_camera at the image's time; called once, and only if it was not given.
 
-    @cached_property
-    def cylinders(self) -> Sequence[RobotCylinder]:
-        """Cylinders that may hide the floor."""
-        return self._ask_cylinders()
+        Raises:
+            CodedError: "no_transform", "bad_transform" if it is unknown.
+        """
+        raise NotImplementedError
+
+    def look_up_depth(self) -> Optional[Depth]:
+        """Returns the depth image of that time; None: the floor is a plane. Called for each spot."""
+        return None
+
+    def look_up_robots(self) -> Sequence[RobotCylinder]:
+        """Returns the robots on the floor at that time; called once, and only for a spot."""
+        return ()
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
         """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or with a `pose_error`."""
-        if self.pose_error is None:
+        if self._pose is None:
             try:
-                corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
-                floor = floor_points(self._camera, self.pose, corners, self._floor_projection.params.floor_height)
-                return _scales(floor.reshape(-1, 3, 3))
+                self._pose = self.look_up_pose()
             except CodedError as error:
                 if error.code not in ("no_transform", "bad_transform"):
                     raise
                 self.pose_error = error.without_traceback()
-        return np.full(len(pixels), np.nan)
+                return np.full(len(pixels), np.nan)
+        corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
+        floor = floor_points(self._camera, self._pose, corners, self._floor_projection.params.floor_height)
+        return _scales(floor.reshape(-1, 3, 3))
+
+    def locate(self, spots: Sequence[Spot]) -> List[Spot]:
+        """Returns spots with their points on the floor; those without one are rejected, with the reason."""
+        located = []
+        for spot in spots:
+            try:
+                located.append(spot if spot.rejection else replace(spot, floor_point=self.point(spot.u, spot.v)))
+            except CodedError as error:
+                located.append(replace(spot, rejection=error.code))
+        return located
 
     def point(self, u: float, v: float) -> FloorPoint:
         """Projects a pixel to the floor.
@@ -247,10 +242,13 @@ class ImageGeometry:
         Raises:
             CodedError: where there is no floor point; "on_robot" if a robot hides it.
         """
-        if self._depth is None:
-            point = self._floor_projection.on_plane(self._camera, self.pose, u, v)
+        depth = self.look_up_depth()
+        if depth is None:
+            point = self._floor_projection.on_plane(self._camera, self._pose, u, v)
         else:
-            point = self._floor_projection.with_depth(self._camera, self.pose, u, v, *self._depth())
-        if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
+            point = self._floor_projection.with_depth(self._camera, self._pose, u, v, *depth)
+        if self._robots is None:
+            self._robots = self.look_up_robots()
+        if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
             raise CodedError("on_robot")
         return point

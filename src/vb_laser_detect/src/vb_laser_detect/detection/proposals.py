@@ -13,22 +13,27 @@ switched, the floor under a tracked spot is known from the old background, which
 from __future__ import annotations
 
 import math
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, Region, relight
-from vb_laser_detect.detection.tracking import Expected, Spot
+from vb_laser_detect.detection.background import (
+    BLOCK,
+    GHOST_TIME,
+    Background,
+    Changes,
+    blocks_around,
+    brightest,
+    relight,
+)
+from vb_laser_detect.detection.stage_results import Box, Expected, ImageTraits, Region, SearchedImage, Spot
 
-_MIN_CHANGE = 0.15  # of what is bright in the room; smaller differences become part of the background
 _HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
-_MIN_BUSY = 0.02  # from this value of `busy` on, ghosts may be left
 _UNSEEN = 1.0  # [s] between two images: long enough for a hand to take something away
 _MAX_REGIONS = 24  # walking people cause fewer, and examining more would take longer than an image period
 _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
-_MAX_CHANGE = 0.15  # of the image brighter, or twice as much darker: the light was switched, a new background begins
 _WIDTH = 240  # [px] at least, of the images in which corners are tracked
 _MAX_CORNERS, _MIN_CORNERS = 48, 12  # looked for; needed to estimate a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
@@ -40,52 +45,6 @@ _FLOW = dict(
     criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
     flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
 )
-
-
-class SearchedImage(NamedTuple):
-    """An image, and what is known of the scene. Positions and regions are in the picture's own pixels, even if halved.
-
-    Attributes:
-        background: what the picture is compared with.
-        regions: to examine, the brightest first.
-        rise: (rows, columns) uint8, of each block.
-        changed: (rows, columns) bool, blocks that became brighter or darker.
-        recently_changed: (rows, columns) bool, blocks that anything but a spot changed so recently that it may have
-            left a ghost there.
-    """
-
-    picture: AnyPicture
-    background: Background
-    regions: Sequence[Region]
-    rise: np.ndarray
-    changed: np.ndarray
-    recently_changed: np.ndarray
-
-    @property
-    def block_px(self) -> int:
-        """Edge of a block [px]."""
-        return BLOCK * self.picture.scale
-
-    def brightest(self, region: Region) -> float:
-        """Returns the brightest sample [grey levels] of a region; an upper bound while only the half is decoded."""
-        if self.picture.whole:
-            return brightest(self.picture.pixels, region)
-        return brightest(self.picture.searched, tuple(side // self.picture.scale for side in region)) / _HALF_LEVEL
-
-    def surroundings(self, u: float, v: float, diameter: float) -> Dict[str, float]:
-        """Returns the features that a blob's surroundings determine, by the names of `features.FEATURES`.
-
-        "busy" is how much else changed in the image, apart from the blob and its own light. "edge" is NaN where the
-        blob cannot be a ghost (the trace of an object that moved away): the camera is stationary, little else changes,
-        and nothing passed by recently. A real spot on the edge of a white sheet could otherwise look like a ghost.
-        """
-        reach = 1.25 * diameter + self.block_px
-        own, around = (blocks_around(self.changed.shape, u, v, size, self.block_px) for size in (reach, 2.0 * reach))
-        elsewhere = np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])
-        busy = math.sqrt(elsewhere / self.changed.size)
-        passed = np.count_nonzero(self.recently_changed[around]) > np.count_nonzero(self.recently_changed[own])
-        may_be_ghost = busy >= _MIN_BUSY or passed or self.background.motion is not None
-        return {"busy": busy} if may_be_ghost else {"busy": busy, "edge": math.nan}
 
 
 class ImageRegistration:
@@ -160,50 +119,51 @@ class Proposer:
     def __init__(self, moving_camera: bool) -> None:
         self._registration = ImageRegistration() if moving_camera else None
         self._background: Optional[Background] = None
-        self._motion = np.eye(3)  # from the background's pixels to the last image's
-
-    def estimate_motion(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """Estimates the camera's motion (3, 3) since the last image; None if unknown. Call it before `propose`."""
-        if self._registration is None:
-            return None
-        found, before = self._registration.motion_to(image), self._motion
-        # while the motion is unknown, the camera is taken to be where it was
-        if found is None:
-            return None
-        self._motion = found
-        return self._motion @ cv2.invert(before)[1]
+        self._motion: Optional[np.ndarray] = None  # from the background's pixels to the last image's; None: the same
 
     def propose(self, picture: AnyPicture, expected: Sequence[Expected]) -> SearchedImage:
         """Compares a picture with the background.
 
         Args:
-            expected: where spots should be.
+            expected: where spots should be if the camera has not moved.
         """
-        image = picture.searched
-        if self._background is not None:
-            still = np.array_equal(self._motion, np.eye(3))
-            rise, hot, darker = self._changes(
-                *self._background.subtract_background(image, None if still else self._motion)
-            )
-            banded = self._background.subtract_bands(image) if still and _is_global_change(hot, darker) else None
-            if banded is not None:
-                rise, hot, darker = self._changes(*banded)
-        if self._background is None or _is_global_change(hot, darker):
-            self._start(picture, expected)
-            rise, fall = self._background.subtract_background(image, None)
-            hot, darker = rise >= self._least_change, fall > self._least_change
+        image, motion = picture.searched, None
+        if self._registration is not None:
+            motion = self._follow_camera(image)
+        if motion is not None:
+            expected = [one.moved(motion) for one in expected]
+        changes = None if self._background is None else self._background.compare(image, self._motion)
+        if changes is None or changes.everywhere:
+            changes = self._start(picture, expected)
+        background = self._background
+        traits = ImageTraits(math.hypot(*picture.size), picture.mosaic, background.bright)
         # the brightest first: a spot is white on any floor, but its rise depends on the floor, and a person beside it
         # rises more on a bright one
-        regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
-        regions = [_in_picture(region, picture) for region in regions]
-        return SearchedImage(picture, self._background, regions, rise, hot | darker, self._recent_change_s > 0.0)
+        boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -brightest(image, box))
+        regions = [_region(picture, box, traits.min_level, expected) for box in boxes[:_MAX_REGIONS]]
+        return SearchedImage(
+            picture,
+            traits,
+            regions,
+            reference=background.reference() if any(region.bright for region in regions) else None,
+            motion=motion,
+            shifted=background.motion is not None,
+            block_px=BLOCK * picture.scale,
+            rise=changes.rise,
+            changed=changes.brighter | changes.darker,
+            ghost_s=self._ghost_s,
+        )
 
-    def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the blocks' rise, which of them rose above the noise, and which became darker (bool)."""
-        least = self._least_change
-        return rise, self._background.foreground_blocks(rise, least), fall > least
+    def _follow_camera(self, image: np.ndarray) -> Optional[np.ndarray]:
+        """Estimates the camera's motion (3, 3) since the last image; None if unknown."""
+        found, before = self._registration.motion_to(image), self._motion
+        # while the motion is unknown, the camera is taken to be where it was
+        if found is None:
+            return None
+        self._motion = None if np.array_equal(found, np.eye(3)) else found
+        return found if before is None else found @ cv2.invert(before)[1]
 
-    def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> None:
+    def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> Changes:
         """Begins a new background; where a spot is expected, the previous one is used, relit."""
         block, before = BLOCK * picture.scale, self._background
         keyframes = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
@@ -215,21 +175,15 @@ class Proposer:
                     old = before.moved_part(part, keyframe) if keyframe is keyframes[0] else before.whole[part]
                     keyframe[part] = relight(old, keyframe[part], one.max_width / size)
         self._background = Background(*keyframes)
-        self._recent_change_s = np.zeros(
-            self._background.blocks, np.float32
-        )  # [s] for which each block still counts so
-        self._begin()
+        self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] for which each block may hold a ghost
+        self._begin_keyframe()
+        return self._background.compare(picture.searched, None)
 
-    def _begin(self) -> None:
-        """Makes the last image the background's keyframe."""
-        self._motion = np.eye(3)
+    def _begin_keyframe(self) -> None:
+        """Follows the camera from the last image on, which the background's keyframe now shows."""
+        self._motion = None
         if self._registration is not None:
             self._registration.set_keyframe()
-
-    @property
-    def _least_change(self) -> float:
-        """The difference [grey levels] from which on something has changed."""
-        return _MIN_CHANGE * self._background.bright
 
     def update_background(self, searched: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
         """Adds an image to the background, except where it shows these spots.
@@ -237,51 +191,31 @@ class Proposer:
         Args:
             elapsed: [s] since the last image.
         """
-        held = np.zeros_like(searched.changed)
+        held, block = np.zeros_like(searched.changed), searched.block_px
         for spot in spots:
-            held[
-                blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + searched.block_px, searched.block_px)
-            ] = True
+            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + block, block)] = True
         # nothing is known of what happened between images far apart
         moved = (searched.changed & ~held) | (elapsed >= _UNSEEN)
-        self._recent_change_s = np.where(moved, GHOST_TIME, self._recent_change_s - elapsed)
+        self._ghost_s = np.where(moved, GHOST_TIME, self._ghost_s - elapsed)
         if self._background.update(searched.picture, searched.rise, searched.changed, held, elapsed):
-            self._begin()
+            self._begin_keyframe()
 
 
-def _in_picture(region: Region, picture: AnyPicture) -> Region:
-    """Converts a region of the searched pixels to the picture's own; the last blocks include the pixels left over."""
-    left, top, right, bottom = (picture.scale * side for side in region)
+def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[Expected]) -> Region:
+    """Makes a region of a box of the searched pixels; its last blocks include the pixels left over at the edges."""
+    left, top, right, bottom = (picture.scale * side for side in box)
     width, height = picture.size
     block = BLOCK * picture.scale
-    return left, top, width if width - right < block else right, height if height - bottom < block else bottom
+    box = left, top, width if width - right < block else right, height if height - bottom < block else bottom
+    if picture.whole:
+        level = brightest(picture.pixels, box)
+    else:  # the most that it may be
+        level = brightest(picture.searched, tuple(side // picture.scale for side in box)) / _HALF_LEVEL
+    return Region(box, level >= min_level, next((one for one in expected if one.overlaps(box)), None))
 
 
-def _is_global_change(hot: np.ndarray, darker: np.ndarray) -> bool:
-    """Returns whether so much changed that the background no longer holds.
-
-    A person close to the camera darkens much of the image too, and must not become its background.
-    """
-    return max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > _MAX_CHANGE * hot.size
-
-
-# ------------------------------------------------------------------ blocks and regions
-def brightest(image: np.ndarray, region: Region) -> float:
-    """Returns the brightest sample [grey levels] of a region."""
-    left, top, right, bottom = region
-    # columns and channels side by side
-    return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
-
-
-def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, block: int = BLOCK) -> Tuple[slice, slice]:
-    """Returns the rows and columns of a grid (rows, columns) of blocks, `block` wide, within `reach` of a place [px]."""
-    top, bottom = int(max(0.0, v - reach)) // block, int(max(-1.0, v + reach)) // block + 1
-    left, right = int(max(0.0, u - reach)) // block, int(max(-1.0, u + reach)) // block + 1
-    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
-
-
-def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Region]:
-    """Finds regions [px] of connected hot blocks, those with the highest peaks first.
+def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
+    """Finds the boxes [px] of connected hot blocks, those with the highest peaks first.
 
     A large region is cut down to the parts above 60 % of its peak: a spot beside a person must not be lost in the
     person's region.

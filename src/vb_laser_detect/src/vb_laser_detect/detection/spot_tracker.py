@@ -14,16 +14,15 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Deque, List, NamedTuple, Optional, Sequence
+from typing import Deque, Dict, List, NamedTuple, Optional, Sequence
 
 import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from vb_laser_detect.detection.background import Region
-from vb_laser_detect.detection.projection import FloorPoint
-from vb_laser_detect.detection.features import ImageTraits, chroma
+from vb_laser_detect.detection.features import chroma
+from vb_laser_detect.detection.stage_results import Expected, ImageTraits, Spot
 
 _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
 _BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
@@ -42,63 +41,18 @@ _PALE = 0.25
 _STEP_TIME = 0.6
 
 
-@dataclass(frozen=True)
-class Spot:
-    """A laser spot in an image, or a rejected candidate.
+class Tracked(NamedTuple):
+    """What is known of an image's spots now that they are tracked.
 
     Attributes:
-        u, v: [px] column and row, sub-pixel; the centre of the first pixel is 0.
-        diameter: [px]
-        confidence: 0 ... 1
-        track: number of the spot in this camera's images; it stays while the spot is followed.
-        rejection: why it is not published, or "".
-        tint: as `features.tint_of` returned it; None: without colour.
-        stamp: [s] when the image was taken.
-        floor_point: where it is on the floor; None if camera or pose are not known.
+        published: the spots to publish, oldest first: those of earlier images, which this one confirmed, and its own.
+        spots: the image's spots, the most certain first; each with its track, or the reason why it is not published.
+        lamps: number of lights that turned out to be lamps, but had been published as the spot.
     """
 
-    u: float
-    v: float
-    diameter: float
-    confidence: float = 0.0
-    track: int = 0
-    rejection: str = ""
-    tint: Optional[np.ndarray] = field(default=None, compare=False)
-    stamp: float = 0.0
-    floor_point: Optional[FloorPoint] = field(default=None, compare=False)
-
-
-class Expected(NamedTuple):
-    """Predicted position of a confirmed spot in the next image, if it keeps moving as before.
-
-    Attributes:
-        reach: [px] around (u, v).
-        max_width: [px] anything wider cannot be the spot.
-    """
-
-    u: float
-    v: float
-    reach: float
-    max_width: float
-
-    def holds(self, u: float, v: float) -> bool:
-        """Returns whether a place [px] is within reach."""
-        return math.hypot(u - self.u, v - self.v) <= self.reach
-
-    def clip(self, region: Region) -> Region:
-        """Returns the part of a region [px] that is within reach; if none is, left >= right or top >= bottom."""
-        left, top, right, bottom = region
-        return (
-            max(left, int(self.u - self.reach)),
-            max(top, int(self.v - self.reach)),
-            min(right, int(self.u + self.reach) + 1),
-            min(bottom, int(self.v + self.reach) + 1),
-        )
-
-    def overlaps(self, region: Region) -> bool:
-        """Returns whether a part of a region is within reach."""
-        left, top, right, bottom = self.clip(region)
-        return left < right and top < bottom
+    published: List[Spot]
+    spots: List[Spot]
+    lamps: int
 
 
 @dataclass(eq=False)
@@ -132,7 +86,6 @@ class SpotTracker:
     Attributes:
         confirm_frames, max_dwell_time: see config/stationary.yaml; they may be changed between images.
         period: [s] from one image to the next, the mean of the last ones; 0 before the second.
-        lamps: number of lights that were published as the spot before they had rested for too long.
     """
 
     def __init__(self, confirm_frames: int, max_dwell_time: float) -> None:
@@ -140,44 +93,46 @@ class SpotTracker:
         self._tracks: List[Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
-        self.period, self.lamps = 0.0, 0
+        self.period = 0.0
         self._stamp: Optional[float] = None
         self._lit = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
-    def begin(self, stamp: float, traits: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
-        """Begins the next image; call it before `update`.
+    def predict(self, stamp: float) -> List[Expected]:
+        """Returns where confirmed spots should be in the next image; call it before `update`.
 
         Args:
-            stamp: [s] of the image, later than the last one's.
-            motion: (3, 3) from the last image's pixels to this one's; None: the camera was stationary.
-
-        Returns:
-            Where confirmed spots should be in it.
+            stamp: [s] of that image, later than the last one's.
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
             # the mean, as some images arrive in bursts; without the longest interval, which may be a pause
             many = sorted(self._periods)[:-1] or self._periods
             self.period = sum(many) / len(many)
-        self._stamp, self._traits = stamp, traits
+        self._stamp = stamp
         gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         self._lit = self._lit[self._lit[:, 3] + _BLINK + _MEMORY * self._lit[:, 2] >= stamp]
-        for place in [track.pixel for track in self._tracks] + list(self._lit) if motion is not None else ():
-            place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
         return [self._expect(track) for track in self._tracks if track.confirmed]
 
     def _expect(self, track: Track) -> Expected:
         elapsed = self._since(track)
-        u, v = (track.pixel + track.velocity * elapsed).tolist()
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
-        return Expected(u, v, reach, 2.0 * track.diameter)
+        return Expected(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
 
-    def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
-        """Adds the spots of the image that was begun, the most certain first; returns the track of each, None for lamps."""
+    def update(self, spots: Sequence[Spot], motion: Optional[np.ndarray], traits: ImageTraits) -> Tracked:
+        """Adds the spots of the predicted image.
+
+        Args:
+            motion: (3, 3) from the last image's pixels to this one's; None: the camera was stationary.
+        """
+        self._traits = traits
+        if motion is not None:
+            for place in [track.pixel for track in self._tracks] + list(self._lit):
+                place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
+        spots = [replace(spot, stamp=self._stamp) for spot in sorted(spots, key=lambda spot: -spot.confidence)]
         lit_s = [self._record_light(spot) for spot in spots]
         lamps = [number for number, seconds in enumerate(lit_s) if seconds > self.max_dwell_time]
-        self._end_tracks([spots[number] for number in lamps])
+        published_lamps = self._end_tracks([spots[number] for number in lamps])
         followed = [number for number in range(len(spots)) if number not in lamps]
         track_of = dict(zip(followed, self._assign([spots[number] for number in followed])))
         oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self.period)
@@ -188,7 +143,23 @@ class SpotTracker:
             if not track.confirmed:
                 track.unpublished.append(replace(spots[number], track=track.number))
         self._choose(list(track_of.values()))
-        return [track_of.get(number) for number in range(len(spots))]
+        return self._tracked(spots, track_of, published_lamps)
+
+    def _tracked(self, spots: Sequence[Spot], track_of: Dict[int, Track], lamps: int) -> Tracked:
+        """Sums up what has become of an image's spots, of which those without a track are lamps."""
+        published, tracked = [], []
+        for number, spot in enumerate(spots):
+            track = track_of.get(number)
+            if track is None:
+                tracked.append(replace(spot, rejection="lamp"))
+            elif track.published:
+                tracked.append(replace(spot, track=track.number))
+                published += [*track.unpublished, tracked[-1]]
+                track.unpublished = []
+            else:
+                why = "lower_confidence" if track.confirmed else "unconfirmed"
+                tracked.append(replace(spot, track=track.number, rejection=why))
+        return Tracked(published, tracked, lamps)
 
     def _record_light(self, spot: Spot) -> float:
         """Records the light at a spot's place; returns for how long [s] that place has been lit."""
@@ -201,13 +172,15 @@ class SpotTracker:
         place[3] = self._stamp
         return float(place[2])
 
-    def _end_tracks(self, lamps: Sequence[Spot]) -> None:
-        """Ends the tracks of lights that turned out to be lamps, even a published one."""
+    def _end_tracks(self, lamps: Sequence[Spot]) -> int:
+        """Ends the tracks of lights that turned out to be lamps; returns how many of them had been published."""
+        published = 0
         for track in list(self._tracks):
             here = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
             if here and track.lit_s > _STEP_TIME:
                 self._tracks.remove(track)
-                self.lamps += track.published
+                published += track.published
+        return published
 
     def _since(self, track: Track) -> float:
         """Returns how long ago [s] a track was seen: at least a period, as images of a burst are stamped on arrival."""

@@ -1,0 +1,172 @@
+"""What the stages of the search hand on: first the tracker, then the proposer, then those that examine and locate regions.
+
+Positions and regions are in the image's own pixels, even if it is searched at half its size.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import List, NamedTuple, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.image_format import AnyPicture
+
+Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
+_MIN_LEVEL = 0.86  # of what is bright in the room; of the known spots only 3 of 464 are darker, in darkened clips
+
+
+class Expected(NamedTuple):
+    """Predicted position of a confirmed spot in the next image, if it keeps moving as before.
+
+    Attributes:
+        last: (u, v) [px] where it was last seen.
+        step: (u, v) [px] by which it should have moved since.
+        reach: [px] around its position.
+        max_width: [px] anything wider cannot be the spot.
+    """
+
+    last: Tuple[float, float]
+    step: Tuple[float, float]
+    reach: float
+    max_width: float
+
+    @property
+    def u(self) -> float:
+        """Column [px]."""
+        return self.last[0] + self.step[0]
+
+    @property
+    def v(self) -> float:
+        """Row [px]."""
+        return self.last[1] + self.step[1]
+
+    def moved(self, motion: np.ndarray) -> "Expected":
+        """Returns where it is expected once the camera's motion (3, 3) has moved the image."""
+        return self._replace(last=cv2.perspectiveTransform(np.array([[self.last]]), motion)[0, 0].tolist())
+
+    def holds(self, u: float, v: float) -> bool:
+        """Returns whether a place [px] is within reach."""
+        return math.hypot(u - self.u, v - self.v) <= self.reach
+
+    def clip(self, box: Box) -> Box:
+        """Returns the part of a box that is within reach; if none is, left >= right or top >= bottom."""
+        left, top, right, bottom = box
+        return (
+            max(left, int(self.u - self.reach)),
+            max(top, int(self.v - self.reach)),
+            min(right, int(self.u + self.reach) + 1),
+            min(bottom, int(self.v + self.reach) + 1),
+        )
+
+    def overlaps(self, box: Box) -> bool:
+        """Returns whether a part of a box is within reach."""
+        left, top, right, bottom = self.clip(box)
+        return left < right and top < bottom
+
+
+class Region(NamedTuple):
+    """A part of an image that became brighter, to be examined.
+
+    Attributes:
+        bright: whether anything in it is bright enough for a spot.
+        expected: the spot that should be in it, if any.
+    """
+
+    box: Box
+    bright: bool
+    expected: Optional[Expected]
+
+    def boxes(self) -> List[Box]:
+        """Returns where a spot is looked for: in all of it, and then only where one is expected."""
+        return [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
+
+
+class ImageTraits(NamedTuple):
+    """Properties of a camera's images.
+
+    Attributes:
+        diagonal: [px]
+        mosaic: whether they are Bayer images.
+        bright: [grey levels] of the room's bright surfaces, at the current exposure; spots are judged relative to it.
+    """
+
+    diagonal: float
+    mosaic: bool
+    bright: float = 190.0
+
+    @property
+    def min_level(self) -> float:
+        """Brightness [grey levels] of the darkest spot's brightest sample."""
+        return _MIN_LEVEL * self.bright
+
+
+class SearchedImage(NamedTuple):
+    """An image, and what is new in it.
+
+    Attributes:
+        regions: to examine, the brightest first.
+        reference: what the picture would show without anything new; None if no region is bright.
+        motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
+        shifted: whether the camera has moved since the reference was taken.
+        block_px: [px] edge of a block.
+        rise: (rows, columns) uint8, each block's largest rise above the reference.
+        changed: (rows, columns) bool, blocks that became brighter or darker.
+        ghost_s: (rows, columns) [s] for how long anything but a spot that changed a block may still leave a ghost there.
+    """
+
+    picture: AnyPicture
+    traits: ImageTraits
+    regions: Sequence[Region]
+    reference: Optional[np.ndarray]
+    motion: Optional[np.ndarray]
+    shifted: bool
+    block_px: int
+    rise: np.ndarray
+    changed: np.ndarray
+    ghost_s: np.ndarray
+
+
+@dataclass(frozen=True)
+class FloorPoint:
+    """A point on the floor.
+
+    Attributes:
+        position: (3,) [m], map frame; z is the height that was measured.
+        meters_per_pixel: [m/px] floor length of a pixel there.
+        source: `projection.GROUND_PLANE`, `DEPTH` or `GROUND_PLANE_FALLBACK`.
+        range: [m] from the camera.
+    """
+
+    position: np.ndarray
+    meters_per_pixel: float
+    source: str
+    range: float
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A laser spot in an image, or a rejected candidate.
+
+    Attributes:
+        u, v: [px] column and row, sub-pixel; the centre of the first pixel is 0.
+        diameter: [px]
+        confidence: 0 ... 1
+        track: number of the spot in this camera's images; it stays while the spot is followed.
+        rejection: why it is not published, or "".
+        tint: as `features.tint_of` returned it; None: without colour.
+        stamp: [s] when the image was taken; 0 until the spot is tracked.
+        floor_point: where it is on the floor; None if camera or pose are not known.
+    """
+
+    u: float
+    v: float
+    diameter: float
+    confidence: float = 0.0
+    track: int = 0
+    rejection: str = ""
+    tint: Optional[np.ndarray] = field(default=None, compare=False)
+    stamp: float = 0.0
+    floor_point: Optional[FloorPoint] = field(default=None, compare=False)
