@@ -57,7 +57,7 @@ class Finder:
     def find(self, frame: LabeledFrame) -> List[Any]:
         """Searches an image; returns spots, also those of earlier images that are confirmed only now."""
         geometry = frame.geometry(self._projection) if frame.geometry else None
-        return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry)
+        return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry).spots
 
 
 class Count:

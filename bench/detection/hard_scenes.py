@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, Callable, Iterator, Tuple
+from typing import Any, Callable, Iterator, Optional, Tuple
 
 import numpy as np
 import yaml
@@ -92,7 +92,9 @@ def frames(
         return version.FloorProjection(version.ProjectionParams.from_mapping(config), floor)
 
     def geometry(view: Any, snapshot: DisturbedSnapshot, depth: Any, version: Any) -> Any:
-        return version.ImageGeometry(view.model, lambda: view.camera_pose(snapshot), floor_projection(version), depth)
+        made = version.ImageGeometry(view.model, floor_projection(version), view.camera_pose(snapshot))
+        made.look_up_depth = depth
+        return made
 
     views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
     first = next(course(scene))[1]
@@ -109,14 +111,14 @@ def frames(
         elif view.spot(snapshot) is not None:
             places = [tuple(view.spot(snapshot).center)]
         seen, unclear = (places, []) if view.spot_share(snapshot) >= clear else ([], places)
-        # drawn with noise, so once for all versions
-        depth = lru_cache(maxsize=None)(partial(_depth, view, snapshot)) if scene.mobile else None
+        # drawn with noise, so only if it is needed, and once for all versions
+        depth = lru_cache(maxsize=None)(partial(_depth, view, snapshot, scene.mobile))
         here = partial(geometry, view, snapshot, depth)
         yield LabeledFrame(snapshot.stamp, image, seen, unclear, here, encoding=view.encoding)
 
 
-def _depth(view: Any, snapshot: DisturbedSnapshot) -> Tuple[np.ndarray, CameraModel]:
-    return view.depth(snapshot), view.depth_model
+def _depth(view: Any, snapshot: DisturbedSnapshot, mobile: bool) -> Optional[Tuple[np.ndarray, CameraModel]]:
+    return (view.depth(snapshot), view.depth_model) if mobile else None
 
 
 def floor_place(spot: Any) -> np.ndarray:

@@ -57,11 +57,11 @@ class Oracle(SpotClassifier):
         self.rows: List[Dict[str, float]] = []
         self.truth: List[bool] = []
 
-    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
+    def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
         """Returns the truth as a probability."""
         right = self._near(blob, self.frame.spots)
         if right or not (self.frame.spots or self._near(blob, self.frame.unclear)):
-            self.rows.append(dict(features))
+            self.rows.append(blob.features)
             self.truth.append(right)
         return float(right), "known"
 

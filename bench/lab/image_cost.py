@@ -33,7 +33,7 @@ class Search:
 
     def look(self, jpeg: bytes, stamp: float) -> None:
         began = time.thread_time()
-        geometry = ImageGeometry(scene().model, lambda: scene().pose, self._floor_projection)
+        geometry = ImageGeometry(scene().model, self._floor_projection, scene().pose)
         self._detector.detect(self._decode(jpeg), stamp, geometry)
         self.times.append(1e3 * (time.thread_time() - began))
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
-from vb_laser_detect.detection.projection import GROUND_PLANE, FloorPoint
+from vb_laser_detect.detection.projection import GROUND_PLANE, ImageGeometry
+from vb_laser_detect.detection.stage_results import FloorPoint
 from vb_laser_detect.detector import SpotDetector
 
 RED = (0.12, 0.2, 1.0)  # response of the sensor's blue, green and red pixels to a red laser
@@ -102,21 +103,25 @@ class ImageDetector(SpotDetector):
     Attributes:
         bayer: whether (H, W) images are Bayer images.
         geometry: of all images.
+        candidates: the last image's.
+        late, lamps: number of all images that came late, and of all lamps that had been published.
     """
 
     def __init__(self, params=None, classifier=None, bayer=False, geometry=None):
         super().__init__(params, classifier)
         self.bayer, self.geometry = bayer, geometry
+        self.late = self.lamps = 0
 
     def detect(self, image, stamp):
         """See `SpotDetector.detect`."""
         picture = Picture(image, "bayer_rggb") if self.bayer else image
-        spots = super().detect(picture, stamp, self.geometry)
-        self.earlier = [spot for spot in spots if spot.stamp != stamp]
-        return spots[len(self.earlier) :]
+        found = super().detect(picture, stamp, self.geometry)
+        self.candidates, self.late, self.lamps = found.candidates, self.late + found.is_late, self.lamps + found.lamps
+        self.earlier = [spot for spot in found.spots if spot.stamp != stamp]
+        return list(found.spots[len(self.earlier) :])
 
 
-class FlatFloor:
+class FlatFloor(ImageGeometry):
     """A geometry that maps pixels to the floor by a scale [m/px], except those for which `reject` gives a reason."""
 
     def __init__(self, scale=0.004, reject=lambda u, v: ""):

@@ -221,7 +221,7 @@ def test_a_spot_is_examined_although_brighter_regions_compete():
 
 def test_a_doubtful_spot_that_stays_is_learnt():
     class Doubtful(SpotClassifier):
-        def classify(self, blob, features, expected=False):
+        def classify(self, blob, expected):
             return 0.7, "peak"
 
     scene, detector = settled(Scene(), at_once(classifier=Doubtful({}, 0.0)))

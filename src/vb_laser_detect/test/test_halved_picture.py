@@ -51,7 +51,7 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, start, step)
             return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
         for offsets, detector, picture in zip(found, both, (image, HalvedPicture(SIZE, decode))):
-            for spot in detector.detect(picture, 0.04 * number):
+            for spot in detector.detect(picture, 0.04 * number).spots:
                 offsets.append((spot.u, spot.v) - place(spot.stamp / 0.04))
     searched, halved = (np.array(offsets) for offsets in found)
     assert len(searched) >= 0.8 * len(DRAWN) and abs(len(searched) - len(halved)) <= 1
@@ -82,8 +82,8 @@ def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg)
 def test_an_image_that_comes_late_is_not_decoded():
     scene, detector, decoded = Scene(*SIZE), SpotDetector(), []
     detector.detect(HalvedPicture(SIZE, lambda *size: cv2.resize(scene.render(), size)), 1.0)
-    assert detector.detect(HalvedPicture(SIZE, lambda *size: decoded.append(size)), 0.96) == []
-    assert detector.late == 1 and not decoded
+    found = detector.detect(HalvedPicture(SIZE, lambda *size: decoded.append(size)), 0.96)
+    assert found.is_late and not found.spots and not decoded
 
 
 def middle_of_spot(image):

@@ -53,7 +53,7 @@ def test_the_spot_is_found_in_every_encoding(case, preset):
     for i in range(-8, 12):
         u, v = 60.0 + 12.0 * i, 100.0
         image = encode(shown(scene, kind, [(u, v)] * (i >= 0), color=GREEN))
-        spots = detector.detect(reader.read(image, case.split()[0]), 0.04 * i)
+        spots = detector.detect(reader.read(image, case.split()[0]), 0.04 * i).spots
         assert i >= 0 or not spots
         hits += bool(spots) and np.hypot(spots[0].u - u, spots[0].v - v) < 1.0
     assert hits >= 11

@@ -1,6 +1,7 @@
 """Pixels to the floor and back."""
 
 import math
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -12,6 +13,7 @@ from board_scene import CAMERA
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, floor_points, pixels_of
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import (
     DEPTH,
@@ -21,6 +23,7 @@ from vb_laser_detect.detection.projection import (
     ImageGeometry,
     RobotCylinder,
 )
+from vb_laser_detect.detection.stage_results import Spot
 
 ROBOT = CameraModel.ideal(640, 480, 525.0)
 UP = geometry.transform(np.eye(3), (1.0, 1.0, 2.0))  # the line through camera and pixel meets the floor behind it
@@ -179,12 +182,23 @@ def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height)
 def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     camera = CameraModel.ideal(1920, 1080, 1100.0)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
-    cylinders = Mock(return_value=[CYLINDER])
-    frame = ImageGeometry(camera, lambda: pose, FloorProjection(), cylinders=cylinders)
-    assert not cylinders.called
-    on, beside = pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]]))
-    assert np.allclose(frame.point(*beside).position, (1.6, 1.3, 0.0))
-    with refused("on_robot"):
-        frame.point(*on)
-    assert cylinders.call_count == 1
-    assert ImageGeometry(camera, lambda: pose, FloorProjection()).point(*on) is not None
+    frame = ImageGeometry(camera, FloorProjection(), pose)
+    on, beside = (Spot(*place, 8.0) for place in pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])))
+    assert frame.locate([on])[0].floor_point is not None
+    frame = ImageGeometry(camera, FloorProjection(), pose)
+    frame.look_up_robots = Mock(return_value=[CYLINDER])
+    assert frame.locate([replace(on, rejection="peak")])[0].rejection == "peak" and not frame.look_up_robots.called
+    beside, on = frame.locate([beside, on])
+    assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0)) and on.rejection == "on_robot"
+    assert frame.look_up_robots.call_count == 1
+
+
+def test_a_pose_is_looked_up_once_and_if_it_is_unknown_no_floor_is_seen():
+    frame, middle = ImageGeometry(CAMERA, FloorProjection()), np.array([[950.0, 545.0]])
+    frame.look_up_pose = Mock(return_value=down())
+    known = [frame.meters_per_pixel(middle)[0] for _ in range(2)]
+    assert frame.look_up_pose.call_count == 1 and frame.pose_error is None
+    assert known == [FloorProjection().on_plane(CAMERA, down(), *middle[0]).meters_per_pixel] * 2
+    frame = ImageGeometry(CAMERA, FloorProjection())
+    frame.look_up_pose = Mock(side_effect=CodedError("no_transform"))
+    assert np.isnan(frame.meters_per_pixel(middle)).all() and frame.pose_error.code == "no_transform"

@@ -1,14 +1,13 @@
 """Which sighting belongs to which track, when it is confirmed, and which track is published, at every frame rate."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from vb_laser_detect.detection.features import ImageTraits
-from vb_laser_detect.detection.projection import GROUND_PLANE, FloorPoint
-from vb_laser_detect.detection.tracking import Spot, SpotTracker
+from vb_laser_detect.detection.projection import GROUND_PLANE
+from vb_laser_detect.detection.spot_tracker import SpotTracker
+from vb_laser_detect.detection.stage_results import FloorPoint, ImageTraits, Spot
 
 GREEN = np.array([0.1, 1.0, 0.1])
 
@@ -29,15 +28,18 @@ class Film:
 
     def see(self, *sightings):
         self.now += self.period
-        self.tracker.begin(self.now, self.traits, None)
-        told = []
-        for track in self.tracker.update([replace(one, stamp=self.now) for one in sightings]):
-            earlier = [round(one.stamp / self.period) - 1 for one in track.unpublished if track.published]
-            what = {name: getattr(track, name) for name in ("number", "confirmed", "published")}
-            told.append(SimpleNamespace(**what, backfilled=earlier))
-            if track.published:  # as the detector does
-                track.unpublished = []
-        return told
+        self.tracker.predict(self.now)
+        tracked = self.tracker.update(sightings, None, self.traits)
+        earlier = [round(one.stamp / self.period) - 1 for one in tracked.published[:-1]]
+        return [
+            SimpleNamespace(
+                number=one.track,
+                confirmed=one.rejection != "unconfirmed",
+                published=not one.rejection,
+                backfilled=[] if one.rejection else earlier,
+            )
+            for one in tracked.spots
+        ]
 
 
 @pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 25.0, 60.0])
@@ -117,11 +119,15 @@ def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():
     for i in range(30):
         film.see(sighting(0.008 * i))
     film.now += film.period
-    (ahead,) = film.tracker.begin(film.now, film.traits, None)
+    (ahead,) = film.tracker.predict(film.now)
     assert ahead.u == pytest.approx(500 * 0.008 * 30)
     near, far = (int(ahead.u) + 8, 0, int(ahead.u) + 24, 8), (int(ahead.u) - 48, 0, int(ahead.u) - 30, 8)
     assert ahead.overlaps(near) and not ahead.overlaps(far)
     # the camera turns by 40 px
-    film.tracker.update([sighting(0.008 * 30)])
-    shifted = film.tracker.begin(film.now + film.period, film.traits, np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]]))
-    assert shifted[0].u == pytest.approx(500 * 0.008 * 31 + 40.0)
+    film.tracker.update([sighting(0.008 * 30)], None, film.traits)
+    turn = np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]])
+    (ahead,) = film.tracker.predict(film.now + film.period)
+    assert ahead.moved(turn).u == pytest.approx(500 * 0.008 * 31 + 40.0)
+    film.tracker.update([], turn, film.traits)
+    (ahead,) = film.tracker.predict(film.now + 2 * film.period)
+    assert ahead.u == pytest.approx(500 * 0.008 * 32 + 40.0)
