@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, Callable, Iterator, Optional, Tuple
+from types import SimpleNamespace
+from typing import Any, Callable, Iterator, Tuple
 
 import numpy as np
 import yaml
@@ -15,7 +16,6 @@ from bench.detection.finder import LabeledFrame
 from bench.detection.motions import Place, place_and_velocity
 from bench.detection.rooms import Rooms
 from bench.frame import TOP
-from vb_core.camera_model import CameraModel
 from vb_sim.models import make_generator
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import World
@@ -91,10 +91,8 @@ def frames(
     def floor_projection(version: Any) -> Any:
         return version.FloorProjection(version.ProjectionParams.from_mapping(config), floor)
 
-    def geometry(view: Any, snapshot: DisturbedSnapshot, depth: Any, version: Any) -> Any:
-        made = version.ImageGeometry(view.model, floor_projection(version), view.camera_pose(snapshot))
-        made.look_up_depth = depth
-        return made
+    def geometry(view: Any, snapshot: DisturbedSnapshot, lookups: Any, version: Any) -> Any:
+        return version.ImageGeometry(view.model, floor_projection(version), view.camera_pose(snapshot), lookups)
 
     views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
     first = next(course(scene))[1]
@@ -112,13 +110,10 @@ def frames(
             places = [tuple(view.spot(snapshot).center)]
         seen, unclear = (places, []) if view.spot_share(snapshot) >= clear else ([], places)
         # drawn with noise, so only if it is needed, and once for all versions
-        depth = lru_cache(maxsize=None)(partial(_depth, view, snapshot, scene.mobile))
-        here = partial(geometry, view, snapshot, depth)
+        draw = lru_cache(maxsize=None)(lambda *image: (view.depth(snapshot), view.depth_model))
+        lookups = SimpleNamespace(depth_at=draw, cylinders=lambda stamp: ()) if scene.mobile else None
+        here = partial(geometry, view, snapshot, lookups)
         yield LabeledFrame(snapshot.stamp, image, seen, unclear, here, encoding=view.encoding)
-
-
-def _depth(view: Any, snapshot: DisturbedSnapshot, mobile: bool) -> Optional[Tuple[np.ndarray, CameraModel]]:
-    return (view.depth(snapshot), view.depth_model) if mobile else None
 
 
 def floor_place(spot: Any) -> np.ndarray:

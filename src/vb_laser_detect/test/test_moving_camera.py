@@ -81,19 +81,20 @@ def test_spots_on_photographs(still):
 def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     picture = np.clip(photograph(5), 0, 255).astype(np.uint8)
     registration = ImageRegistration()
-    registration.motion_to(picture[50:350, 60:460])
+    registration.follow(picture[50:350, 60:460])
     truth = np.array([[1.0, 0, -7.0], [0, 1, 4.0], [0, 0, 1]])
     moved = picture[46:346, 67:467].copy()
     moved[100:200, 150:280] = 30  # somebody walks by
-    motion = registration.motion_to(moved)
+    motion = registration.follow(moved)
     assert np.abs(motion - truth)[:2, :2].max() < 0.004 and np.abs(motion - truth)[:2, 2].max() < 0.6
     moved[120:200, 200:330] = 160
     # the person walks on; the camera has moved since the first keyframe, but not since the next one
-    assert np.abs(registration.motion_to(moved) - truth)[:2, 2].max() < 0.6
+    assert np.abs(registration.follow(moved) - np.eye(3))[:2, 2].max() < 0.6
+    assert np.abs(registration.motion - truth)[:2, 2].max() < 0.6
     registration.set_keyframe()
     moved[120:200, 200:330] = 90
-    assert np.array_equal(registration.motion_to(moved), np.eye(3))
+    assert np.array_equal(registration.follow(moved), np.eye(3)) and registration.motion is None
     # a blank wall shows no motion
     blank = ImageRegistration()
-    blank.motion_to(np.full((240, 320), 90, np.uint8))
-    assert blank.motion_to(np.full((240, 320), 91, np.uint8)) is None
+    blank.follow(np.full((240, 320), 90, np.uint8))
+    assert blank.follow(np.full((240, 320), 91, np.uint8)) is None

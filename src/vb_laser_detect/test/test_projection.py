@@ -185,20 +185,21 @@ def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     frame = ImageGeometry(camera, FloorProjection(), pose)
     on, beside = (Spot(*place, 8.0) for place in pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])))
     assert frame.locate([on])[0].floor_point is not None
-    frame = ImageGeometry(camera, FloorProjection(), pose)
-    frame.look_up_robots = Mock(return_value=[CYLINDER])
-    assert frame.locate([replace(on, rejection="peak")])[0].rejection == "peak" and not frame.look_up_robots.called
+    robots = Mock(return_value=[CYLINDER])
+    frame = ImageGeometry(camera, FloorProjection(), pose, Mock(cylinders=robots, depth_at=lambda *image: None))
+    assert frame.locate([replace(on, rejection="peak")])[0].rejection == "peak" and not robots.called
     beside, on = frame.locate([beside, on])
     assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0)) and on.rejection == "on_robot"
-    assert frame.look_up_robots.call_count == 1
+    assert robots.call_count == 1
 
 
 def test_a_pose_is_looked_up_once_and_if_it_is_unknown_no_floor_is_seen():
-    frame, middle = ImageGeometry(CAMERA, FloorProjection()), np.array([[950.0, 545.0]])
-    frame.look_up_pose = Mock(return_value=down())
-    known = [frame.meters_per_pixel(middle)[0] for _ in range(2)]
-    assert frame.look_up_pose.call_count == 1 and frame.pose_error is None
-    assert known == [FloorProjection().on_plane(CAMERA, down(), *middle[0]).meters_per_pixel] * 2
-    frame = ImageGeometry(CAMERA, FloorProjection())
-    frame.look_up_pose = Mock(side_effect=CodedError("no_transform"))
+    lookups, middle = Mock(), np.array([[950.0, 545.0]])
+    lookups.pose_at.return_value = down()
+    frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups, "red_optical_frame", 7.0)
+    for _ in range(2):
+        assert frame.meters_per_pixel(middle) == FloorProjection().on_plane(CAMERA, down(), *middle[0]).meters_per_pixel
+    lookups.pose_at.assert_called_once_with("red_optical_frame", 7.0)
+    lookups.pose_at.side_effect = CodedError("no_transform")
+    frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups)
     assert np.isnan(frame.meters_per_pixel(middle)).all() and frame.pose_error.code == "no_transform"

@@ -7,7 +7,7 @@ import pytest
 
 from vb_laser_detect.detection.projection import GROUND_PLANE
 from vb_laser_detect.detection.spot_tracker import SpotTracker
-from vb_laser_detect.detection.stage_results import FloorPoint, ImageTraits, Spot
+from vb_laser_detect.detection.stage_results import FloorPoint, Spot
 
 GREEN = np.array([0.1, 1.0, 0.1])
 
@@ -23,14 +23,14 @@ class Film:
 
     def __init__(self, rate=25.0, mosaic=False, confirm_frames=3):
         self.tracker = SpotTracker(confirm_frames, max_dwell_time=25.0)
-        self.traits = ImageTraits(800.0, mosaic)
+        self.image = SimpleNamespace(motion=None, diagonal=800.0, picture=SimpleNamespace(mosaic=mosaic))
         self.period, self.now = 1.0 / rate, 0.0
 
     def see(self, *sightings):
         self.now += self.period
         self.tracker.predict(self.now)
-        tracked = self.tracker.update(sightings, None, self.traits)
-        earlier = [round(one.stamp / self.period) - 1 for one in tracked.published[:-1]]
+        found = self.tracker.update(sightings, self.image)
+        earlier = [round(one.stamp / self.period) - 1 for one in found.spots[:-1]]
         return [
             SimpleNamespace(
                 number=one.track,
@@ -38,7 +38,7 @@ class Film:
                 published=not one.rejection,
                 backfilled=[] if one.rejection else earlier,
             )
-            for one in tracked.spots
+            for one in found.candidates
         ]
 
 
@@ -120,14 +120,15 @@ def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():
         film.see(sighting(0.008 * i))
     film.now += film.period
     (ahead,) = film.tracker.predict(film.now)
-    assert ahead.u == pytest.approx(500 * 0.008 * 30)
-    near, far = (int(ahead.u) + 8, 0, int(ahead.u) + 24, 8), (int(ahead.u) - 48, 0, int(ahead.u) - 30, 8)
+    u = int(ahead.place[0])
+    assert ahead.place[0] == pytest.approx(500 * 0.008 * 30)
+    near, far = (u + 8, 0, u + 24, 8), (u - 48, 0, u - 30, 8)
     assert ahead.overlaps(near) and not ahead.overlaps(far)
     # the camera turns by 40 px
-    film.tracker.update([sighting(0.008 * 30)], None, film.traits)
-    turn = np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]])
+    film.tracker.update([sighting(0.008 * 30)], film.image)
+    film.image.motion = np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]])
     (ahead,) = film.tracker.predict(film.now + film.period)
-    assert ahead.moved(turn).u == pytest.approx(500 * 0.008 * 31 + 40.0)
-    film.tracker.update([], turn, film.traits)
+    assert ahead.moved(film.image.motion).place[0] == pytest.approx(500 * 0.008 * 31 + 40.0)
+    film.tracker.update([], film.image)
     (ahead,) = film.tracker.predict(film.now + 2 * film.period)
-    assert ahead.u == pytest.approx(500 * 0.008 * 32 + 40.0)
+    assert ahead.place[0] == pytest.approx(500 * 0.008 * 32 + 40.0)

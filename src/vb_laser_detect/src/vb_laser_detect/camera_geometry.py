@@ -193,7 +193,7 @@ class CameraGeometry:
             self._pose = self._newest_pose(frame_id, stamp)
             self._looked_up, self._of = now, (frame_id, size)
         pose = None if self._mobile else self._pose
-        return LookedUpGeometry(self._camera, self._floor_projection, pose, self, frame_id, stamp)
+        return ImageGeometry(self._camera, self._floor_projection, pose, self, frame_id, stamp)
 
     def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns a moving camera's pose (4, 4); raises CodedError "no_transform", "bad_transform" if it is unknown."""
@@ -237,36 +237,3 @@ class CameraGeometry:
             radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
             found.append(RobotCylinder(x, y, radius, profile.shape.height))
         return found
-
-
-class LookedUpGeometry(ImageGeometry):
-    """An image's geometry that looks up only what the image turns out to need.
-
-    Args:
-        camera, floor_projection, pose: see `ImageGeometry`.
-        lookups, frame_id, stamp: asked for what is needed at the image's time, with its frame.
-    """
-
-    def __init__(
-        self,
-        camera: CameraModel,
-        floor_projection: FloorProjection,
-        pose: Optional[np.ndarray],
-        lookups: CameraGeometry,
-        frame_id: str,
-        stamp: rospy.Time,
-    ) -> None:
-        super().__init__(camera, floor_projection, pose)
-        self._lookups, self._frame_id, self._stamp = lookups, frame_id, stamp
-
-    def look_up_pose(self) -> np.ndarray:
-        """See `ImageGeometry.look_up_pose`."""
-        return self._lookups.pose_at(self._frame_id, self._stamp)
-
-    def look_up_depth(self) -> Optional[Depth]:
-        """See `ImageGeometry.look_up_depth`."""
-        return self._lookups.depth_at(self._frame_id, self._stamp)
-
-    def look_up_robots(self) -> List[RobotCylinder]:
-        """See `ImageGeometry.look_up_robots`."""
-        return self._lookups.cylinders(self._stamp)

@@ -24,7 +24,7 @@ frame, including those without a spot, which show it what the floor looks like.
 from __future__ import annotations
 
 import math
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import Proposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
-from vb_laser_detect.detection.stage_results import Box, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, Detection, SearchedImage, Spot
 from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["Detection", "DetectorParams", "Spot", "SpotDetector"]
@@ -46,23 +46,6 @@ _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal: a spot's largest diameter
 _MAX_LATENESS = 1.0  # [s] an image older than the last one by more is not late: the clock was set
 # from this probability on, a resting spot is kept out of the background; below it, it may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
-
-
-class Detection(NamedTuple):
-    """What became of one image.
-
-    Attributes:
-        spots: that it confirmed, oldest first: at most one of the image itself and, when a stroke begins, those of
-            earlier images, with their own stamps and positions.
-        candidates: all that was examined in the image; each says why it is no spot, or not published.
-        lamps: number of lights that have rested too long for a spot, but had been published as one.
-        is_late: whether it was left out, as a later image came before it.
-    """
-
-    spots: Sequence[Spot] = ()
-    candidates: Sequence[Spot] = ()
-    lamps: int = 0
-    is_late: bool = False
 
 
 class SpotDetector:
@@ -122,16 +105,15 @@ class SpotDetector:
         searched = self._proposer.propose(picture, expected)
         max_diameters = self._max_diameters(searched, geometry)
         self._measured = any(not math.isnan(max_diameters[one.box]) for one in searched.regions if one.bright)
-        spots = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
+        candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
         if geometry is not None:
-            spots = geometry.locate(spots)
-        spots = _without_repetitions(spots)
-        tracked = self._tracker.update([one for one in spots if not one.rejection], searched.motion, searched.traits)
+            candidates = geometry.locate(candidates)
+        detection = self._tracker.update(_without_repetitions(candidates), searched)
         certain = max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-        kept_out = [spot for spot in tracked.spots if spot.track and spot.confidence >= certain]
+        kept_out = [one for one in detection.candidates if one.track and one.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.update_background(searched, kept_out, min(elapsed, 1.0))
-        return Detection(tracked.published, [one for one in spots if one.rejection] + tracked.spots, tracked.lamps)
+        return detection
 
     def _prepare(self, picture: AnyPicture) -> AnyPicture:
         """Decodes as much of a picture as will be needed."""
@@ -148,7 +130,7 @@ class SpotDetector:
         Only if there is such a box does the geometry look up a moving camera's pose.
         """
         boxes = [box for region in searched.regions if region.bright for box in region.boxes()]
-        diameters = [_MAX_DIAGONAL_SHARE * searched.traits.diagonal] * len(boxes)
+        diameters = [_MAX_DIAGONAL_SHARE * searched.diagonal] * len(boxes)
         if boxes and geometry is not None:
             middles = np.array(boxes).reshape(-1, 2, 2).mean(axis=1)
             sizes = 0.001 * self.params.max_diameter_mm / geometry.meters_per_pixel(middles)
@@ -156,19 +138,14 @@ class SpotDetector:
         return dict(zip(boxes, diameters))
 
 
-def _without_repetitions(spots: Sequence[Spot]) -> List[Spot]:
-    """Returns spots without those to which another region has led before."""
-    found: List[Spot] = []
-    for spot in spots:
-        if not any(_same_blob(spot, other) for other in found):
-            found.append(spot)
-    return found
-
-
-def _same_blob(spot: Spot, other: Spot) -> bool:
-    """Returns whether two regions have led to the same blob."""
-    near = math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
-    return near and bool(other.rejection) == bool(spot.rejection)
+def _without_repetitions(candidates: Sequence[Spot]) -> List[Spot]:
+    """Returns candidates without those whose region has led to the same blob as an earlier region."""
+    kept: List[Spot] = []
+    for spot in candidates:
+        same = (one for one in kept if bool(one.rejection) == bool(spot.rejection))
+        if not any(math.hypot(spot.u - one.u, spot.v - one.v) < 2.0 for one in same):
+            kept.append(spot)
+    return kept
 
 
 def _checked(image: Union[np.ndarray, AnyPicture]) -> AnyPicture:

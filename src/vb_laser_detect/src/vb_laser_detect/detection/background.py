@@ -71,7 +71,7 @@ class Background:
         image: the background itself.
         whole: the same at the camera's own size; None if that is the size searched.
         blocks: number of their rows and columns.
-        bright: [grey levels] of the brightest surfaces in it, see `ImageTraits`.
+        bright: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
     """
 
@@ -114,8 +114,8 @@ class Background:
                 self._brightest = cv2.dilate(self.image, _SQUARE)
             # a fraction of a pixel does not matter to the maximum of nine
             self._reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
-            rise = block_maxima(image, self._reference)
-            return Changes(rise, self._exceeds_noise(rise), np.zeros(rise.shape, bool))
+            self._rise = block_maxima(image, self._reference)
+            return Changes(self._rise, self._exceeds_noise(self._rise), np.zeros(self.blocks, bool))
         self._reference, now = self.image, sample_blocks(image)
         changes = self._changes(image, now, self._sample)
         if changes.everywhere and self._relight_rows(now):
@@ -124,8 +124,8 @@ class Background:
 
     def _changes(self, image: np.ndarray, now: np.ndarray, before: np.ndarray) -> Changes:
         """Compares an image with the reference; `now` and `before` are their blocks' samples."""
-        rise = block_maxima(image, self._reference)
-        return Changes(rise, self._exceeds_noise(rise), max_channel(cv2.subtract(before, now)) > self._min_change)
+        self._rise, fall = block_maxima(image, self._reference), max_channel(cv2.subtract(before, now))
+        return Changes(self._rise, self._exceeds_noise(self._rise), fall > self._min_change)
 
     def _relight_rows(self, now: np.ndarray) -> bool:
         """Relights the reference row by row as the samples of an image's blocks; False if all rows have the same light.
@@ -170,14 +170,13 @@ class Background:
             self._limit = cv2.max(noise, math.ceil(self._min_change))
         return cv2.compare(rise, self._limit, cv2.CMP_GE) > 0
 
-    def update(self, picture: AnyPicture, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
-        """Adds a frame.
+    def update(self, picture: AnyPicture, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
+        """Adds the image that was compared last.
 
         Args:
             picture: one that is searched at half its size is decoded whole for each keyframe.
-            rise: (rows, columns) of each block.
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
-            dt: [s] since the last frame.
+            dt: [s] since the last image.
 
         Returns:
             Whether the image became the keyframe.
@@ -186,7 +185,7 @@ class Background:
         if self.motion is not None:
             return self._update_moving(picture.searched, spots)
         self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
-        self._learn_noise(rise, ~(changed | spots), dt)
+        self._learn_noise(~(changed | spots), dt)
         return self._update_stationary(picture, changed | spots)
 
     def _update_stationary(self, picture: AnyPicture, unsteady: np.ndarray) -> bool:
@@ -233,12 +232,16 @@ class Background:
                 cv2.copyTo(source, cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST), result)
         return result
 
-    def _learn_noise(self, rise: np.ndarray, steady: np.ndarray, dt: float) -> None:
+    def _learn_noise(self, steady: np.ndarray, dt: float) -> None:
         """Averages the rise of steady blocks, and its deviation; both change slowly, so not every image is used."""
         self._noise_s += dt
         if self._noise_s < _PERIOD / 8:
             return
-        weight, mask, values = 1.0 - math.exp(-self._noise_s / _PERIOD), steady.view(np.uint8), rise.astype(np.float32)
+        weight, mask, values = (
+            1.0 - math.exp(-self._noise_s / _PERIOD),
+            steady.view(np.uint8),
+            self._rise.astype(np.float32),
+        )
         cv2.accumulateWeighted(values, self._noise, weight, mask)
         cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
         self._noise_s, self._limit = 0.0, None

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from vb_laser_detect.detection.background import blocks_around, brightest, max_channel, relight
-from vb_laser_detect.detection.stage_results import Box, ImageTraits, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, SearchedImage, Spot
 
 _EDGE = 0.35  # the blob is where the rise exceeds this share of its peak
 _MAX_ELONGATION = 2.0  # largest length of a spot, in largest diameters: a fast one is elongated
@@ -104,7 +104,7 @@ def measure(searched: SearchedImage, box: Box, max_diameter: float, max_width: f
     if math.isnan(max_diameter):
         return _unmeasured(box, "off_floor")
     image = searched.picture.pixels
-    if brightest(image, box) < searched.traits.min_level:  # now that it is decoded whole
+    if brightest(image, box) < searched.min_level:  # now that it is decoded whole
         return _unmeasured(box, "too_dark")
     left, top, right, bottom = box
     margin, missing = 20, 1
@@ -144,17 +144,17 @@ def measure(searched: SearchedImage, box: Box, max_diameter: float, max_width: f
     if diameter > max_diameter:
         return Blob(u, v, diameter, "too_large")
     busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
-    tint, light = _light_of(mask, diameter, smooth[part], now[part], before[part], searched.traits, may_be_ghost)
+    tint, light = _light_of(mask, smooth[part], now[part], before[part], diameter, searched, may_be_ghost)
     return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **light, "busy": busy})
 
 
 def _light_of(
     mask: np.ndarray,
-    diameter: float,
     light: np.ndarray,
     now: np.ndarray,
     before: np.ndarray,
-    traits: ImageTraits,
+    diameter: float,
+    searched: SearchedImage,
     may_be_ghost: bool,
 ) -> Tuple[Optional[np.ndarray], Dict[str, float]]:
     """Returns the tint of a blob's light, and the features that say how it differs from the floor.
@@ -163,20 +163,21 @@ def _light_of(
         mask: (H, W) uint8, the blob.
         light: (H, W) the rise of the brightest channel, smoothed.
         now, before: image and reference.
-        may_be_ghost: whether its edge says anything: a real spot on the edge of a white sheet could look like a ghost.
     """
-    levels, reference_levels = means_over(mask, traits.mosaic, now, before)
+    mosaic, bright = searched.picture.mosaic, searched.bright
+    levels, reference_levels = means_over(mask, mosaic, now, before)
     tint = tint_of(mask, light, now, before, levels, reference_levels) if len(levels) > 1 else None
     channel = int(np.argmax(levels - reference_levels)) if now.ndim == 3 else 0
     return tint, {
-        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / traits.bright),
-        "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / traits.bright),
+        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / bright),
+        "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / bright),
+        # a real spot on the edge of a white sheet could look like a ghost
         "edge": _edge(mask, _plane(now, channel), _plane(before, channel)) if may_be_ghost else math.nan,
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((reference_levels - levels).max())) / traits.bright,
-        "diameter": math.log(diameter / traits.diagonal),
+        "fall": max(0.0, float((reference_levels - levels).max())) / bright,
+        "diameter": math.log(diameter / searched.diagonal),
         # many webcams show a spot as white, mosaics show its colour: only there is a single blob's colour informative
-        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if traits.mosaic else math.nan,
+        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if mosaic else math.nan,
     }
 
 

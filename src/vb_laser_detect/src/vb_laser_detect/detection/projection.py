@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -178,45 +178,38 @@ class RobotCylinder:
 class ImageGeometry:
     """Locates the pixels of one image on the floor: first `meters_per_pixel`, then `locate`.
 
-    Most images show nothing to be located. So a subclass may look up pose, depth and robots when they are asked for.
+    Most images show nothing to be located. So what must be looked up for the image's time is looked up only then.
 
     Args:
         camera: of the image.
         floor_projection: the camera's.
-        pose: (4, 4) T_map_camera at the image's time; None: it must be looked up.
+        pose: (4, 4) T_map_camera; None: it is looked up.
+        lookups: the `CameraGeometry` that knows pose, depth and robots; None: a plane floor without robots.
+        frame_id, stamp: the image's.
 
     Attributes:
         pose_error: why the pose is unknown, although it was looked up; else None.
     """
 
     def __init__(
-        self, camera: CameraModel, floor_projection: FloorProjection, pose: Optional[np.ndarray] = None
+        self,
+        camera: CameraModel,
+        floor_projection: FloorProjection,
+        pose: Optional[np.ndarray] = None,
+        lookups: Any = None,
+        frame_id: str = "",
+        stamp: Any = None,
     ) -> None:
         self.pose_error: Optional[CodedError] = None
         self._camera, self._floor_projection, self._pose = camera, floor_projection, pose
-        self._robots: Optional[Sequence[RobotCylinder]] = None  # once they are looked up
-
-    def look_up_pose(self) -> np.ndarray:
-        """Returns (4, 4) T_map_camera at the image's time; called once, and only if it was not given.
-
-        Raises:
-            CodedError: "no_transform", "bad_transform" if it is unknown.
-        """
-        raise NotImplementedError
-
-    def look_up_depth(self) -> Optional[Depth]:
-        """Returns the depth image of that time; None: the floor is a plane. Called for each spot."""
-        return None
-
-    def look_up_robots(self) -> Sequence[RobotCylinder]:
-        """Returns the robots on the floor at that time; called once, and only for a spot."""
-        return ()
+        self._lookups, self._frame_id, self._stamp = lookups, frame_id, stamp
+        self._robots: Optional[Sequence[RobotCylinder]] = () if lookups is None else None  # None: not looked up yet
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
         """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or with a `pose_error`."""
         if self._pose is None:
             try:
-                self._pose = self.look_up_pose()
+                self._pose = self._lookups.pose_at(self._frame_id, self._stamp)
             except CodedError as error:
                 if error.code not in ("no_transform", "bad_transform"):
                     raise
@@ -242,13 +235,13 @@ class ImageGeometry:
         Raises:
             CodedError: where there is no floor point; "on_robot" if a robot hides it.
         """
-        depth = self.look_up_depth()
+        depth = None if self._lookups is None else self._lookups.depth_at(self._frame_id, self._stamp)
         if depth is None:
             point = self._floor_projection.on_plane(self._camera, self._pose, u, v)
         else:
             point = self._floor_projection.with_depth(self._camera, self._pose, u, v, *depth)
         if self._robots is None:
-            self._robots = self.look_up_robots()
+            self._robots = self._lookups.cylinders(self._stamp)
         if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
             raise CodedError("on_robot")
         return point

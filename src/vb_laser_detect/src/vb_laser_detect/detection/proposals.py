@@ -28,8 +28,9 @@ from vb_laser_detect.detection.background import (
     brightest,
     relight,
 )
-from vb_laser_detect.detection.stage_results import Box, Expected, ImageTraits, Region, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, Expected, Region, SearchedImage, Spot
 
+_MIN_LEVEL = 0.86  # of what is bright in the room; of the known spots only 3 of 464 are darker, in darkened clips
 _HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
 _UNSEEN = 1.0  # [s] between two images: long enough for a hand to take something away
 _MAX_REGIONS = 24  # walking people cause fewer, and examining more would take longer than an image period
@@ -52,16 +53,20 @@ class ImageRegistration:
 
     Corners of the keyframe are tracked into each image (sparse optical flow), and enough of them agree on one motion;
     those on people and the laser spot, which move by themselves, do not agree and are left out (RANSAC).
+
+    Attributes:
+        motion: (3, 3) from the keyframe's pixels to the last image's; None: none. While it is unknown, it stays.
     """
 
     def __init__(self) -> None:
         self._keyframe: Optional[np.ndarray] = None
         self._latest: Optional[np.ndarray] = None
         self._corners: Optional[np.ndarray] = None
-        self._motion = np.eye(3)  # since the keyframe
+        self._small_motion = np.eye(3)  # `motion`, in pixels of the small images
+        self.motion: Optional[np.ndarray] = None
 
-    def motion_to(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """Estimates the motion (3, 3) from pixels of the keyframe to those of this image; None if it is not known.
+    def follow(self, image: np.ndarray) -> Optional[np.ndarray]:
+        """Estimates the motion (3, 3) from the last image's pixels to this one's; None if it is not known.
 
         The first image becomes the keyframe.
 
@@ -76,7 +81,7 @@ class ImageRegistration:
         self._latest = gray if gray.ndim == 2 else cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None:
             self.set_keyframe()
-        motion = self._follow()
+        motion, before = self._track_corners(), self.motion
         if motion is None:
             return None
         shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1.0]])
@@ -85,7 +90,8 @@ class ImageRegistration:
         height, width = image.shape[:2]
         corners = np.array([[(0, 0), (width, 0), (0, height), (width, height)]], float)
         still = np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _MIN_MOTION_PX
-        return np.eye(3) if still else motion
+        motion, self.motion = (np.eye(3), None) if still else (motion, motion)
+        return motion if before is None else motion @ cv2.invert(before)[1]
 
     def set_keyframe(self) -> None:
         """Makes the last image the keyframe."""
@@ -94,13 +100,13 @@ class ImageRegistration:
         half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         found = cv2.goodFeaturesToTrack(half, _MAX_CORNERS, 0.01, 4)
         self._corners = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
-        self._motion = np.eye(3)
+        self._small_motion, self.motion = np.eye(3), None
 
-    def _follow(self) -> Optional[np.ndarray]:
+    def _track_corners(self) -> Optional[np.ndarray]:
         """Finds the motion since the keyframe on which the most corners agree; None if too few do."""
         if len(self._corners) < _MIN_CORNERS:
             return None
-        ahead = cv2.perspectiveTransform(self._corners, self._motion)
+        ahead = cv2.perspectiveTransform(self._corners, self._small_motion)
         found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, ahead, **_FLOW)
         good = good.ravel() > 0
         if good.sum() < _MIN_CORNERS:
@@ -109,8 +115,8 @@ class ImageRegistration:
         motion, agree = cv2.estimateAffinePartial2D(self._corners[good], found[good], ransacReprojThreshold=_AGREE_PX)
         if motion is None or agree.sum() < max(_MIN_CORNERS, _MIN_AGREEING * good.sum()):
             return None
-        self._motion = np.vstack([motion, (0.0, 0.0, 1.0)])
-        return self._motion
+        self._small_motion = np.vstack([motion, (0.0, 0.0, 1.0)])
+        return self._small_motion
 
 
 class Proposer:
@@ -119,7 +125,6 @@ class Proposer:
     def __init__(self, moving_camera: bool) -> None:
         self._registration = ImageRegistration() if moving_camera else None
         self._background: Optional[Background] = None
-        self._motion: Optional[np.ndarray] = None  # from the background's pixels to the last image's; None: the same
 
     def propose(self, picture: AnyPicture, expected: Sequence[Expected]) -> SearchedImage:
         """Compares a picture with the background.
@@ -127,48 +132,39 @@ class Proposer:
         Args:
             expected: where spots should be if the camera has not moved.
         """
-        image, motion = picture.searched, None
+        image, motion, shift = picture.searched, None, None
         if self._registration is not None:
-            motion = self._follow_camera(image)
+            motion, shift = self._registration.follow(image), self._registration.motion
         if motion is not None:
             expected = [one.moved(motion) for one in expected]
-        changes = None if self._background is None else self._background.compare(image, self._motion)
+        changes = None if self._background is None else self._background.compare(image, shift)
         if changes is None or changes.everywhere:
             changes = self._start(picture, expected)
-        background = self._background
-        traits = ImageTraits(math.hypot(*picture.size), picture.mosaic, background.bright)
+        background, min_level = self._background, _MIN_LEVEL * self._background.bright
         # the brightest first: a spot is white on any floor, but its rise depends on the floor, and a person beside it
         # rises more on a bright one
         boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -brightest(image, box))
-        regions = [_region(picture, box, traits.min_level, expected) for box in boxes[:_MAX_REGIONS]]
+        regions = [_region(picture, box, min_level, expected) for box in boxes[:_MAX_REGIONS]]
         return SearchedImage(
             picture,
-            traits,
-            regions,
+            diagonal=math.hypot(*picture.size),
+            bright=background.bright,
+            min_level=min_level,
+            regions=regions,
             reference=background.reference() if any(region.bright for region in regions) else None,
             motion=motion,
             shifted=background.motion is not None,
             block_px=BLOCK * picture.scale,
-            rise=changes.rise,
             changed=changes.brighter | changes.darker,
             ghost_s=self._ghost_s,
         )
-
-    def _follow_camera(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """Estimates the camera's motion (3, 3) since the last image; None if unknown."""
-        found, before = self._registration.motion_to(image), self._motion
-        # while the motion is unknown, the camera is taken to be where it was
-        if found is None:
-            return None
-        self._motion = None if np.array_equal(found, np.eye(3)) else found
-        return found if before is None else found @ cv2.invert(before)[1]
 
     def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> Changes:
         """Begins a new background; where a spot is expected, the previous one is used, relit."""
         block, before = BLOCK * picture.scale, self._background
         keyframes = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
         for one in expected:
-            rows, columns = blocks_around(before.blocks, one.u, one.v, one.reach + one.max_width, block)
+            rows, columns = blocks_around(before.blocks, *one.place, one.reach + one.max_width, block)
             for size, keyframe in zip((picture.scale, 1), keyframes):
                 part = tuple(slice(block // size * side.start, block // size * side.stop) for side in (rows, columns))
                 if keyframe[part].size:
@@ -176,14 +172,9 @@ class Proposer:
                     keyframe[part] = relight(old, keyframe[part], one.max_width / size)
         self._background = Background(*keyframes)
         self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] for which each block may hold a ghost
-        self._begin_keyframe()
-        return self._background.compare(picture.searched, None)
-
-    def _begin_keyframe(self) -> None:
-        """Follows the camera from the last image on, which the background's keyframe now shows."""
-        self._motion = None
         if self._registration is not None:
             self._registration.set_keyframe()
+        return self._background.compare(picture.searched, None)
 
     def update_background(self, searched: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
         """Adds an image to the background, except where it shows these spots.
@@ -197,8 +188,9 @@ class Proposer:
         # nothing is known of what happened between images far apart
         moved = (searched.changed & ~held) | (elapsed >= _UNSEEN)
         self._ghost_s = np.where(moved, GHOST_TIME, self._ghost_s - elapsed)
-        if self._background.update(searched.picture, searched.rise, searched.changed, held, elapsed):
-            self._begin_keyframe()
+        is_keyframe = self._background.update(searched.picture, searched.changed, held, elapsed)
+        if is_keyframe and self._registration is not None:
+            self._registration.set_keyframe()
 
 
 def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[Expected]) -> Region:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Deque, Dict, List, NamedTuple, Optional, Sequence
+from typing import Deque, List, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.features import chroma
-from vb_laser_detect.detection.stage_results import Expected, ImageTraits, Spot
+from vb_laser_detect.detection.stage_results import Detection, Expected, SearchedImage, Spot
 
 _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
 _BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
@@ -39,20 +39,6 @@ _PALE = 0.25
 # [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
 # less than a step, half a second. Nothing is lost, as the spots until then are backfilled
 _STEP_TIME = 0.6
-
-
-class Tracked(NamedTuple):
-    """What is known of an image's spots now that they are tracked.
-
-    Attributes:
-        published: the spots to publish, oldest first: those of earlier images, which this one confirmed, and its own.
-        spots: the image's spots, the most certain first; each with its track, or the reason why it is not published.
-        lamps: number of lights that turned out to be lamps, but had been published as the spot.
-    """
-
-    published: List[Spot]
-    spots: List[Spot]
-    lamps: int
 
 
 @dataclass(eq=False)
@@ -119,47 +105,29 @@ class SpotTracker:
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
         return Expected(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
 
-    def update(self, spots: Sequence[Spot], motion: Optional[np.ndarray], traits: ImageTraits) -> Tracked:
-        """Adds the spots of the predicted image.
-
-        Args:
-            motion: (3, 3) from the last image's pixels to this one's; None: the camera was stationary.
-        """
-        self._traits = traits
-        if motion is not None:
+    def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> Detection:
+        """Adds the spots among the candidates in the image for which was predicted."""
+        self._diagonal, self._mosaic = searched.diagonal, searched.picture.mosaic
+        if searched.motion is not None:
             for place in [track.pixel for track in self._tracks] + list(self._lit):
-                place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
-        spots = [replace(spot, stamp=self._stamp) for spot in sorted(spots, key=lambda spot: -spot.confidence)]
-        lit_s = [self._record_light(spot) for spot in spots]
-        lamps = [number for number, seconds in enumerate(lit_s) if seconds > self.max_dwell_time]
-        published_lamps = self._end_tracks([spots[number] for number in lamps])
-        followed = [number for number in range(len(spots)) if number not in lamps]
-        track_of = dict(zip(followed, self._assign([spots[number] for number in followed])))
-        oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self.period)
-        for number, track in track_of.items():
-            track.lit_s = lit_s[number]
-            self._add_sighting(track, spots[number])
-            track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
-            if not track.confirmed:
-                track.unpublished.append(replace(spots[number], track=track.number))
-        self._choose(list(track_of.values()))
-        return self._tracked(spots, track_of, published_lamps)
-
-    def _tracked(self, spots: Sequence[Spot], track_of: Dict[int, Track], lamps: int) -> Tracked:
-        """Sums up what has become of an image's spots, of which those without a track are lamps."""
-        published, tracked = [], []
-        for number, spot in enumerate(spots):
-            track = track_of.get(number)
-            if track is None:
-                tracked.append(replace(spot, rejection="lamp"))
-            elif track.published:
-                tracked.append(replace(spot, track=track.number))
-                published += [*track.unpublished, tracked[-1]]
+                place[:2] = cv2.perspectiveTransform(place[None, None, :2], searched.motion)[0, 0]
+        spots = sorted((one for one in candidates if not one.rejection), key=lambda one: -one.confidence)
+        lit = [(replace(spot, stamp=self._stamp), self._record_light(spot)) for spot in spots]
+        lamps = [replace(spot, rejection="lamp") for spot, lit_s in lit if lit_s > self.max_dwell_time]
+        published_lamps = self._end_tracks(lamps)
+        followed = [(spot, lit_s) for spot, lit_s in lit if lit_s <= self.max_dwell_time]
+        tracks = self._assign([spot for spot, _ in followed])
+        for track, (spot, lit_s) in zip(tracks, followed):
+            self._add_sighting(track, spot, lit_s)
+        self._choose(tracks)
+        published, judged = [], [one for one in candidates if one.rejection] + lamps
+        for track, (spot, _) in zip(tracks, followed):
+            reason = "" if track.published else "lower_confidence" if track.confirmed else "unconfirmed"
+            judged.append(replace(spot, track=track.number, rejection=reason))
+            if track.published:
+                published += [*track.unpublished, judged[-1]]
                 track.unpublished = []
-            else:
-                why = "lower_confidence" if track.confirmed else "unconfirmed"
-                tracked.append(replace(spot, track=track.number, rejection=why))
-        return Tracked(published, tracked, lamps)
+        return Detection(published, judged, published_lamps)
 
     def _record_light(self, spot: Spot) -> float:
         """Records the light at a spot's place; returns for how long [s] that place has been lit."""
@@ -196,7 +164,7 @@ class SpotTracker:
             last = np.array([track.pixel for track in self._tracks])
             elapsed = np.array([self._since(track) for track in self._tracks])
             ahead = last + elapsed[:, None] * [track.velocity for track in self._tracks]
-            near = cdist(places, last) <= _SLACK_PX + _MAX_SPEED * self._traits.diagonal * elapsed
+            near = cdist(places, last) <= _SLACK_PX + _MAX_SPEED * self._diagonal * elapsed
             for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places, ahead), 1e9))):
                 if near[row, column]:
                     found[row] = self._tracks[column]
@@ -211,21 +179,28 @@ class SpotTracker:
                 track.pixel, track.stamp = place, self._stamp
         return found
 
-    def _add_sighting(self, track: Track, spot: Spot) -> None:
+    def _add_sighting(self, track: Track, spot: Spot, lit_s: float) -> None:
         track.hits += 1
-        track.diameter = spot.diameter
+        track.diameter, track.lit_s = spot.diameter, lit_s
         if spot.tint is not None:
             track.light = spot.tint if track.light is None else track.light + spot.tint
-        if track.hits < self.confirm_frames or track.confirmed:
-            return
+        if track.hits >= self.confirm_frames and not track.confirmed:
+            track.confirmed = self._is_colored(track)
+        oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self.period)
+        track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
+        if not track.confirmed:
+            track.unpublished.append(replace(spot, track=track.number))
+
+    def _is_colored(self, track: Track) -> bool:
+        """Returns whether a track has shown a laser's colour, or for so long that it may have none."""
         # a white glint hardly larger than a pixel falls mostly on one pixel of a Bayer pattern, which looks coloured;
         # the mean over several images does not
         shown = 0.0 if track.light is None else chroma(track.light)
         if self._stamp - track.created < _STEP_TIME:
             least = _VIVID
         else:
-            least = _PALE if self._traits.mosaic else 0.0
-        track.confirmed = self.confirm_frames <= 1 or shown >= least
+            least = _PALE if self._mosaic else 0.0
+        return self.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:
         """Chooses the confirmed track to publish: the one already published, else the most certain.

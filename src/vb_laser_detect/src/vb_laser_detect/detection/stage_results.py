@@ -15,7 +15,6 @@ import numpy as np
 from vb_core.image_format import AnyPicture
 
 Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
-_MIN_LEVEL = 0.86  # of what is bright in the room; of the known spots only 3 of 464 are darker, in darkened clips
 
 
 class Expected(NamedTuple):
@@ -34,14 +33,9 @@ class Expected(NamedTuple):
     max_width: float
 
     @property
-    def u(self) -> float:
-        """Column [px]."""
-        return self.last[0] + self.step[0]
-
-    @property
-    def v(self) -> float:
-        """Row [px]."""
-        return self.last[1] + self.step[1]
+    def place(self) -> Tuple[float, float]:
+        """(u, v) [px] where it should be now."""
+        return self.last[0] + self.step[0], self.last[1] + self.step[1]
 
     def moved(self, motion: np.ndarray) -> "Expected":
         """Returns where it is expected once the camera's motion (3, 3) has moved the image."""
@@ -49,17 +43,13 @@ class Expected(NamedTuple):
 
     def holds(self, u: float, v: float) -> bool:
         """Returns whether a place [px] is within reach."""
-        return math.hypot(u - self.u, v - self.v) <= self.reach
+        return math.hypot(u - self.place[0], v - self.place[1]) <= self.reach
 
     def clip(self, box: Box) -> Box:
         """Returns the part of a box that is within reach; if none is, left >= right or top >= bottom."""
-        left, top, right, bottom = box
-        return (
-            max(left, int(self.u - self.reach)),
-            max(top, int(self.v - self.reach)),
-            min(right, int(self.u + self.reach) + 1),
-            min(bottom, int(self.v + self.reach) + 1),
-        )
+        (left, top, right, bottom), (u, v), reach = box, self.place, self.reach
+        left, top = max(left, int(u - reach)), max(top, int(v - reach))
+        return left, top, min(right, int(u + reach) + 1), min(bottom, int(v + reach) + 1)
 
     def overlaps(self, box: Box) -> bool:
         """Returns whether a part of a box is within reach."""
@@ -84,47 +74,31 @@ class Region(NamedTuple):
         return [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
 
 
-class ImageTraits(NamedTuple):
-    """Properties of a camera's images.
-
-    Attributes:
-        diagonal: [px]
-        mosaic: whether they are Bayer images.
-        bright: [grey levels] of the room's bright surfaces, at the current exposure; spots are judged relative to it.
-    """
-
-    diagonal: float
-    mosaic: bool
-    bright: float = 190.0
-
-    @property
-    def min_level(self) -> float:
-        """Brightness [grey levels] of the darkest spot's brightest sample."""
-        return _MIN_LEVEL * self.bright
-
-
 class SearchedImage(NamedTuple):
     """An image, and what is new in it.
 
     Attributes:
+        diagonal: [px] of the picture.
+        bright: [grey levels] of the room's bright surfaces, at the current exposure; spots are judged relative to it.
+        min_level: [grey levels] a spot's brightest sample is no darker.
         regions: to examine, the brightest first.
         reference: what the picture would show without anything new; None if no region is bright.
         motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
         shifted: whether the camera has moved since the reference was taken.
         block_px: [px] edge of a block.
-        rise: (rows, columns) uint8, each block's largest rise above the reference.
         changed: (rows, columns) bool, blocks that became brighter or darker.
         ghost_s: (rows, columns) [s] for how long anything but a spot that changed a block may still leave a ghost there.
     """
 
     picture: AnyPicture
-    traits: ImageTraits
+    diagonal: float
+    bright: float
+    min_level: float
     regions: Sequence[Region]
     reference: Optional[np.ndarray]
     motion: Optional[np.ndarray]
     shifted: bool
     block_px: int
-    rise: np.ndarray
     changed: np.ndarray
     ghost_s: np.ndarray
 
@@ -170,3 +144,20 @@ class Spot:
     tint: Optional[np.ndarray] = field(default=None, compare=False)
     stamp: float = 0.0
     floor_point: Optional[FloorPoint] = field(default=None, compare=False)
+
+
+class Detection(NamedTuple):
+    """What became of one image.
+
+    Attributes:
+        spots: that it confirmed, oldest first: at most one of the image itself and, when a stroke begins, those of
+            earlier images, with their own stamps and positions.
+        candidates: all that was examined in the image; each says why it is no spot, or is not published.
+        lamps: number of lights that have rested for too long, but had been published as the spot.
+        is_late: whether the image was left out because it came after a later one.
+    """
+
+    spots: Sequence[Spot] = ()
+    candidates: Sequence[Spot] = ()
+    lamps: int = 0
+    is_late: bool = False
