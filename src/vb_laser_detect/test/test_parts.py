@@ -97,7 +97,7 @@ def tint_of(lit, floor, bayer=False):
     """Returns the tint of the light by which `lit` differs from `floor`."""
     rise = cv2.GaussianBlur(max_channel(cv2.subtract(lit, floor)), (3, 3), 0)
     blob = (rise > 0.35 * rise.max()).astype(np.uint8)
-    return features.tint_of(blob, rise, lit, floor, *features.means_over(blob, bayer, lit, floor))
+    return features.Light(blob, rise, lit, floor, bayer).tint
 
 
 @pytest.mark.parametrize("bayer", [False, True])

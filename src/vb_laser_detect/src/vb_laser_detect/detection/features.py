@@ -11,10 +11,9 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
-from itertools import cycle
+from functools import cached_property, lru_cache, reduce
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -43,17 +42,17 @@ class Blob:
     Attributes:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
-        problem: "too_large" or "too_faint" if only position and size were measured; else "".
-        tint: (C,) each channel's share of its light, see `tint_of`; None for grey images.
+        problem: why it is no spot, if its features need not be measured; else "".
         features: values by names of FEATURES; NaN for one that says nothing.
+        light: None if only position and size were measured.
     """
 
     u: float
     v: float
     diameter: float
     problem: str = ""
-    tint: Optional[np.ndarray] = None
     features: Dict[str, float] = field(default_factory=dict)
+    light: Optional[Light] = None
 
 
 def examine_regions(
@@ -82,7 +81,8 @@ def examine_regions(
             is_expected = region.expected is not None and region.expected.holds(blob.u, blob.v)
             probability, reason = classifier.classify(blob, is_expected)
             rejection = reason if probability < min_probability else ""
-        found.append(Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=blob.tint))
+        tint = None if rejection else blob.light.tint
+        found.append(Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=tint))
     return found
 
 
@@ -143,41 +143,25 @@ def measure(searched: SearchedImage, box: Box, max_diameter: float, max_width: f
     diameter = 2.0 * math.sqrt(area / math.pi)
     if diameter > max_diameter:
         return Blob(u, v, diameter, "too_large")
+    light = Light(mask, smooth[part], now[part], before[part], searched.picture.mosaic)
+    features = {"elongation": elongation, **_features_of(light, u, v, diameter, searched)}
+    return Blob(u, v, diameter, features=features, light=light)
+
+
+def _features_of(light: Light, u: float, v: float, diameter: float, searched: SearchedImage) -> Dict[str, float]:
+    """Returns the features that say how a blob's light differs from the floor, and from what else changed."""
     busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
-    tint, light = _light_of(mask, smooth[part], now[part], before[part], diameter, searched, may_be_ghost)
-    return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **light, "busy": busy})
-
-
-def _light_of(
-    mask: np.ndarray,
-    light: np.ndarray,
-    now: np.ndarray,
-    before: np.ndarray,
-    diameter: float,
-    searched: SearchedImage,
-    may_be_ghost: bool,
-) -> Tuple[Optional[np.ndarray], Dict[str, float]]:
-    """Returns the tint of a blob's light, and the features that say how it differs from the floor.
-
-    Args:
-        mask: (H, W) uint8, the blob.
-        light: (H, W) the rise of the brightest channel, smoothed.
-        now, before: image and reference.
-    """
-    mosaic, bright = searched.picture.mosaic, searched.bright
-    levels, reference_levels = means_over(mask, mosaic, now, before)
-    tint = tint_of(mask, light, now, before, levels, reference_levels) if len(levels) > 1 else None
-    channel = int(np.argmax(levels - reference_levels)) if now.ndim == 3 else 0
-    return tint, {
-        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / bright),
-        "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / bright),
+    return {
+        "peak": math.log(max(cv2.minMaxLoc(light.rise, light.mask)[1], 1.0) / searched.bright),
+        "level": math.log(max(cv2.minMaxLoc(max_channel(light.now), light.mask)[1], 1.0) / searched.bright),
         # a real spot on the edge of a white sheet could look like a ghost
-        "edge": _edge(mask, _plane(now, channel), _plane(before, channel)) if may_be_ghost else math.nan,
+        "edge": light.edge() if may_be_ghost else math.nan,
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((reference_levels - levels).max())) / bright,
+        "fall": max(0.0, float((light.floor_levels - light.levels).max())) / searched.bright,
         "diameter": math.log(diameter / searched.diagonal),
         # many webcams show a spot as white, mosaics show its colour: only there is a single blob's colour informative
-        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if mosaic else math.nan,
+        "chroma_mosaic": min(1.0, chroma(light.tint) / _ONE_MOSAIC) if searched.picture.mosaic else math.nan,
+        "busy": busy,
     }
 
 
@@ -195,65 +179,84 @@ def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImag
     return busy, busy >= _MIN_BUSY or passed or searched.shifted
 
 
-# ------------------------------------------------------------------ colour
-def planes_of(image: np.ndarray, mosaic: bool) -> Sequence[np.ndarray]:
-    """Returns the plane of each channel; the four positions in a Bayer pattern count as channels."""
-    if not mosaic:
-        return cv2.split(image)
-    even = image[: image.shape[0] & ~1, : image.shape[1] & ~1]
-    return [np.ascontiguousarray(even[row::2, column::2]) for row in (0, 1) for column in (0, 1)]
+# ------------------------------------------------------------------ light
+class Light:
+    """The light of a blob: a part of an image that starts on an even row and column, and the same part of the floor.
+
+    Args:
+        mask: (H, W) uint8, the blob.
+        rise: (H, W) uint8, by which the brightest channel exceeds the floor's, smoothed.
+        now, before: (H, W, 3) or (H, W) uint8, image and floor.
+        mosaic: whether they are Bayer images.
+
+    Attributes:
+        levels, floor_levels: (C,) means of image and floor over the blob.
+    """
+
+    def __init__(self, mask: np.ndarray, rise: np.ndarray, now: np.ndarray, before: np.ndarray, mosaic: bool) -> None:
+        self.mask, self.rise, self.now, self._before, self._mosaic = mask, rise, now, before, mosaic
+        self.levels, self.floor_levels = means_over(mask, mosaic, now, before)
+
+    def edge(self) -> float:
+        """Returns the gradient along the blob's outline in the image, as a share of that in image and floor together.
+
+        A ghost's outline is in the floor alone.
+        """
+        channel = int(np.argmax(self.levels - self.floor_levels)) if self.now.ndim == 3 else 0
+        rim = cv2.subtract(cv2.dilate(self.mask, _SQUARE), cv2.erode(self.mask, _SQUARE))
+        slope, slope_before = (cv2.mean(_gradient(one, channel), rim)[0] for one in (self.now, self._before))
+        return slope / max(1e-3, slope + slope_before)
+
+    @cached_property
+    def tint(self) -> Optional[np.ndarray]:
+        """Each channel's share (C,) of the light: 1 for the strongest, 1 for all if it is white; None in grey images.
+
+        White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own
+        colour and has that colour. Where the core is white because every channel is saturated, the light around it must
+        show the colour; that counts on a grey floor only, where white things rise evenly.
+        """
+        level, mosaic, image = self.levels, self._mosaic, self.now
+        if len(level) == 1:
+            return None
+        core = _share_of(level - self.floor_levels)
+        looks = 1.0 - level.min() / max(level.max(), 1.0)
+        if looks < chroma(core):
+            core = 1.0 - (1.0 - core) * looks / chroma(core)
+        weakest = cv2.erode(image, _QUAD) if mosaic else reduce(cv2.min, cv2.split(image))
+        bright = cv2.compare(self.rise, 0.12 * cv2.minMaxLoc(self.rise, self.mask)[1], cv2.CMP_GT)
+        halo = cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT))
+        halo = cv2.bitwise_and(cv2.dilate(self.mask, _HALO), halo)
+        if cv2.countNonZero(halo) < 6:
+            return core
+        level, floor = means_over(halo, mosaic, image, self._before)
+        if floor.min() < _GRAY * floor.max():
+            return core
+        # in a person's shadow less is left of the floor's light, so that white light would seem to rise unevenly
+        beside = cv2.compare(cv2.bitwise_or(bright, self.mask), 0, cv2.CMP_EQ)
+        left = sum(cv2.mean(image, beside)) / max(sum(cv2.mean(self._before, beside)), 1.0)
+        rise = level - min(1.0, left or 1.0) * floor
+        rim = _share_of(rise)
+        return rim if rise.max() >= 4.0 and chroma(rim) > chroma(core) else core
 
 
 def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.ndarray]:
-    """Returns the mean (C,) of each channel of images over a mask (H, W), which must not be empty."""
-    masks = planes_of(mask, mosaic)
-    if not all(map(cv2.countNonZero, masks)):
-        masks = planes_of(cv2.dilate(mask, _SQUARE), mosaic)  # nine pixels hold all four positions
-    return [
-        np.array([cv2.mean(plane, over)[0] for plane, over in zip(planes_of(image, mosaic), cycle(masks))], np.float32)
-        for image in images
-    ]
+    """Returns the mean (C,) of each channel of images over a mask (H, W), which must not be empty.
 
-
-def tint_of(
-    blob: np.ndarray,
-    smooth: np.ndarray,
-    image: np.ndarray,
-    background: np.ndarray,
-    level: np.ndarray,
-    floor: np.ndarray,
-) -> np.ndarray:
-    """Returns each channel's share (C,) of a blob's light: 1 for the strongest, 1 for all if the light is white.
-
-    White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
-    and has that colour. Where the core is white because every channel is saturated, the light around it must show
-    the colour; that counts on a grey floor only, where white things rise evenly.
-
-    Args:
-        blob: (H, W) uint8 mask.
-        smooth: (H, W) the rise of the brightest channel, smoothed.
-        image, background: (H, W, 3) or a Bayer image's (H, W), uint8; its window starts on an even row and column.
-        level, floor: their means (C,) over the blob.
+    The four positions in a Bayer pattern count as channels.
     """
-    mosaic = image.ndim == 2
-    core = _share_of(level - floor)
-    looks = 1.0 - level.min() / max(level.max(), 1.0)
-    if looks < chroma(core):
-        core = 1.0 - (1.0 - core) * looks / chroma(core)
-    weakest = cv2.erode(image, _QUAD) if mosaic else np.minimum.reduce(cv2.split(image))
-    bright = cv2.compare(smooth, 0.12 * cv2.minMaxLoc(smooth, blob)[1], cv2.CMP_GT)
-    halo = cv2.bitwise_and(cv2.dilate(blob, _HALO), cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT)))
-    if cv2.countNonZero(halo) < 6:
-        return core
-    level, floor = means_over(halo, mosaic, image, background)
-    if floor.min() < _GRAY * floor.max():
-        return core
-    # in a person's shadow less is left of the floor's light, so that white light would seem to rise unevenly
-    beside = cv2.compare(cv2.bitwise_or(bright, blob), 0, cv2.CMP_EQ)
-    left = sum(cv2.mean(image, beside)) / max(sum(cv2.mean(background, beside)), 1.0)
-    rise = level - min(1.0, left or 1.0) * floor
-    rim = _share_of(rise)
-    return rim if rise.max() >= 4.0 and chroma(rim) > chroma(core) else core
+    if not mosaic:
+        return [np.array(cv2.mean(image, mask)[: 3 if image.ndim == 3 else 1], np.float32) for image in images]
+    masks = _positions_of(mask)
+    if not all(map(cv2.countNonZero, masks)):
+        masks = _positions_of(cv2.dilate(mask, _SQUARE))  # nine pixels hold all four positions
+    planes = (zip(_positions_of(image), masks) for image in images)
+    return [np.array([cv2.mean(plane, over)[0] for plane, over in pairs], np.float32) for pairs in planes]
+
+
+def _positions_of(image: np.ndarray) -> List[np.ndarray]:
+    """Returns the pixels at each of the four positions in a Bayer pattern."""
+    even = image[: image.shape[0] & ~1, : image.shape[1] & ~1]
+    return [np.ascontiguousarray(even[row::2, column::2]) for row in (0, 1) for column in (0, 1)]
 
 
 def _share_of(rise: np.ndarray) -> np.ndarray:
@@ -276,22 +279,9 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
     return area, 0.5 * math.log((mean + half) / max(mean - half, 1e-3))
 
 
-def _edge(mask: np.ndarray, now: np.ndarray, before: np.ndarray) -> float:
-    """Returns the gradient along a blob's outline in the image, as a share of that in image and reference together.
-
-    A ghost's outline is in the reference alone.
-    """
-    rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
-    slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    return slope / max(1e-3, slope + slope_before)
-
-
-def _plane(image: np.ndarray, channel: int) -> np.ndarray:
-    plane = image if image.ndim == 2 else np.ascontiguousarray(image[:, :, channel])
-    return cv2.GaussianBlur(plane, (3, 3), 0)
-
-
-def _gradient(plane: np.ndarray) -> np.ndarray:
+def _gradient(image: np.ndarray, channel: int) -> np.ndarray:
+    """Returns how steep a channel is at each pixel (H, W), smoothed."""
+    plane = cv2.GaussianBlur(image if image.ndim == 2 else cv2.extractChannel(image, channel), (3, 3), 0)
     return cv2.magnitude(
         cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),
         cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE),

@@ -130,7 +130,7 @@ class Spot:
         confidence: 0 ... 1
         track: number of the spot in this camera's images; it stays while the spot is followed.
         rejection: why it is not published, or "".
-        tint: as `features.tint_of` returned it; None: without colour.
+        tint: see `features.Light.tint`; None: without colour, or rejected.
         stamp: [s] when the image was taken; 0 until the spot is tracked.
         floor_point: where it is on the floor; None if camera or pose are not known.
     """
