@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_core.errors import CodedError
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
 from vb_core.image_format import Picture
-from vb_laser_detect.detection.projection import GROUND_PLANE, ImageGeometry
-from vb_laser_detect.detection.stage_results import FloorPoint
+from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry
 from vb_laser_detect.detector import SpotDetector
 
 RED = (0.12, 0.2, 1.0)  # response of the sensor's blue, green and red pixels to a red laser
@@ -103,36 +104,24 @@ class ImageDetector(SpotDetector):
     Attributes:
         bayer: whether (H, W) images are Bayer images.
         geometry: of all images.
-        candidates: the last image's.
-        late, lamps: number of all images that came late, and of all lamps that had been published.
+        detections: what has become of each image so far.
     """
 
     def __init__(self, params=None, classifier=None, bayer=False, geometry=None):
         super().__init__(params, classifier)
         self.bayer, self.geometry = bayer, geometry
-        self.late = self.lamps = 0
+        self.detections = []
 
     def detect(self, image, stamp):
         """See `SpotDetector.detect`."""
         picture = Picture(image, "bayer_rggb") if self.bayer else image
-        found = super().detect(picture, stamp, self.geometry)
-        self.candidates, self.late, self.lamps = found.candidates, self.late + found.is_late, self.lamps + found.lamps
-        self.earlier = [spot for spot in found.spots if spot.stamp != stamp]
-        return list(found.spots[len(self.earlier) :])
+        self.detections.append(super().detect(picture, stamp, self.geometry))
+        spots = list(self.detections[-1].spots)
+        self.earlier = [spot for spot in spots if spot.stamp != stamp]
+        return spots[len(self.earlier) :]
 
 
-class FlatFloor(ImageGeometry):
-    """A geometry that maps pixels to the floor by a scale [m/px], except those for which `reject` gives a reason."""
-
-    def __init__(self, scale=0.004, reject=lambda u, v: ""):
-        self._scale, self._reject = scale, reject
-
-    def meters_per_pixel(self, pixels):
-        """See `ImageGeometry.meters_per_pixel`."""
-        return np.full(len(pixels), self._scale)
-
-    def point(self, u, v):
-        """See `ImageGeometry.point`."""
-        if self._reject(u, v):
-            raise CodedError(self._reject(u, v))
-        return FloorPoint(np.array([u * self._scale, v * self._scale, 0.0]), self._scale, GROUND_PLANE, 3.0)
+def from_above(meters_per_pixel=0.004, floor=None):
+    """Returns the geometry of a camera that looks straight down on (0, 0), with a map of the floor or without."""
+    pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.0), (0.0, 0.0, 500.0 * meters_per_pixel))
+    return ImageGeometry(CameraModel.ideal(640, 480, 500.0), FloorProjection(floor=floor), pose)

@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import GREEN, RED, FlatFloor, ImageDetector, Scene, shown, tinted
+from scenes import GREEN, RED, ImageDetector, Scene, from_above, shown, tinted
 from refusals import refused
+from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detector import DetectorParams
 
@@ -145,7 +146,7 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
     scene, detector = settled(tinted(Scene()), at_once(bayer=True))
     white = {"spots": [(300, 150)], "color": (1.0, 1.0, 1.0), "bayer": True}
     assert feed(detector, [scene.render(**white) for _ in range(10)], 0.4) == [[]] * 10
-    assert "chroma_mosaic" in {candidate.rejection for candidate in detector.candidates}
+    assert "chroma_mosaic" in {candidate.rejection for candidate in detector.detections[-1].candidates}
     other = tinted(Scene())
     beside = [other.render([(80 + 10.0 * i, 300)], color=laser, bayer=True) for i in range(20)]
     found = feed(detector, [np.maximum(scene.render(**white), image) for image in beside], 0.8)
@@ -161,7 +162,7 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
             for i in range(12):
                 place = (100.2 + u * i, 100.3 + v * i)
                 found += len(detector.detect(scene.render([place], sigma, 700.0, (1.0, 1.0, 1.0), bayer=True), time))
-                looked_at += sum(c.rejection != "too_dark" for c in detector.candidates)
+                looked_at += sum(c.rejection != "too_dark" for c in detector.detections[-1].candidates)
                 time += PERIOD
             feed(detector, [scene.render(bayer=True) for _ in range(8)], time)
             time += 8 * PERIOD
@@ -230,21 +231,19 @@ def test_a_doubtful_spot_that_stays_is_learnt():
 
 
 # ------------------------------------------------------------------ confirmation, sizes, places
-
-
 def test_sizes_count_in_millimetres_where_the_pose_is_known():
     for scale, expected in ((0.002, 1), (0.05, 0)):
-        scene, detector = settled(Scene(), at_once(geometry=FlatFloor(scale)))
+        scene, detector = settled(Scene(), at_once(geometry=from_above(scale)))
         assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
-    assert detector.candidates[0].rejection == "too_large"
+    assert detector.detections[-1].candidates[0].rejection == "too_large"
 
 
 def test_a_place_can_be_rejected_and_the_reason_is_kept():
-    floor = FlatFloor(reject=lambda u, v: "spot_outside_map" if u < 320 else "")
-    scene, detector = settled(Scene(), at_once(geometry=floor))
+    right_half = GridMap(np.zeros((100, 100), np.int8), 0.05, (0.0, -2.5, 0.0))
+    scene, detector = settled(Scene(), at_once(geometry=from_above(floor=right_half)))
     spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
     assert [round(spot.u) for spot in spots] == [500]
-    assert "spot_outside_map" in [candidate.rejection for candidate in detector.candidates]
+    assert "spot_outside_map" in [candidate.rejection for candidate in detector.detections[-1].candidates]
 
 
 @pytest.mark.parametrize("tint", [(1.0, 1.0, 1.0), (0.6, 0.85, 1.05), (1.1, 0.85, 0.6), (0.6, 1.1, 0.7)])
@@ -280,7 +279,7 @@ def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(color):
 @pytest.mark.parametrize("color", [RED, GREEN])
 def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(color):
     scene = Scene(640, 480, brightness=120.0)
-    detector = ImageDetector(DetectorParams.mobile(confirm_frames=1), geometry=FlatFloor(0.003))
+    detector = ImageDetector(DetectorParams.mobile(confirm_frames=1), geometry=from_above(0.003))
     lamp = cv2.ellipse(np.zeros((480, 640), np.float32), (320, 300), (34, 20), 0, 0, 360, 90.0, -1)
     scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
     assert not any(feed(detector, [scene.render([])] * 3))
@@ -314,7 +313,7 @@ def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
     for step in range(200, 340):
         detector.detect(image(step), 0.4 + PERIOD * step)
     later = [detector.detect(image(step), 0.4 + PERIOD * step) for step in range(340, 380)]
-    assert not any(later) and detector.lamps >= 1
+    assert not any(later) and any(one.lamps for one in detector.detections)
     found = [detector.detect(image(step, drawn(step)), 0.4 + PERIOD * step) for step in range(380, 460)]
     hits = [any(abs(spot.v - 60.0) < 2.0 for spot in spots) for spots in found]
     assert sum(hits) >= 60 and not any(abs(spot.v - 60.0) > 2.0 for spots in found for spot in spots)
@@ -327,7 +326,7 @@ def test_images_that_come_late_are_left_out_and_counted(every):
     for i in range(0, 119, every):
         order[i], order[i + 1] = order[i + 1], order[i]
     found = steps_seen(detector, ((step, scene.render([drawn(step)])) for step in order))
-    assert detector.late == len(range(0, 119, every)) >= 119 - len(found)
+    assert sum(one.is_late for one in detector.detections) == len(range(0, 119, every)) >= 119 - len(found)
 
 
 def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
@@ -363,13 +362,13 @@ def test_lamps_that_flicker_over_a_rolling_shutter(depth, kind):
 
 
 def test_images_that_come_in_bursts():
-    scene, detector = settled(tinted(Scene(480, 192)), ImageDetector(geometry=FlatFloor(0.004)))
+    scene, detector = settled(tinted(Scene(480, 192)), ImageDetector(geometry=from_above(0.004)))
     found = 0
     for step in range(90):
         # three at a time, stamped on arrival; the spot moves at 2 m/s
         u = 60.0 + abs((20.0 * step) % 720 - 360)
         detector.detect(scene.render([(u, 60.0)]), 0.4 + 3 * PERIOD * (step // 3) + 0.001 * (step % 3))
-        found += any(abs(spot.u - u) < 3.0 and not spot.rejection for spot in detector.candidates[-1:])
+        found += any(abs(spot.u - u) < 3.0 and not spot.rejection for spot in detector.detections[-1].candidates[-1:])
     assert found >= 80
 
 

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from scenes import GREEN, RED, Scene
-
 from vb_core.image_format import HalvedPicture
 from vb_laser_detect.camera.source import Shot
 from vb_laser_detect.detector import SpotDetector
 
 SIZE = 956, 540  # neither the rows nor the columns of its half are a multiple of 8
 DRAWN = range(35, 60)
-
-
 ROWS = np.arange(SIZE[1], dtype=np.float32)[:, None, None]
 LIGHTS = {  # the gain of each image, or of each of its rows
     "steady": lambda number: 1.0,

@@ -1,5 +1,7 @@
 """The pixel values of an image are interpreted by its message's encoding, for every encoding."""
 
+from functools import partial
+
 import cv2
 import numpy as np
 import pytest
@@ -10,11 +12,6 @@ from vb_core.image_format import Picture, PixelReader
 from vb_core.ros.images import array_from_image, message_from_image
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
-
-
-def by_opencv(code):
-    """Returns OpenCV's own conversion from bgr."""
-    return lambda image: cv2.cvtColor(image, code)
 
 
 def nv12(image):
@@ -29,7 +26,7 @@ def nv12(image):
 CASES = {
     "bgr8": ("bgr", np.copy),
     "rgb8": ("bgr", lambda image: image[:, :, ::-1].copy()),
-    "bgra8": ("bgr", by_opencv(cv2.COLOR_BGR2BGRA)),
+    "bgra8": ("bgr", partial(cv2.cvtColor, code=cv2.COLOR_BGR2BGRA)),
     "mono8": ("mono", np.copy),
     "mono16": ("mono", lambda image: image.astype(np.uint16) * 257),
     "mono16 of 12 bits": ("mono", lambda image: image.astype(np.uint16) * 16),
@@ -37,10 +34,10 @@ CASES = {
     "bayer_rggb16": ("bayer", lambda image: image.astype(np.uint16) * 257),
     "bayer_rggb16 of 10 bits": ("bayer", lambda image: image.astype(np.uint16) * 4),
     "bgr16": ("bgr", lambda image: image.astype(np.uint16) * 257),
-    "yuv422": ("bgr", by_opencv(cv2.COLOR_BGR2YUV_UYVY)),
-    "yuv422_yuy2": ("bgr", by_opencv(cv2.COLOR_BGR2YUV_YUY2)),
-    "uyvy": ("bgr", by_opencv(cv2.COLOR_BGR2YUV_UYVY)),
-    "yuyv": ("bgr", by_opencv(cv2.COLOR_BGR2YUV_YUY2)),
+    "yuv422": ("bgr", partial(cv2.cvtColor, code=cv2.COLOR_BGR2YUV_UYVY)),
+    "yuv422_yuy2": ("bgr", partial(cv2.cvtColor, code=cv2.COLOR_BGR2YUV_YUY2)),
+    "uyvy": ("bgr", partial(cv2.cvtColor, code=cv2.COLOR_BGR2YUV_UYVY)),
+    "yuyv": ("bgr", partial(cv2.cvtColor, code=cv2.COLOR_BGR2YUV_YUY2)),
     "nv12": ("bgr", nv12),
 }
 

@@ -64,12 +64,11 @@ def test_spots_on_photographs(still):
         random = np.random.default_rng(seed)
         for i in range(60):
             # a pulse of three images every 0.8 s, moved a little; not where the picture is white already
-            if i % 20 == 12:
+            while i % 20 == 12:
                 start = random.uniform((60, 60), (WIDE - 60, HIGH - 60))
-                while (
-                    view.at(i)[int(start[1]) - 8 : int(start[1]) + 9, int(start[0]) - 8 : int(start[0]) + 9].max() > 200
-                ):
-                    start = random.uniform((60, 60), (WIDE - 60, HIGH - 60))
+                u, v = start.astype(int)
+                if view.at(i)[v - 8 : v + 9, u - 8 : u + 9].max() <= 200:
+                    break
             spot = start + (i % 20 - 12) * np.array([1.5, 0.5]) if 12 <= i % 20 < 15 else None
             spots = detector.detect(view.at(i, spot), 0.04 * i)
             hits = [one for one in spots if spot is not None and np.hypot(one.u - spot[0], one.v - spot[1]) < 3.0]

@@ -1,7 +1,6 @@
 """Pixels to the floor and back."""
 
 import math
-from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -180,26 +179,22 @@ def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height)
 
 
 def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
-    camera = CameraModel.ideal(1920, 1080, 1100.0)
+    camera, robots = CameraModel.ideal(1920, 1080, 1100.0), Mock(return_value=[CYLINDER])
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
-    frame = ImageGeometry(camera, FloorProjection(), pose)
-    on, beside = (Spot(*place, 8.0) for place in pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])))
-    assert frame.locate([on])[0].floor_point is not None
-    robots = Mock(return_value=[CYLINDER])
     frame = ImageGeometry(camera, FloorProjection(), pose, Mock(cylinders=robots, depth_at=lambda *image: None))
-    assert frame.locate([replace(on, rejection="peak")])[0].rejection == "peak" and not robots.called
-    beside, on = frame.locate([beside, on])
-    assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0)) and on.rejection == "on_robot"
-    assert robots.call_count == 1
+    on, beside = (Spot(*place, 8.0) for place in pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])))
+    assert frame.locate([Spot(50, 50, 8.0, rejection="peak")])[0].rejection == "peak" and not robots.called
+    (beside, hidden), (seen,) = frame.locate([beside, on]), ImageGeometry(camera, FloorProjection(), pose).locate([on])
+    assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0)) and seen.floor_point is not None
+    assert hidden.rejection == "on_robot" and robots.call_count == 1
 
 
-def test_a_pose_is_looked_up_once_and_if_it_is_unknown_no_floor_is_seen():
+def test_a_pose_is_looked_up_once_and_without_it_no_floor_is_seen():
     lookups, middle = Mock(), np.array([[950.0, 545.0]])
-    lookups.pose_at.return_value = down()
+    lookups.pose_at.side_effect = [down(), CodedError("no_transform")]
     frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups, "red_optical_frame", 7.0)
     for _ in range(2):
         assert frame.meters_per_pixel(middle) == FloorProjection().on_plane(CAMERA, down(), *middle[0]).meters_per_pixel
     lookups.pose_at.assert_called_once_with("red_optical_frame", 7.0)
-    lookups.pose_at.side_effect = CodedError("no_transform")
     frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups)
     assert np.isnan(frame.meters_per_pixel(middle)).all() and frame.pose_error.code == "no_transform"

@@ -29,17 +29,12 @@ class Film:
     def see(self, *sightings):
         self.now += self.period
         self.tracker.predict(self.now)
-        found = self.tracker.update(sightings, self.image)
+        found, told = self.tracker.update(sightings, self.image), []
         earlier = [round(one.stamp / self.period) - 1 for one in found.spots[:-1]]
-        return [
-            SimpleNamespace(
-                number=one.track,
-                confirmed=one.rejection != "unconfirmed",
-                published=not one.rejection,
-                backfilled=[] if one.rejection else earlier,
-            )
-            for one in found.candidates
-        ]
+        for one in found.candidates:
+            what = {"number": one.track, "confirmed": one.rejection != "unconfirmed", "published": not one.rejection}
+            told.append(SimpleNamespace(**what, backfilled=earlier * what["published"]))
+        return told
 
 
 @pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 25.0, 60.0])

@@ -192,8 +192,8 @@ class CameraGeometry:
             self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
             self._looked_up, self._of = now, (frame_id, size)
-        pose = None if self._mobile else self._pose
-        return ImageGeometry(self._camera, self._floor_projection, pose, self, frame_id, stamp)
+        known = None if self._mobile else self._pose
+        return ImageGeometry(self._camera, self._floor_projection, known, self, frame_id, stamp)
 
     def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns a moving camera's pose (4, 4); raises CodedError "no_transform", "bad_transform" if it is unknown."""

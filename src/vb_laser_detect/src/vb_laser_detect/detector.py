@@ -129,13 +129,12 @@ class SpotDetector:
 
         Only if there is such a box does the geometry look up a moving camera's pose.
         """
-        boxes = [box for region in searched.regions if region.bright for box in region.boxes()]
-        diameters = [_MAX_DIAGONAL_SHARE * searched.diagonal] * len(boxes)
-        if boxes and geometry is not None:
-            middles = np.array(boxes).reshape(-1, 2, 2).mean(axis=1)
-            sizes = 0.001 * self.params.max_diameter_mm / geometry.meters_per_pixel(middles)
-            diameters = (sizes + _BLUR_PX).tolist()
-        return dict(zip(boxes, diameters))
+        boxes = [box for region in searched.regions for box in region.boxes()]
+        if geometry is None or not boxes:
+            return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal)
+        middles = np.array(boxes).reshape(-1, 2, 2).mean(axis=1)
+        diameters = 0.001 * self.params.max_diameter_mm / geometry.meters_per_pixel(middles) + _BLUR_PX
+        return dict(zip(boxes, diameters.tolist()))
 
 
 def _without_repetitions(candidates: Sequence[Spot]) -> List[Spot]:

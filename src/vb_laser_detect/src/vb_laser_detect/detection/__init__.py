@@ -1,1 +1,1 @@
-"""From an image to spots, in the order of the stages: proposals, features, tracking."""
+"""From an image to spots: `SpotDetector.detect` calls these stages in order, and `stage_results` is what they hand on."""

@@ -18,7 +18,7 @@ from typing import Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import blocks_around, brightest, max_channel, relight
+from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, relight
 from vb_laser_detect.detection.stage_results import Box, SearchedImage, Spot
 
 _EDGE = 0.35  # the blob is where the rise exceeds this share of its peak
@@ -70,7 +70,7 @@ def examine_regions(
     found = []
     for region in searched.regions:
         blob = _unmeasured(region.box, "too_dark")
-        for box in region.boxes() if region.bright else ():
+        for box in region.boxes():
             max_width = math.inf if box is region.box else region.expected.max_width
             blob = measure(searched, box, max_diameters[box], max_width)
             if blob.problem != "too_large":
@@ -171,7 +171,7 @@ def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImag
     A ghost is the trace of an object that moved away. There is none where the camera is stationary, little else changes,
     and nothing passed by recently.
     """
-    changed, ghosts, block = searched.changed, searched.ghost_s > 0.0, searched.block_px
+    changed, ghosts, block = searched.changed, searched.ghost_s > 0.0, BLOCK * searched.picture.scale
     reach = 1.25 * diameter + block
     own, around = (blocks_around(changed.shape, u, v, size, block) for size in (reach, 2.0 * reach))
     busy = math.sqrt((np.count_nonzero(changed) - np.count_nonzero(changed[own])) / changed.size)
@@ -282,10 +282,8 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
 def _gradient(image: np.ndarray, channel: int) -> np.ndarray:
     """Returns how steep a channel is at each pixel (H, W), smoothed."""
     plane = cv2.GaussianBlur(image if image.ndim == 2 else cv2.extractChannel(image, channel), (3, 3), 0)
-    return cv2.magnitude(
-        cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),
-        cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE),
-    )
+    slopes = (cv2.Sobel(plane, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
+    return cv2.magnitude(*slopes)
 
 
 # ------------------------------------------------------------------ judgement

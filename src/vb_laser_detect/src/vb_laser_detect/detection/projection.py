@@ -203,7 +203,7 @@ class ImageGeometry:
         self.pose_error: Optional[CodedError] = None
         self._camera, self._floor_projection, self._pose = camera, floor_projection, pose
         self._lookups, self._frame_id, self._stamp = lookups, frame_id, stamp
-        self._robots: Optional[Sequence[RobotCylinder]] = () if lookups is None else None  # None: not looked up yet
+        self._robots: Optional[Sequence[RobotCylinder]] = () if lookups is None else None  # None: to be looked up
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
         """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or with a `pose_error`."""

@@ -19,15 +19,7 @@ import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.background import (
-    BLOCK,
-    GHOST_TIME,
-    Background,
-    Changes,
-    blocks_around,
-    brightest,
-    relight,
-)
+from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, blocks_around, brightest, relight
 from vb_laser_detect.detection.stage_results import Box, Expected, Region, SearchedImage, Spot
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; of the known spots only 3 of 464 are darker, in darkened clips
@@ -60,9 +52,6 @@ class ImageRegistration:
 
     def __init__(self) -> None:
         self._keyframe: Optional[np.ndarray] = None
-        self._latest: Optional[np.ndarray] = None
-        self._corners: Optional[np.ndarray] = None
-        self._small_motion = np.eye(3)  # `motion`, in pixels of the small images
         self.motion: Optional[np.ndarray] = None
 
     def follow(self, image: np.ndarray) -> Optional[np.ndarray]:
@@ -100,7 +89,7 @@ class ImageRegistration:
         half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         found = cv2.goodFeaturesToTrack(half, _MAX_CORNERS, 0.01, 4)
         self._corners = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
-        self._small_motion, self.motion = np.eye(3), None
+        self.motion, self._small_motion = None, np.eye(3)  # the same in pixels of the small images
 
     def _track_corners(self) -> Optional[np.ndarray]:
         """Finds the motion since the keyframe on which the most corners agree; None if too few do."""
@@ -139,7 +128,8 @@ class Proposer:
             expected = [one.moved(motion) for one in expected]
         changes = None if self._background is None else self._background.compare(image, shift)
         if changes is None or changes.everywhere:
-            changes = self._start(picture, expected)
+            self._start(picture, expected)
+            changes = self._background.compare(image, None)
         background, min_level = self._background, _MIN_LEVEL * self._background.bright
         # the brightest first: a spot is white on any floor, but its rise depends on the floor, and a person beside it
         # rises more on a bright one
@@ -154,12 +144,11 @@ class Proposer:
             reference=background.reference() if any(region.bright for region in regions) else None,
             motion=motion,
             shifted=background.motion is not None,
-            block_px=BLOCK * picture.scale,
             changed=changes.brighter | changes.darker,
             ghost_s=self._ghost_s,
         )
 
-    def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> Changes:
+    def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> None:
         """Begins a new background; where a spot is expected, the previous one is used, relit."""
         block, before = BLOCK * picture.scale, self._background
         keyframes = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
@@ -174,7 +163,6 @@ class Proposer:
         self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] for which each block may hold a ghost
         if self._registration is not None:
             self._registration.set_keyframe()
-        return self._background.compare(picture.searched, None)
 
     def update_background(self, searched: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
         """Adds an image to the background, except where it shows these spots.
@@ -182,7 +170,7 @@ class Proposer:
         Args:
             elapsed: [s] since the last image.
         """
-        held, block = np.zeros_like(searched.changed), searched.block_px
+        held, block = np.zeros_like(searched.changed), BLOCK * searched.picture.scale
         for spot in spots:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + block, block)] = True
         # nothing is known of what happened between images far apart
@@ -222,11 +210,9 @@ def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
     large[0] = False
     if large.any():
         labels, stats, peaks = _components(hot & ~(large[labels] & (maxima <= 0.6 * peaks[labels])), maxima)
-    result = []
-    for label in np.argsort(-peaks[1:], kind="stable") + 1:
-        left, top, width, height = ((stats[label, :4] + (x, y, 0, 0)) * BLOCK).tolist()
-        result.append((left, top, left + width, top + height))
-    return result
+    boxes = BLOCK * (stats[1:, :4] + (x, y, 0, 0))[np.argsort(-peaks[1:], kind="stable")]
+    boxes[:, 2:] += boxes[:, :2]
+    return list(map(tuple, boxes.tolist()))
 
 
 def _components(hot: np.ndarray, maxima: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:

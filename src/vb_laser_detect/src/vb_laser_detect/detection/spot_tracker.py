@@ -196,10 +196,8 @@ class SpotTracker:
         # a white glint hardly larger than a pixel falls mostly on one pixel of a Bayer pattern, which looks coloured;
         # the mean over several images does not
         shown = 0.0 if track.light is None else chroma(track.light)
-        if self._stamp - track.created < _STEP_TIME:
-            least = _VIVID
-        else:
-            least = _PALE if self._mosaic else 0.0
+        lasting = _PALE if self._mosaic else 0.0
+        least = lasting if self._stamp - track.created >= _STEP_TIME else _VIVID
         return self.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:

@@ -70,8 +70,9 @@ class Region(NamedTuple):
     expected: Optional[Expected]
 
     def boxes(self) -> List[Box]:
-        """Returns where a spot is looked for: in all of it, and then only where one is expected."""
-        return [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
+        """Returns where a spot is looked for: if it is bright in all of it, and then only where one is expected."""
+        boxes = [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
+        return boxes if self.bright else []
 
 
 class SearchedImage(NamedTuple):
@@ -85,7 +86,6 @@ class SearchedImage(NamedTuple):
         reference: what the picture would show without anything new; None if no region is bright.
         motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
         shifted: whether the camera has moved since the reference was taken.
-        block_px: [px] edge of a block.
         changed: (rows, columns) bool, blocks that became brighter or darker.
         ghost_s: (rows, columns) [s] for how long anything but a spot that changed a block may still leave a ghost there.
     """
@@ -98,7 +98,6 @@ class SearchedImage(NamedTuple):
     reference: Optional[np.ndarray]
     motion: Optional[np.ndarray]
     shifted: bool
-    block_px: int
     changed: np.ndarray
     ghost_s: np.ndarray
 
