@@ -42,9 +42,9 @@ class Blob:
     Attributes:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
-        problem: why it is no spot, if its features need not be measured; else "".
-        features: values by names of FEATURES; NaN for one that says nothing.
-        light: None if only position and size were measured.
+        problem: why it is no spot, if position or size alone tell; else "".
+        features: values by their names in FEATURES, NaN for one that says nothing; empty if there is a problem.
+        light: None if there is a problem.
     """
 
     u: float
@@ -70,12 +70,12 @@ def examine_regions(
     found = []
     for region in searched.regions:
         blob = _unmeasured(region.box, "too_dark")
+        # if a region is too large, other light may have come to where a spot is expected
         for box in region.boxes():
             max_width = math.inf if box is region.box else region.expected.max_width
             blob = measure(searched, box, max_diameters[box], max_width)
             if blob.problem != "too_large":
                 break
-            # by now, other light falls where a spot is expected
         probability, rejection = 0.0, blob.problem
         if not rejection:
             is_expected = region.expected is not None and region.expected.holds(blob.u, blob.v)

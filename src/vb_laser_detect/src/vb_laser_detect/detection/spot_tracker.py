@@ -106,7 +106,7 @@ class SpotTracker:
         return Expected(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
 
     def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> Detection:
-        """Adds the spots among the candidates in the image for which was predicted."""
+        """Adds those candidates that are not rejected, in the image that `predict` was called for."""
         self._diagonal, self._mosaic = searched.diagonal, searched.picture.mosaic
         if searched.motion is not None:
             for place in [track.pixel for track in self._tracks] + list(self._lit):

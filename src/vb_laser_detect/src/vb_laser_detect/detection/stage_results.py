@@ -1,4 +1,5 @@
-"""What the stages of the search hand on: first the tracker, then the proposer, then those that examine and locate regions.
+"""What the stages of the search hand on, in this order: `Expected` by the tracker, `SearchedImage` by the proposer, `Spot` by
+those that measure and locate, `Detection` by the tracker.
 
 Positions and regions are in the image's own pixels, even if it is searched at half its size.
 """
@@ -61,7 +62,7 @@ class Region(NamedTuple):
     """A part of an image that became brighter, to be examined.
 
     Attributes:
-        bright: whether anything in it is bright enough for a spot.
+        bright: whether anything in it may be bright enough for a spot.
         expected: the spot that should be in it, if any.
     """
 
@@ -70,7 +71,7 @@ class Region(NamedTuple):
     expected: Optional[Expected]
 
     def boxes(self) -> List[Box]:
-        """Returns where a spot is looked for: if it is bright in all of it, and then only where one is expected."""
+        """Returns where to look for a spot: in the whole region, then where one is expected; nowhere if it is dark."""
         boxes = [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
         return boxes if self.bright else []
 
@@ -81,7 +82,7 @@ class SearchedImage(NamedTuple):
     Attributes:
         diagonal: [px] of the picture.
         bright: [grey levels] of the room's bright surfaces, at the current exposure; spots are judged relative to it.
-        min_level: [grey levels] a spot's brightest sample is no darker.
+        min_level: [grey levels] of a spot's brightest sample, at least.
         regions: to examine, the brightest first.
         reference: what the picture would show without anything new; None if no region is bright.
         motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
