@@ -27,16 +27,13 @@ def codes(lines):
 
 
 def graph(*publishers, topic="/north/image_raw", type="sensor_msgs/Image"):
-    """Returns the graph of a detector that reads /north/image_raw, and of a topic's publishers."""
-    return NodeGraph(
-        [(topic, publishers)],
-        [("/north/image_raw", ["/spot_detector_north"])],
-        types={"/north/image_raw": type, topic: type},
-    )
+    """Returns the graph of a topic's publishers."""
+    return NodeGraph([(topic, publishers)], [], types={topic: type})
 
 
+DETECTOR = {"image_transport": "raw"}
 GOOD = {
-    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters={}, measured=False, rate=15.0),
+    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, measured=False, rate=15.0),
     "robot": dict(name="ada", keeps_margin=True, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
     "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", all_known=False),
     "disk": dict(folder="/x", free_mb=9000.0),
@@ -120,7 +117,7 @@ def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments
     monkeypatch.setattr(report, "run_v4l2", lambda *_: "Driver Info")
     monkeypatch.setattr(check_lab, "observe_lab", lambda _: [Notice(code, Severity.WARNING, camera="north")])
     monkeypatch.setattr(check_lab.rosgraph, "is_master_online", lambda: bool(code))
-    monkeypatch.setattr(check_lab.rosnode, "get_api_uri", lambda *_: f"http://{host}:1/")
+    monkeypatch.setattr(check_lab.rosservice, "get_service_uri", lambda *_: f"rosrpc://{host}:1")
     monkeypatch.setattr(check_lab.rospy, "init_node", lambda *_, **__: None)
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda *_: {"source": "/dev/x"})
     assert check_lab.run(arguments) == check_lab.READY

@@ -21,6 +21,7 @@ from typing import Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 import psutil
+import rosnode
 import rospy
 import tf2_ros
 import yaml
@@ -80,31 +81,35 @@ class Running:
 
     def watch(
         self, seconds: float, others: Dict[str, psutil.Process]
-    ) -> Tuple[Dict[str, Dict[str, float]], Dict[str, float]]:
-        """Watches for some seconds; returns each camera's figures, and the cores that other processes took."""
+    ) -> Tuple[Dict[str, float], float, Dict[str, float]]:
+        """Watches for some seconds.
+
+        Returns:
+            Each camera's share of searched images; the detectors' processor time per searched image [ms]; and the cores
+            that the other processes took.
+        """
         wait(
             lambda: len(self.status) == len(self.cameras) and all(one.processed for one in self.status.values()),
             lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
             180.0,
         )
         time.sleep(WARM_S)
-        nodes = {name: node_process(f"/spot_detector_{name}") for name in self.cameras}
-        before, began, status = self._used({**nodes, **others}), time.monotonic(), dict(self.status)
+        detectors = {name for name in rosnode.get_node_names() if name.startswith("/spot_detectors")}
+        processes = {**{name: node_process(name) for name in detectors}, **others}
+        before, began, status = self._used(processes), time.monotonic(), dict(self.status)
         for delays in self.delays.values():
             delays.clear()
         time.sleep(seconds)
         wait(lambda: all(self.status[one].header.stamp > status[one].header.stamp for one in status), "news of each")
-        lasted, used = time.monotonic() - began, self._used({**nodes, **others})
-        found = {}
+        lasted, used = time.monotonic() - began, self._used(processes)
+        rates = {}
         for name in self.cameras:
             # a detector reports its counts once a second: the span is that between two reports
             span = (self.status[name].header.stamp - status[name].header.stamp).to_sec()
-            searched = self.status[name].processed - status[name].processed
-            found[name] = {
-                "searched_share": searched / (RATE * span),
-                "ms_per_image": 1e3 * (used[name] - before[name]) / lasted * span / max(searched, 1),
-            }
-        return found, {name: (used[name] - before[name]) / lasted for name in others}
+            rates[name] = (self.status[name].processed - status[name].processed) / span
+        cores = {name: (used[name] - before[name]) / lasted for name in processes}
+        shares = {name: rate / RATE for name, rate in rates.items()}
+        return shares, 1e3 * sum(cores.pop(name) for name in detectors) / sum(rates.values()), cores
 
     @staticmethod
     def _used(processes: Dict[str, psutil.Process]) -> Dict[str, float]:
@@ -118,13 +123,16 @@ def measure(csv: Optional[Path], count: int, seconds: float, jpegs: List[bytes])
         address, server = serving(stack, jpegs)
         running = Running(stack, count, address)
         others = {"fusion": node_process("/border_fusion"), "page": node_process(), "server": server}
-        found, shares = running.watch(seconds, others)
+        shares, cost, cores = running.watch(seconds, others)
         # now: while the detectors shut down, their spots are late
-        rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
-        everything = quantiles([delay for delays in running.delays.values() for delay in delays])
-    means = {key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")}
-    for row in (*rows, {"camera": f"all {count}", **means, **everything}):
-        table.add(**row, **{f"{name}_cores": share for name, share in shares.items()})
+        delays = {name: quantiles(found) for name, found in running.delays.items()}
+        everything = quantiles([delay for found in running.delays.values() for delay in found])
+    for name, share in shares.items():
+        table.add(camera=name, searched_share=share, **delays[name])
+    figures = {"searched_share": float(np.mean(list(shares.values()))), "ms_per_image": cost}
+    table.add(
+        camera=f"all {count}", **figures, **everything, **{f"{name}_cores": taken for name, taken in cores.items()}
+    )
 
 
 def main() -> int:

@@ -68,8 +68,8 @@ class Observer:
 
     def warnings(self, camera, code):
         """Returns the warnings with a code by the camera's own detector: another one may have the same problem."""
-        name = f"/spot_detector_{camera}"
-        return [log for log in self.logs if log.name == name and f"[{code}]" in log.msg and log.level >= Log.WARN]
+        begin = f"/spot_detector_{camera}: "
+        return [log for log in self.logs if log.msg.startswith(begin) and f"[{code}]" in log.msg]
 
 
 class SpotDetectorTest(unittest.TestCase):

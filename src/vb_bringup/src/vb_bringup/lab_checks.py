@@ -26,13 +26,13 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], mea
     """Checks how a camera's images reach its detector; the detector itself reports whether they are usable.
 
     Args:
-        parameters: its detector's.
+        parameters: its detector's; empty if the camera is on a robot.
         measured: whether somebody has measured a source's delay, even if that is 0.
         rate: [1/s] searched images per second.
     """
     source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
-    images = [topic for topic in graph.subscriptions(f"/spot_detector_{name}", _IMAGES) if "depth" not in topic]
-    topic = "" if source or not images else images[0]
+    topic = "" if source or not parameters else f"/{(parameters.get('image') or f'{name}/image_raw').strip('/')}"
+    topic += "/compressed" if topic and parameters.get("image_transport") == "compressed" else ""
     publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
     others = sorted(
         other
