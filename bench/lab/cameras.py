@@ -2,6 +2,7 @@
 """Measures how many 1080p motion JPEG cameras, whose streams the detectors read themselves, this computer can handle.
 
     python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server
+    python3 bench/lab/cameras.py --cameras 24 --files           from video files, which wait for their detector
 
 Fusion and page run too. Each camera begins elsewhere in the clip of camera_clip.py, so that at any time a quarter of
 them see the spot: there is one pointer, and of 24 cameras no more than that see one place. Images are stamped on
@@ -27,7 +28,7 @@ import tf2_ros
 import yaml
 
 from bench.frame import TOP, Table, arguments, quantiles
-from bench.lab.camera_clip import FRAMES, RATE, clip, scene, serving
+from bench.lab.camera_clip import FRAMES, RATE, clip, scene, serving, write_files
 from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
@@ -42,12 +43,11 @@ class Running:
     """Fusion, page and the detectors of some cameras: their processor time, and how late spots come.
 
     Args:
-        address: the URL that each detector reads.
+        addresses: which each detector reads.
     """
 
-    def __init__(self, stack: ExitStack, count: int, address: str) -> None:
-        _, folder = start(stack)
-        self.cameras, self.status = [f"c{number}" for number in range(count)], {}
+    def __init__(self, stack: ExitStack, folder: Path, addresses: List[str]) -> None:
+        self.cameras, self.status = [f"c{number}" for number in range(len(addresses))], {}
         self._children: List[Child] = []
         self.delays: Dict[str, List[float]] = {name: [] for name in self.cameras}
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=1000)
@@ -62,9 +62,7 @@ class Running:
         for number, name in enumerate(self.cameras):
             save_lens(folder / "lenses" / f"{name}.yaml", name, scene().model)
             (folder / "detectors").mkdir(exist_ok=True)
-            (folder / "detectors" / f"{name}.yaml").write_text(
-                yaml.safe_dump({"source": f"{address}?{FRAMES * number // count}"})
-            )
+            (folder / "detectors" / f"{name}.yaml").write_text(yaml.safe_dump({"source": addresses[number]}))
         configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in self.cameras)
         for number, command in enumerate(
             (
@@ -116,19 +114,26 @@ class Running:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
-def measure(csv: Optional[Path], count: int, seconds: float, jpegs: List[bytes]) -> None:
+def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs: List[bytes]) -> None:
     """Measures one number of cameras, and adds to a table a row for each camera and one for all."""
-    table = Table(csv)
+    table, others = Table(csv), {}
     with ExitStack() as stack:
-        address, server = serving(stack, jpegs)
-        running = Running(stack, count, address)
-        others = {"fusion": node_process("/border_fusion"), "page": node_process(), "server": server}
+        _, folder = start(stack)
+        if files:
+            quarters = write_files(jpegs, folder)
+            addresses = [quarters[4 * number // count] for number in range(count)]
+        else:
+            address, others["server"] = serving(stack, jpegs)
+            addresses = [f"{address}?{FRAMES * number // count}" for number in range(count)]
+        running = Running(stack, folder, addresses)
+        others.update({"fusion": node_process("/border_fusion"), "page": node_process()})
         shares, cost, cores = running.watch(seconds, others)
         # now: while the detectors shut down, their spots are late
         delays = {name: quantiles(found) for name, found in running.delays.items()}
         everything = quantiles([delay for found in running.delays.values() for delay in found])
+    source = "file" if files else "http"
     for name, share in shares.items():
-        table.add(camera=name, searched_share=share, **delays[name])
+        table.add(source=source, camera=name, searched_share=share, **delays[name])
     figures = {"searched_share": float(np.mean(list(shares.values()))), "ms_per_image": cost}
     table.add(
         camera=f"all {count}", **figures, **everything, **{f"{name}_cores": taken for name, taken in cores.items()}
@@ -138,6 +143,7 @@ def measure(csv: Optional[Path], count: int, seconds: float, jpegs: List[bytes])
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
+    parser.add_argument("--files", action="store_true", help="play video files instead of the server's streams")
     parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
     given = parser.parse_args()
     # a shell starts background jobs with interrupts ignored, and the nodes would ignore them too
@@ -145,7 +151,7 @@ def main() -> int:
     cv2.setNumThreads(1)
     jpegs, failed = clip(), 0
     for count in given.cameras:  # each in a separate process: a node cannot be started twice in one
-        work = (given.csv, count, given.seconds, jpegs)
+        work = (given.csv, count, given.files, given.seconds, jpegs)
         child = multiprocessing.get_context("fork").Process(target=measure, args=work)
         child.start()
         child.join()

@@ -156,6 +156,8 @@ class SpotDetectorTest(unittest.TestCase):
         with ThreadPoolExecutor() as pool:
             stories = [pool.submit(self.fixed_camera), pool.submit(self.moving_camera)]
             stories.append(pool.submit(self.check_spots, "blue", [LaserSpot.GROUND_PLANE], 0.01))
+            # a camera with a bad parameter does not keep the node from searching the others
+            stories.append(pool.submit(self.wait, lambda: self.observer.told("green", "by_post"), "green's notice"))
         for story in stories:
             story.result()
 
