@@ -14,8 +14,9 @@ from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid import region
-from vb_map_integration.grid.region import Region, count_free_parts, join_regions, apply_regions
+from vb_map_integration.grid import free_parts
+from vb_map_integration.grid.free_parts import count_free_parts
+from vb_map_integration.integration import Region, apply_regions, join_regions
 from vb_map_integration.integrator import MapIntegrator
 
 COMMANDS = st.lists(
@@ -153,7 +154,7 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
     data[40 : 40 + int(round(door / 0.05)), 78:82] = 0
     assert count_free_parts(GridMap(data, 0.05), radius) == parts
     if door != 0.3:  # a large map is examined in coarser cells
-        monkeypatch.setattr(region, "MAX_CELLS", 2000)
+        monkeypatch.setattr(free_parts, "MAX_CELLS", 2000)
         assert count_free_parts(GridMap(data, 0.05), radius) == parts
 
 
