@@ -248,9 +248,9 @@ def test_stop_holds_until_resume_whatever_else_is_said(way):
 def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     interaction = machine()
     interaction.command(STOP, "page 1a2b", 1.0, identity="press")
-    told = (interaction.latch.by, interaction.last_source, interaction.last_answered)
+    before = (interaction.latch.by, interaction.last_source, interaction.last_answered)
     assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
-    assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == told
+    assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == before
     assert say(interaction, RESUME, "wizard", 21.0).success
     assert interaction.command(STOP, "page", 22.0, identity="press").code == "stop_released"
     assert not interaction.latch.stopped
@@ -344,7 +344,7 @@ def test_another_state_is_asked_about_while_somebody_points():
 
 # ------------------------------------------------------------------ a save without an answer, and nobody there
 @pytest.mark.parametrize(
-    "sent, before, code, in_doubt, told",
+    "sent, before, code, in_doubt, answered",
     [
         (True, False, "no_response", True, "save_unanswered"),
         (True, False, "no_service", False, "no_service"),
@@ -356,7 +356,7 @@ def test_another_state_is_asked_about_while_somebody_points():
         (False, False, "no_response", False, "no_response"),
     ],
 )
-def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, code, in_doubt, told):
+def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, code, in_doubt, answered):
     interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.unanswered_save = before
     interaction.command(SAVE, "a", 3.0)
@@ -364,7 +364,7 @@ def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, c
         interaction.mark_save_sent()
         assert interaction.unanswered_save, "while it is under way"
     answer = interaction.finish(Answer(False, code, {"who": "$map_integrator"}), 4.0)
-    assert (interaction.unanswered_save, answer.code, answer.success) == (in_doubt, told, False)
+    assert (interaction.unanswered_save, answer.code, answer.success) == (in_doubt, answered, False)
     assert interaction.state == SEED and not interaction.pending
 
 

@@ -198,8 +198,8 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
     if len(points) < 3 or length == 0.0:
-        return Closure(False, "open_two_points", apart, 0, end, _values(apart, length))
-    first, last, opening = _without_overhang(points, length)
+        return Closure(False, "open_two_points", apart, 0, end, _gap_values(apart, length))
+    first, last, opening = _find_closing_points(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
     length_within = geometry.chain_length(cut)
@@ -214,16 +214,16 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     else:
         code = "closed_trimmed" if last - first < end else "closed_gap"
     if code.startswith("open"):
-        return Closure(False, code, apart, 0, end, _values(apart, length))
-    return Closure(True, code, gap, first, last, _values(gap, length_within))
+        return Closure(False, code, apart, 0, end, _gap_values(apart, length))
+    return Closure(True, code, gap, first, last, _gap_values(gap, length_within))
 
 
-def _values(gap: float, length: float) -> Dict[str, str]:
+def _gap_values(gap: float, length: float) -> Dict[str, str]:
     percent = 100.0 * gap / length if length else 0.0
     return {"gap": f"{gap:.2f}", "percent": f"{percent:.0f}", "length": f"{length:.2f}"}
 
 
-def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
+def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, float]:
     """Finds the points in the first and the last third of the line between which it closes, and the opening [m] there.
 
     An overhang is cut off only if this brings the ends nearer by at least half of its length.
