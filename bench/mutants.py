@@ -42,7 +42,7 @@ MODULES = (
     "vb_core.camera_model",
     "vb_fusion.line",
     "vb_fusion.seed",
-    "vb_fusion.track",
+    "vb_fusion.strokes",
     "vb_map_integration.integration",
     "vb_map_integration.grid.raster",
     "vb_robot.driving.gate",

@@ -15,7 +15,7 @@ from vb_evaluation.study import campaign, config, plan
 from vb_evaluation.study.__main__ import main
 from vb_evaluation.study.plan import Job
 from vb_evaluation.study.runner import run
-from vb_fusion import live_extraction
+from vb_fusion import extraction
 from vb_sim.room import floor_plan
 
 STUDY = config.load()
@@ -36,10 +36,10 @@ def test_robot_only_is_led_there():
 
 
 def test_the_same_whatever_was_run_before():
-    task, study, extract = Job(2, "carpet", "nrs"), moments(7.0), live_extraction.extract_chain
+    task, study, extract = Job(2, "carpet", "nrs"), moments(7.0), extraction.extract_border
     first = run(study, task)
     # otherwise the next run would extract its borders on this run's clock, which has stopped: they would never come
-    assert live_extraction.extract_chain is extract
+    assert extraction.extract_border is extract
     run(moments(0.1), Job(5, "corner", "nrs"))
     again = run(study, task)
     seen = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]

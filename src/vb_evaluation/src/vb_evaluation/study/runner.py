@@ -29,7 +29,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import replaced
-from vb_fusion import live_extraction
+from vb_fusion import extraction
 from vb_msgs.msg import LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
 from vb_sim.robot.costmap import Costmap
@@ -122,16 +122,16 @@ class LiveRun:
         }
         lab_nodes = self._lab_nodes(cameras)
         import_nodes(repository_top() / LAUNCH, arguments, (*WITHOUT, *lab_nodes))
-        extracted = live_extraction.extract_chain
+        extract = extraction.extract_border
 
-        def chain(*drawn: Any) -> Any:
+        def extract_slowly(*drawn: Any, **seen: Any) -> Any:
             try:
-                return extracted(*drawn)
+                return extract(*drawn, **seen)
             finally:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 
         with tempfile.TemporaryDirectory() as state, graph.installed(), replaced(
-            {live_extraction: {"extract_chain": chain}}
+            {extraction: {"extract_border": extract_slowly}}
         ):
             graph.start(Node("/study", {}), self._watch)
             start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, lab_nodes)

@@ -1,4 +1,4 @@
-"""Stage 1: which spots are the pointer's.
+"""Stage 1: which spots are the pointer's, as strokes, and which strokes make the border's line.
 
 There is one pointer, which moves through time. Observations close together in one time bin form one cluster; the track
 is the sequence of clusters that explains the most floor with the least effort. In metres:
@@ -11,16 +11,21 @@ is the sequence of clusters that explains the most floor with the least effort. 
             likelihood of a heavy-tailed error. So a rest after a flick belongs to the stroke, and a stray does not pay
 
 Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
-removed; the best track of the remaining clusters is the next stroke.
+removed; the best track of the remaining clusters is the next stroke. The line is the widest stroke, with those joined to
+it that continue from its ends.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import List, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
+from vb_core import geometry
+from vb_core.errors import CodedError
 from vb_fusion.observations import (
     LOCALIZATION_ERROR,
     MAX_DROPOUTS,
@@ -40,6 +45,49 @@ MIN_SEEN = 5
 MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
 # clusters among which a predecessor is sought: they span more than a dropout, however much glitters
 LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
+
+
+@dataclass(frozen=True)
+class DrawnLine:
+    """Which observations the border's line consists of.
+
+    Attributes:
+        rows: (N,) indices of the line's observations, in the order in which it runs.
+        left_out: (L,) indices of observations that may have been drawn, but are not part of the line.
+        joined: whether several strokes were joined.
+        dropout: [s] within which the moving pointer was seen again.
+    """
+
+    rows: np.ndarray
+    left_out: np.ndarray
+    joined: bool
+    dropout: float
+
+
+def find_drawn_line(seen: Observations, widest_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
+    """Finds the line that was drawn among all observations.
+
+    Args:
+        seen: in order of time.
+        widest_gap: [m] that is bridged, within a stroke or between two.
+        min_expansion: [m] diagonal of the bounding box of the shortest line.
+        min_spots: fewest spots of a line.
+
+    Raises:
+        CodedError: "no_line".
+    """
+    clusters = find_clusters(seen)
+    strokes, ends = find_strokes(seen, clusters, widest_gap)
+    # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
+    wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
+    wide = [(size, stroke) for size, stroke in wide if size > min_expansion - 2.0 * TREMOR]
+    wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= min_spots]
+    candidates = [stroke for _, stroke in sorted(wide, key=lambda one: -one[0])]
+    if not candidates:
+        raise CodedError("no_line", spots=int(seen.spots.sum()), shortest=f"{min_expansion:g}")
+    line, others, joined = _join_strokes(seen, candidates, widest_gap)
+    left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *others, *ends]), line)
+    return DrawnLine(line, left_out, joined, find_dropout(clusters.stamps))
 
 
 def find_clusters(seen: Observations) -> Observations:
@@ -149,6 +197,29 @@ def _observations_near(seen: Observations, clusters: Observations, line: np.ndar
     reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, seen.mobile[first:last])
     off = np.hypot(*(seen.points[first:last] - np.column_stack([x, y])).T)
     return first + np.flatnonzero(off <= reach)
+
+
+def _join_strokes(
+    seen: Observations, strokes: List[np.ndarray], widest_gap: float
+) -> Tuple[np.ndarray, List[np.ndarray], bool]:
+    """Joins to the first stroke those that continue from its ends; strokes are the indices of their observations.
+
+    Returns:
+        The indices of the line's observations, in the order in which it runs; the strokes left out; whether several
+        strokes were joined.
+    """
+    line, *others = strokes
+    joined = False
+    while others:
+        # the nearest pair of an end of the line and an end of another stroke
+        near = np.array([cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others])
+        which, at, end = np.unravel_index(int(np.argmin(near)), near.shape)
+        if near[which, at, end] > widest_gap + TREMOR:
+            break
+        # the stroke must run away from the line's end, or up to its start
+        other, joined = others.pop(which)[:: -1 if at == end else 1], True
+        line = np.concatenate([line, other] if at else [other, line])
+    return line, others, joined
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:

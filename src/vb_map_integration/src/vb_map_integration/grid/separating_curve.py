@@ -21,8 +21,8 @@ from typing import Callable, List, Optional, Tuple
 import cv2
 import numpy as np
 
+from vb_map_integration.border import IntegrationError
 from vb_map_integration.grid import raster
-from vb_map_integration.issues import IntegrationError
 
 # the restricted area touches a side of the curve if at least this share of the samples on that side were filled
 _TOUCHES = 0.1
