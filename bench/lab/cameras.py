@@ -17,7 +17,7 @@ import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ import tf2_ros
 import yaml
 
 from bench.frame import TOP, Table, arguments, quantiles
-from bench.lab.camera_clip import FRAMES, RATE, clip, scene, serving, write_files
+from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
 from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
@@ -49,9 +49,12 @@ class Running:
     def __init__(self, stack: ExitStack, folder: Path, addresses: List[str]) -> None:
         self.cameras, self.status = [f"c{number}" for number in range(len(addresses))], {}
         self._children: List[Child] = []
-        self.delays: Dict[str, List[float]] = {name: [] for name in self.cameras}
-        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=1000)
-        rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m}), queue_size=200)
+        self._delays: List[float] = []
+        for topic, kind, handle in (
+            (names.SPOTS, LaserSpot, lambda m: self._delays.append(time.time() - m.header.stamp.to_sec())),
+            (names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m})),
+        ):
+            rospy.Subscriber(topic, kind, handle, queue_size=1000)
         self._poses = tf2_ros.StaticTransformBroadcaster()
         self._poses.sendTransform(
             [
@@ -74,49 +77,44 @@ class Running:
             self._children.append(Child(command, folder / f"{number}.txt"))
             stack.callback(self._children[-1].stop, 30.0)
 
-    def _on_spot(self, message: LaserSpot) -> None:
-        self.delays[message.camera].append(time.time() - message.header.stamp.to_sec())
-
-    def watch(
-        self, seconds: float, others: Dict[str, psutil.Process]
-    ) -> Tuple[Dict[str, float], float, Dict[str, float]]:
-        """Watches for some seconds.
-
-        Returns:
-            Each camera's share of searched images; the detectors' processor time per searched image [ms]; and the cores
-            that the other processes took.
-        """
+    def watch(self, seconds: float, others: Dict[str, psutil.Process]) -> Dict[str, float]:
+        """Watches for some seconds; returns a row: shares, costs [ms, cores] and delays [ms]."""
         wait(
             lambda: len(self.status) == len(self.cameras) and all(one.processed for one in self.status.values()),
             lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
             180.0,
         )
         time.sleep(WARM_S)
-        detectors = {name for name in rosnode.get_node_names() if name.startswith("/spot_detectors")}
-        processes = {**{name: node_process(name) for name in detectors}, **others}
-        before, began, status = self._used(processes), time.monotonic(), dict(self.status)
-        for delays in self.delays.values():
-            delays.clear()
+        nodes = [name for name in rosnode.get_node_names() if name.startswith("/spot_detectors")]
+        processes = {**{name: node_process(name) for name in nodes}, **others}
+        used, began, before = self._read_times(processes), time.monotonic(), dict(self.status)
+        self._delays.clear()
         time.sleep(seconds)
-        wait(lambda: all(self.status[one].header.stamp > status[one].header.stamp for one in status), "news of each")
-        lasted, used = time.monotonic() - began, self._used(processes)
-        rates = {}
-        for name in self.cameras:
-            # a detector reports its counts once a second: the span is that between two reports
-            span = (self.status[name].header.stamp - status[name].header.stamp).to_sec()
-            rates[name] = (self.status[name].processed - status[name].processed) / span
-        cores = {name: (used[name] - before[name]) / lasted for name in processes}
-        shares = {name: rate / RATE for name, rate in rates.items()}
-        return shares, 1e3 * sum(cores.pop(name) for name in detectors) / sum(rates.values()), cores
+        # detectors report their counts once a second
+        wait(lambda: all(self.status[one].header.stamp > before[one].header.stamp for one in before), "news of each")
+        after, delays, lasted = dict(self.status), list(self._delays), time.monotonic() - began
+        cores = {name: (now - used[name]) / lasted for name, now in self._read_times(processes).items()}
+        searched, received, spans = (
+            np.array([read(after[name]) - read(before[name]) for name in self.cameras])
+            for read in (lambda m: m.processed, lambda m: m.received, lambda m: m.header.stamp.to_sec())
+        )
+        return {
+            "images_per_s": float((searched / spans).sum()),
+            "searched_share": float(searched.sum() / received.sum()),
+            "worst_camera": float((searched / received).min()),
+            "ms_per_image": 1e3 * sum(cores.pop(name) for name in nodes) / float((searched / spans).sum()),
+            **quantiles(delays),
+            **{f"{name}_cores": taken for name, taken in cores.items()},
+        }
 
     @staticmethod
-    def _used(processes: Dict[str, psutil.Process]) -> Dict[str, float]:
+    def _read_times(processes: Dict[str, psutil.Process]) -> Dict[str, float]:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
 def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs: List[bytes]) -> None:
-    """Measures one number of cameras, and adds to a table a row for each camera and one for all."""
-    table, others = Table(csv), {}
+    """Measures one number of cameras, and adds a row to a table."""
+    others: Dict[str, psutil.Process] = {}
     with ExitStack() as stack:
         _, folder = start(stack)
         if files:
@@ -127,17 +125,7 @@ def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs:
             addresses = [f"{address}?{FRAMES * number // count}" for number in range(count)]
         running = Running(stack, folder, addresses)
         others.update({"fusion": node_process("/border_fusion"), "page": node_process()})
-        shares, cost, cores = running.watch(seconds, others)
-        # now: while the detectors shut down, their spots are late
-        delays = {name: quantiles(found) for name, found in running.delays.items()}
-        everything = quantiles([delay for found in running.delays.values() for delay in found])
-    source = "file" if files else "http"
-    for name, share in shares.items():
-        table.add(source=source, camera=name, searched_share=share, **delays[name])
-    figures = {"searched_share": float(np.mean(list(shares.values()))), "ms_per_image": cost}
-    table.add(
-        camera=f"all {count}", **figures, **everything, **{f"{name}_cores": taken for name, taken in cores.items()}
-    )
+        Table(csv).add(cameras=count, source="files" if files else "http", **running.watch(seconds, others))
 
 
 def main() -> int:
