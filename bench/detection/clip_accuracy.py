@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measures the spot detector's accuracy on labelled clips, in each role that a camera can have.
 
-    python3 bench/detection/clips.py DIR [--roles stationary mobile window] [--left-out EXAMPLES]
+    python3 bench/detection/clip_accuracy.py DIR [--roles stationary mobile window] [--left-out EXAMPLES]
                                      [--other REVISION|SRC] [--csv FILE]
 
 DIR holds labels.json and clips/. Roles: stationary, a camera that stands still; mobile, a robot's camera that sees the
@@ -25,9 +25,9 @@ from pathlib import Path
 import cv2
 
 from bench.detection.clip_frames import ROLES, frames_of, reach_in
-from bench.detection.finder import Count, Finder, figures
-from bench.detection.fitting import judges_of_clips
-from bench.frame import Table, arguments
+from bench.detection.detector_under_test import Count, Finder, figures
+from bench.detection.curve_fitting import judges_of_clips
+from bench.harness import Table, arguments
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Se
 
 import numpy as np
 
-from bench.frame import import_from
+from bench.harness import import_from
 from vb_evaluation.statistics import proportion
 
 Place = Tuple[float, float]

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Measures the spot detector's accuracy in the rendered scenes, every hard case of scene_list.py (for clips: clips.py).
+"""Measures the spot detector's accuracy in the rendered scenes, every hard case of scene_list.py (for clips: clip_accuracy.py).
 
-    python3 bench/detection/rendered.py [WORD ...] [--share PART] [--other REVISION|SRC] [--csv FILE]
+    python3 bench/detection/scene_accuracy.py [WORD ...] [--share PART] [--other REVISION|SRC] [--csv FILE]
 
 Runs only scenes with a WORD in their name, and this PART of each one's time; other versions see the same images.
 """
@@ -12,11 +12,11 @@ import sys
 
 import cv2
 
-from bench.detection.finder import Count, Finder, figures
-from bench.detection.hard_scenes import NEAR_MM, floor_place, frames
-from bench.detection.rooms import Rooms, lab
+from bench.detection.detector_under_test import Count, Finder, figures
+from bench.detection.scene_rendering import NEAR_MM, floor_place, frames
+from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
-from bench.frame import Table, arguments, versions
+from bench.harness import Table, arguments, versions
 
 
 def main() -> int:

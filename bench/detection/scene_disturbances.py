@@ -14,8 +14,8 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, pixels_of
-from vb_sim.cameras import pixels
-from vb_sim.cameras.view import Body
+from vb_sim.cameras.camera_view import Body
+from vb_sim.cameras.pixel_formats import apply_color_filters
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.bodies import SHIRT, SHOES, BodyParts, person_key, person_pieces
 
@@ -159,4 +159,4 @@ def add_glint(
     u, v = (np.arange(low[axis], high[axis]) - middle[axis] for axis in (0, 1))
     light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
     part = image[low[1] : high[1], low[0] : high[0]]
-    part[...] = np.minimum(part + pixels.apply_color_filters(light, np.ones(3), encoding, low[0], low[1]) + 0.5, 255.0)
+    part[...] = np.minimum(part + apply_color_filters(light, np.ones(3), encoding, low[0], low[1]) + 0.5, 255.0)

@@ -7,7 +7,7 @@ from typing import Any, Callable, Tuple
 
 import numpy as np
 
-from bench.detection.disturbances import Bystander, Glint, SceneConditions
+from bench.detection.scene_disturbances import Bystander, Glint, SceneConditions
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.raycast import DistanceField
 from vb_sim.room.world import World

@@ -10,11 +10,11 @@ from typing import Any, Callable, Iterator, Tuple
 import numpy as np
 import yaml
 
-from bench.detection.disturbances import DisturbedSnapshot, SceneConditions
-from bench.detection.finder import LabeledFrame
-from bench.detection.motions import Place, place_and_velocity
-from bench.detection.rooms import Rooms
-from bench.frame import TOP
+from bench.detection.scene_disturbances import DisturbedSnapshot, SceneConditions
+from bench.detection.detector_under_test import LabeledFrame
+from bench.detection.scene_motions import Place, place_and_velocity
+from bench.detection.scene_rooms import Rooms
+from bench.harness import TOP
 from vb_core.camera_model import CameraModel
 from vb_sim.models import make_generator
 from vb_sim.room.floor_plan import physical_map

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, List, Sequence, Tuple
 
-from bench.detection.disturbances import disturbed
-from bench.detection.motions import Place
-from bench.frame import TOP
+from bench.detection.scene_disturbances import disturbed
+from bench.detection.scene_motions import Place
+from bench.harness import TOP
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.models import Models

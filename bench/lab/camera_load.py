@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measures how many 1080p motion JPEG cameras, whose streams the detectors read themselves, this computer can handle.
 
-    python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server
+    python3 bench/lab/camera_load.py --cameras 1 6 12 24            from a local HTTP server
 
 Fusion and page run too. Each camera begins elsewhere in the clip of camera_clip.py, so that at any time a quarter of
 them see the spot: there is one pointer, and of 24 cameras no more than that see one place. Images are stamped on
@@ -25,12 +25,12 @@ import rospy
 import tf2_ros
 import yaml
 
-from bench.frame import TOP, Table, arguments, quantiles
+from bench.harness import TOP, Table, arguments, quantiles
 from bench.lab.camera_clip import FRAMES, RATE, clip, scene, serving
-from bench.lab.page_lab import node_process, start, wait
+from bench.lab.page_nodes import node_process, start, wait
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
-from vb_evaluation.processes import Child
+from vb_evaluation.child_processes import Child
 from vb_laser_detect.camera.camera_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
 

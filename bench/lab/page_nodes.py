@@ -1,4 +1,4 @@
-"""The nodes that the page needs, over a ROS master of their own; for page_hostile.py and cameras.py."""
+"""The nodes that the page needs, over a ROS master of their own; for page_under_attack.py and camera_load.py."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import psutil
 import rosgraph
 import rospy
 
-from bench.frame import TOP
+from bench.harness import TOP
 from vb_core import names
 from vb_evaluation.observer import wait_until
-from vb_evaluation.processes import Child, free_port
+from vb_evaluation.child_processes import Child, free_port
 
 LAUNCH = """<launch>
   <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>

@@ -4,7 +4,7 @@
 Every attack runs in a process of its own, against the page's real nodes with codes and https; attackers come from other
 addresses (127.0.x.y) than the operator. A request not answered within 5 s counts as lost.
 
-python3 bench/lab/page_hostile.py [--seconds 10] [--only NAME ...]
+python3 bench/lab/page_under_attack.py [--seconds 10] [--only NAME ...]
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ import yaml
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
-from bench.frame import Table, arguments
-from bench.lab.page_lab import start
+from bench.harness import Table, arguments
+from bench.lab.page_nodes import start
 
 LIMIT = 5.0  # [s] then a stop counts as lost
 HUNG_UP = OSError, HTTPClientError, WebSocketClosedError, ValueError  # the last one by tornado, in the middle of TLS

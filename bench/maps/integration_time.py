@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Times integration and changes over map sizes, and another version's if one is given.
 
-    python3 bench/maps/integration.py [--sizes 320x200 4000x4000] [--borders 10 500] [--other REVISION|SRC]
+    python3 bench/maps/integration_time.py [--sizes 320x200 4000x4000] [--borders 10 500] [--other REVISION|SRC]
 
 The map is a house of many rooms with doors and table legs, which is harder for the fills than one room. Times are a
 thread's own, [ms], medians of --rounds; versions do the same operations in turns. *There*: how many borders were added
@@ -17,7 +17,7 @@ from typing import Any, Callable, Dict
 
 import numpy as np
 
-from bench.frame import Table, arguments, import_from, in_turns, versions
+from bench.harness import Table, arguments, import_from, in_turns, versions
 from vb_core.grid_map import GridMap
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measures what becomes of borders on a map that a robot recorded when a newer recording of the place replaces it.
 
-    python3 bench/maps/recorded.py FOLDER [--half development|judging] [--csv FILE]
+    python3 bench/maps/recorded_maps.py FOLDER [--half development|judging] [--csv FILE]
 
 FOLDER has map_server's files, NAME.yaml with a picture each, and pairs.json, a list of pairs of one place, every second
 for development: {"old": NAME, "new": NAME, "transform": [x, y, yaw]}, from the old map's frame to the new one's, judged
@@ -23,7 +23,7 @@ from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from bench.frame import HALVES, Table, arguments, share
+from bench.harness import HALVES, Table, arguments, share
 from vb_core.grid_layers import clearance_grid, sample
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import read_map

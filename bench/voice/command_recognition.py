@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Measures how well the object that the node runs recognises spoken commands in an unbroken stream.
 
-    python3 bench/voice/recognition.py FOLDER --half development     the speakers used for development
-    python3 bench/voice/recognition.py FOLDER --half judging         the other speakers
-    python3 bench/voice/recognition.py FOLDER --talk                 hours of talk: what is taken for a command
+    python3 bench/voice/command_recognition.py FOLDER --half development     the speakers used for development
+    python3 bench/voice/command_recognition.py FOLDER --half judging         the other speakers
+    python3 bench/voice/command_recognition.py FOLDER --talk                 hours of talk: what is taken for a command
 
 FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's noise
 in kitchen.flac; with --talk, recordings in which nobody says a command, at any depth. Speakers are identified by file
@@ -20,8 +20,8 @@ from typing import Dict, List
 
 import numpy as np
 
-from bench.frame import HALVES, Table, arguments, share
-from bench.voice.room import RATE, Clip, Room, load, read_people, trimmed
+from bench.harness import HALVES, Table, arguments, share
+from bench.voice.room_recordings import RATE, Clip, Room, load, read_people, trimmed
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import ANSWERS
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult

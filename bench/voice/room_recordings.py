@@ -1,4 +1,4 @@
-"""People's recordings, and rooms in which they are heard; for recognition.py."""
+"""People's recordings, and rooms in which they are heard; for command_recognition.py."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import av
 import numpy as np
 import soxr
 
-from bench.frame import HALVES
+from bench.harness import HALVES
 from vb_feedback.sound.tone_synthesis import RATE as TONE_RATE
 from vb_feedback.sound.tone_synthesis import synthesize
 from vb_core.vocabulary import STOP

@@ -8,7 +8,7 @@ import pytest
 from vb_core import sentences
 from vb_core.notices import Severity
 from vb_core.zones import ZONES
-from vb_core.offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, find_unkept
+from vb_core.lab_offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, find_unkept
 
 # who enforces stop and slow zones: nobody, robot_monitor without or with a known local planner, the driver
 OBEDIENCE = [{}, dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True), dict(driver=True)]

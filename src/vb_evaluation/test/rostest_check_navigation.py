@@ -11,7 +11,7 @@ from nav_msgs.msg import OccupancyGrid
 from vb_testing import wait_until
 from vb_core import names
 from vb_core.ros import node
-from vb_evaluation.navigation_check import NavigationCheck
+from vb_evaluation.check_navigation import NavigationCheck
 from vb_evaluation.observer import Observer
 from vb_msgs.srv import ListBorders
 

@@ -10,8 +10,8 @@ from refusals import refused
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_evaluation import navigation_check
-from vb_evaluation.navigation_check import NavigationCheck
+from vb_evaluation import check_navigation
+from vb_evaluation.check_navigation import NavigationCheck
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 
@@ -36,12 +36,12 @@ class Planner:
         self.posterior = GridMap(np.zeros((100, 100), np.int8), 0.05)
         monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
-        monkeypatch.setattr(navigation_check, "Observer", lambda: self)
+        monkeypatch.setattr(check_navigation, "Observer", lambda: self)
         monkeypatch.setattr(
-            navigation_check, "TransformLookup", lambda: SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
+            check_navigation, "TransformLookup", lambda: SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
         )
-        monkeypatch.setattr(navigation_check, "call", self.call)
-        monkeypatch.setattr(navigation_check, "WATCHED", 0.01)
+        monkeypatch.setattr(check_navigation, "call", self.call)
+        monkeypatch.setattr(check_navigation, "WATCHED", 0.01)
 
     def plan(self, start, goal, _service):
         around = [(2.0, 1.0)] if self.borders else []
@@ -78,9 +78,9 @@ def test_the_robot_is_the_only_one_or_the_one_that_is_named(monkeypatch, robots,
     monkeypatch.setattr(rospy, "wait_for_message", answer)
     if isinstance(found, str):
         with pytest.raises(CodedError, match=found):
-            navigation_check.find_robot(name)
+            check_navigation.find_robot(name)
     else:
-        robot = navigation_check.find_robot(name)
+        robot = check_navigation.find_robot(name)
         assert (robot.move_base, robot.frame) == found
 
 

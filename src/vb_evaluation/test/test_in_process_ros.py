@@ -5,10 +5,10 @@ import rospy
 from geometry_msgs.msg import Twist
 
 from vb_core.ros import node
-from vb_core.ros.graph import read_graph
-from vb_evaluation.virtual_ros.graph import Graph, Node
-from vb_evaluation.virtual_ros.scheduler import Scheduler
-from vb_evaluation.virtual_ros.stand_ins import Lock, StandIns
+from vb_core.ros.master import read_graph
+from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
+from vb_evaluation.in_process_ros.scheduler import Scheduler
+from vb_evaluation.in_process_ros.threading_stand_in import Lock, StandIns
 
 SECOND = 10**9
 

@@ -21,18 +21,18 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros.messages import message_from_grid
 from vb_evaluation import metrics
-from vb_evaluation.report.page import write_report
-from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
-from vb_evaluation.study_kit.__main__ import main
-from vb_evaluation.study_kit.measure import read_ground_truth
-from vb_evaluation.study_kit.recording import Recording
-from vb_evaluation.report.data import read_sheet, read_study
+from vb_evaluation.report.html_page import write_report
+from vb_evaluation.user_study import blind_judging, conduct, forms, privacy, protocol, recording_measures
+from vb_evaluation.user_study.__main__ import main
+from vb_evaluation.user_study.recording_measures import last_attempt, measure, read_ground_truth, seed_is_right
+from vb_evaluation.user_study.recording import Recording
+from vb_evaluation.report.study_files import read_sheet, read_study
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import message_from_border
 from vb_map_integration.integration import integrate
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.dialogue.answers import Answer
+from vb_voice_wizard.dialogue.command_answers import Answer
 
 
 def room():
@@ -193,7 +193,7 @@ def plan(study, *rows, columns="participant,order,method,scenario,recording"):
 
 
 def rows_of(study):
-    notes = measure.measure(study / "protocol.csv", study / "ground_truth", study / "out")
+    notes = measure(study / "protocol.csv", study / "ground_truth", study / "out")
     return read_sheet(study / "out" / "runs.csv", ()).to_dict("records"), notes
 
 
@@ -314,7 +314,7 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
     again = conduct.next_run(planned, "p02", again=True)
     assert again.entry == first.entry and again.folder != first.folder
     do(again, ["b", "f"])
-    assert events_of(first.folder) and measure.last_attempt(first.folder) == again.folder
+    assert events_of(first.folder) and last_attempt(first.folder) == again.folder
     (again.folder / "bags").mkdir()
     (again.folder / "bags" / "session.bag").write_bytes(b"#ROSBAG V2.0\n")  # a torn one does not stop the next run
     assert conduct.next_run(planned, "p02").entry.order == 2
@@ -340,11 +340,11 @@ def test_the_codebook_explains_every_column_and_outcome(tmp_path):
     forms.write(tmp_path)
     book = read_sheet(tmp_path / "codebook.csv", ("file", "column", "values", "meaning"))
     of_runs = book[book.file == "runs.csv"]
-    assert set(of_runs.column) == set(measure.COLUMNS)
+    assert set(of_runs.column) == set(recording_measures.COLUMNS)
     told = set(of_runs["values"][of_runs.column == "outcome"])
     flags = (True, False)
     assert told - {"unreadable"} == {
-        measure.outcome_of(*of, noted) for of in product(flags, repeat=4) for noted in (None, *flags)
+        recording_measures.outcome_of(*of, noted) for of in product(flags, repeat=4) for noted in (None, *flags)
     }
     asked = (tmp_path / "demographics.csv").read_text().strip().split(",")[1:]
     assert asked == list(book.column[book.file == "demographics.csv"])
@@ -439,7 +439,7 @@ def test_an_export_identifies_nobody_and_data_is_deleted_on_request(mishaps):
     with pytest.raises(CodedError):
         privacy.export(mishaps / "out", mishaps / "shared")
 
-    blind.write(mishaps, mishaps / "out")
+    blind_judging.write(mishaps, mishaps / "out")
     code = read_sheet(mishaps / "judging_key.csv", ()).set_index("recording").code["good"]
     assert main(["delete", "p1", "--protocol", str(mishaps / "protocol.csv")]) == 0
     assert not (mishaps / "good").exists() and not (mishaps / "good_alone").exists() and (mishaps / "crash").exists()
@@ -464,14 +464,14 @@ def test_seed_is_right_if_the_nearest_free_floor_was_asked_for():
         away = np.hypot(*(centers - seed).T)
         nearest = int(away.argmin())
         for truth in (truth_of(grid), grid.data == 0):  # the second reaches to the walls
-            assert measure.seed_is_right(seed, grid, truth) == (away[nearest] <= 0.2 and truth[tuple(free[nearest])])
+            assert seed_is_right(seed, grid, truth) == (away[nearest] <= 0.2 and truth[tuple(free[nearest])])
     walls = grid.with_data(np.full(grid.shape, 100, np.int8))
-    assert not measure.seed_is_right((1.0, 1.0), walls, grid.data == 0)
+    assert not seed_is_right((1.0, 1.0), walls, grid.data == 0)
 
 
 def test_the_newest_of_a_runs_recordings_counts(tmp_path):
-    assert measure.last_attempt(tmp_path / "p1") == tmp_path / "p1"
+    assert last_attempt(tmp_path / "p1") == tmp_path / "p1"
     for name in ("p1", "p1_2", "p1_10", "p1_x", "p10"):
         (tmp_path / name).mkdir()
-    assert [path.name for path in measure.attempts(tmp_path / "p1")] == ["p1", "p1_2", "p1_10"]
-    assert measure.last_attempt(tmp_path / "p1").name == "p1_10"
+    assert [path.name for path in recording_measures.attempts(tmp_path / "p1")] == ["p1", "p1_2", "p1_10"]
+    assert last_attempt(tmp_path / "p1").name == "p1_10"

@@ -7,7 +7,7 @@ from mosquitto import PROGRAM, Hub, Mosquitto
 
 from refusals import refused
 from vb_core.errors import CodedError
-from vb_mqtt.broker import MqttClient, Connection, read_connection
+from vb_mqtt.broker_connection import MqttClient, Connection, read_connection
 from vb_testing import run_command, wait_until
 
 pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")

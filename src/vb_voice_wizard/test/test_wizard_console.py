@@ -10,7 +10,7 @@ from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import COMMANDS
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
-from vb_voice_wizard.console import COMMAND_KEYS, QUIT_KEY, WRONG, ConsoleContent, keys_in, printable
+from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, WRONG, ConsoleContent, keys_in, printable
 
 
 def drawing(language="en"):

@@ -9,18 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refused
-from vb_web import access
-from vb_core.limiter import Limiter
-from vb_web.access import ConnectionSlots, Role, Sessions
+from vb_web import access_control
+from vb_core.rate_limiter import Limiter
+from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, is_loopback, load_codes, same_origin
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 
 
 def test_codes_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     path = tmp_path / "folder" / "codes.yaml"
-    first = access.load_codes(path)
+    first = load_codes(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert access.load_codes(path) == first
+    assert load_codes(path) == first
     assert first["viewer"] != first["operator"]
     sessions = Sessions(first)
     roles = [sessions.find(sessions.open(code))[0] for code in (first["viewer"], first["operator"])]
@@ -37,7 +37,7 @@ def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
     path.write_text(yaml.safe_dump({**CODES, **change}))
     path.chmod(0o600)
     with refused("page_codes_bad"):
-        access.load_codes(path)
+        load_codes(path)
 
 
 def test_codes_are_taken_as_people_type_them():
@@ -68,7 +68,7 @@ def test_a_new_code_ends_the_sessions_of_the_old_one(tmp_path):
 def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypatch):
     path = tmp_path / "sessions.json"
     cookie = Sessions(CODES, path).open(CODES["viewer"])
-    monkeypatch.setattr(access.time, "time", lambda: path.stat().st_mtime + access.COOKIE_DAYS * 86400 + 60)
+    monkeypatch.setattr(access_control.time, "time", lambda: path.stat().st_mtime + COOKIE_DAYS * 86400 + 60)
     assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
     monkeypatch.undo()
     path.write_text(path.read_text()[:-5])
@@ -151,7 +151,7 @@ STRANGE_HOSTS = ["localhost.evil.example", "127.0.0.1.evil.example", "192.168.1.
 
 @pytest.mark.parametrize("host", [*OWN_HOSTS, *STRANGE_HOSTS])
 def test_this_computer_has_its_own_names_and_no_others(host):
-    assert access.is_loopback(host) is (host in OWN_HOSTS)
+    assert is_loopback(host) is (host in OWN_HOSTS)
 
 
 # another scheme, port or host; none at all; one that hides another host, and an invalid address
@@ -161,9 +161,9 @@ STRANGE_ORIGINS += ["http://lab:8420@evil", "http://["]
 
 @pytest.mark.parametrize("origin", STRANGE_ORIGINS)
 def test_only_the_pages_own_origin_counts(origin):
-    assert not access.same_origin(origin, "http", "lab:8420")
-    assert access.same_origin("http://lab:8420", "http", "lab:8420")
-    assert access.same_origin("http://LAB:8420", "http", "lab:8420")
+    assert not same_origin(origin, "http", "lab:8420")
+    assert same_origin("http://lab:8420", "http", "lab:8420")
+    assert same_origin("http://LAB:8420", "http", "lab:8420")
 
 
 def test_a_limiter_gives_the_burst_and_then_its_rate():
@@ -185,5 +185,5 @@ def test_a_limiter_forgets_the_oldest_of_many_keys():
 def test_files_of_others_cannot_be_overwritten_through_a_link(tmp_path):
     target = tmp_path / "target"
     os.symlink(str(target), str(tmp_path / "codes.yaml"))
-    access.load_codes(tmp_path / "codes.yaml")
+    load_codes(tmp_path / "codes.yaml")
     assert not target.exists()

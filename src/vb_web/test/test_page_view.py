@@ -9,8 +9,8 @@ from geometry_msgs.msg import Point
 
 from vb_core import sentences
 from vb_msgs.msg import VirtualBorder
-from vb_web import ros_view
-from vb_web.view import View, coarse_age, mark_borders, rounded
+from vb_web import page_messages
+from vb_web.page_view import View, coarse_age, mark_borders, rounded
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -76,5 +76,5 @@ def test_the_page_loads_nothing_from_elsewhere():
 
 def test_a_border_that_waits_for_a_person_is_sent_before_and_after():
     points = [Point(0.0, 0.0, 0.0), Point(1.0, 0.0, 0.0), Point(1.0, 2.0, 0.0)]
-    section = ros_view.border_section(VirtualBorder(before=points[:2], after=points))
+    section = page_messages.border_section(VirtualBorder(before=points[:2], after=points))
     assert (section["before"], section["after"]) == ([0, 0, 100, 0], [0, 0, 100, 0, 100, 200])

@@ -17,8 +17,8 @@ from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_fro
 from vb_core.zones import zone_of
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.workspace import LETHAL_THRESHOLD
-from vb_robot.monitoring.goals import KnownBorder
-from vb_robot.spots import Sighting
+from vb_robot.monitoring.goal_checker import KnownBorder
+from vb_robot.spot_sightings import Sighting
 
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)  # of navigation's goals
 

@@ -34,7 +34,7 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
-from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
+from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: robots stop half a second after the last state, see vb_msgs/InteractionState

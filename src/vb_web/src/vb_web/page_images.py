@@ -16,7 +16,7 @@ import numpy as np
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import apply
 from vb_core.grid_map import UNKNOWN, GridMap
-from vb_web.view import rounded
+from vb_web.page_view import rounded
 
 MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
 FLOOR_SIDE = 1400  # [px] of the floor's image

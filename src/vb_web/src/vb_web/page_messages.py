@@ -15,11 +15,11 @@ from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorde
 
 from vb_core import sentences
 from vb_core.notices import Notice
-from vb_core.offer import Offer, find_unkept
+from vb_core.lab_offer import Offer, find_unkept
 from vb_core.ros.messages import mapping_from_values
 from vb_core.zones import ZONES, zone_of
-from vb_web import images
-from vb_web.view import rounded
+from vb_web import page_images
+from vb_web.page_view import rounded
 
 KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
 _KIND_NAMES = {value: key for key, value in KINDS.items()}
@@ -86,8 +86,8 @@ def region_uri(region: Any) -> str:
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
         return ""
-    image = images.draw_region(
-        cells.reshape(info.height, info.width), info.resolution, images.PLANNED, images.PREVIEW_SIDE
+    image = page_images.draw_region(
+        cells.reshape(info.height, info.width), info.resolution, page_images.PLANNED, page_images.PREVIEW_SIDE
     )
     return "data:image/png;base64," + base64.b64encode(image.data).decode("ascii")
 

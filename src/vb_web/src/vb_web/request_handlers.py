@@ -18,10 +18,10 @@ from tornado import web
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from vb_core.errors import CodedError
-from vb_core.limiter import Limiter
-from vb_web import access, action_requests
-from vb_web.access import Role
-from vb_web.view import as_message, refusal
+from vb_core.rate_limiter import Limiter
+from vb_web import access_control, action_requests
+from vb_web.access_control import Role
+from vb_web.page_view import as_message, refusal
 
 # [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 _SEND_PERIOD = 0.04
@@ -55,7 +55,7 @@ class _Guarded(web.RequestHandler):
 
     def set_default_headers(self) -> None:
         self.set_header("Server", "virtual_borders")
-        for name, value in access.security_headers(self.request.protocol == "https").items():
+        for name, value in access_control.security_headers(self.request.protocol == "https").items():
             self.set_header(name, value)
 
     def prepare(self) -> None:
@@ -69,19 +69,19 @@ class _Guarded(web.RequestHandler):
             raise web.HTTPError(503)
         if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
             # also for this computer's own browsers: any other page open in them could ask
-            if not access.same_origin(request.headers.get("Origin"), request.protocol, request.host):
+            if not access_control.same_origin(request.headers.get("Origin"), request.protocol, request.host):
                 raise web.HTTPError(403)
         if self.role < self.NEEDS:
             raise web.HTTPError(403 if self.role else 401)
 
     def _identify(self) -> Tuple[Role, str]:
         if self.page.sessions is not None:
-            return self.page.sessions.find(self.get_cookie(access.COOKIE))
+            return self.page.sessions.find(self.get_cookie(access_control.COOKIE))
         # a request by another host's name that leads here, or through a proxy here, is not from this computer
         headers = self.request.headers
         direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
-        hosts = (access.host_of(self.request.host), self.request.remote_ip or "")
-        return (Role.OPERATOR, "") if direct and all(map(access.is_loopback, hosts)) else (Role.NOBODY, "")
+        hosts = (access_control.host_of(self.request.host), self.request.remote_ip or "")
+        return (Role.OPERATOR, "") if direct and all(map(access_control.is_loopback, hosts)) else (Role.NOBODY, "")
 
     def write_error(self, status_code: int, **_kwargs: Any) -> None:
         self.set_header("Content-Type", "application/json")
@@ -164,9 +164,9 @@ class _SessionHandler(_Handler):
         if cookie is None:
             raise web.HTTPError(401)
         self.set_cookie(
-            access.COOKIE,
+            access_control.COOKIE,
             cookie,
-            expires_days=access.COOKIE_DAYS,
+            expires_days=access_control.COOKIE_DAYS,
             httponly=True,
             secure=self.request.protocol == "https",
             samesite="Strict",
@@ -179,7 +179,7 @@ class _SessionHandler(_Handler):
             await asyncio.get_event_loop().run_in_executor(self.page.pool, end, self.session)
             for browser in [browser for browser in self.page.browsers if browser.session == self.session]:
                 browser.close(1008)
-        self.clear_cookie(access.COOKIE)
+        self.clear_cookie(access_control.COOKIE)
         self.send(b'{"ok":true}', "application/json")
 
 

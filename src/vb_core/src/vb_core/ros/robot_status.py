@@ -7,7 +7,7 @@ from typing import Callable, Optional, Tuple
 import rospy
 
 from vb_core import names
-from vb_core.offer import ConnectedRobot, Connections, Offer, offer
+from vb_core.lab_offer import ConnectedRobot, Connections, Offer, offer
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 _SILENCE = 4.0  # [s] ROS time; robot_monitor publishes every second

@@ -11,10 +11,10 @@ import rospy
 import rospy.impl.tcpros_service
 import rospy.msg
 
-from vb_evaluation.virtual_ros.stand_ins import WaitQueue
+from vb_evaluation.in_process_ros.threading_stand_in import WaitQueue
 
 if TYPE_CHECKING:
-    from vb_evaluation.virtual_ros.graph import Graph
+    from vb_evaluation.in_process_ros.rospy_stand_in import Graph
 
 
 class Delivery:

@@ -10,7 +10,7 @@ from typing import Any, Callable, Collection, Mapping, Tuple
 
 import rospkg
 
-from vb_evaluation.virtual_ros.graph import Graph, Node
+from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
 
 _STATE = "/folder-of-this-run"
 

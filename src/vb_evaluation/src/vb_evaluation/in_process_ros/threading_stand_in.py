@@ -14,7 +14,7 @@ from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional
 
 import greenlet
 
-from vb_evaluation.virtual_ros.scheduler import Scheduler, Task
+from vb_evaluation.in_process_ros.scheduler import Scheduler, Task
 
 _LIBRARIES = ("tf2_ros", "actionlib", "dynamic_reconfigure")
 _REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}

@@ -8,8 +8,8 @@ import numpy as np
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report.blocks import Block, Grid, columns
-from vb_evaluation.report.data import StudyResults, known, pairs, select
+from vb_evaluation.report.page_blocks import Block, Grid, columns
+from vb_evaluation.report.study_files import StudyResults, known, pairs, select
 from vb_evaluation.statistics import Interval
 
 

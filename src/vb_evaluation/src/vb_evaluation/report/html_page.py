@@ -14,9 +14,9 @@ import jinja2
 from markupsafe import Markup
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import background, outcomes, paper_comparison, sensitivity
-from vb_evaluation.report.blocks import Block, Grid
-from vb_evaluation.report.data import StudyResults, read_study, write_table
+from vb_evaluation.report import participants, outcomes, paper_comparison, plausible_worlds
+from vb_evaluation.report.page_blocks import Block, Grid
+from vb_evaluation.report.study_files import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
 # id, title, and the function that makes the blocks; a section without blocks is left out
@@ -27,9 +27,9 @@ SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
     ("accuracy", "Jaccard index", outcomes.accuracy_section),
     ("completeness", "Completeness", outcomes.completeness_section),
     ("paper", "Beside the paper", paper_comparison.paper_comparison_section),
-    ("worlds", "Plausible worlds", sensitivity.plausible_worlds_section),
-    ("experience", "People and their experience", background.participants_section),
-    ("runs", "The runs", background.runs_section),
+    ("worlds", "Plausible worlds", plausible_worlds.plausible_worlds_section),
+    ("experience", "People and their experience", participants.participants_section),
+    ("runs", "The runs", participants.runs_section),
 )
 
 

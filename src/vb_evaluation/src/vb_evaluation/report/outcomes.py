@@ -8,9 +8,9 @@ from typing import Any, Dict, List
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report import effect_sizes, maps, paper
-from vb_evaluation.report.blocks import Block, Figure, Grid, columns
-from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs
+from vb_evaluation.report import effect_sizes, map_figures, paper_results
+from vb_evaluation.report.page_blocks import Block, Figure, Grid, columns
+from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 # measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
@@ -24,7 +24,7 @@ def summary_section(study: StudyResults) -> List[Block]:
     """Reports the method's effects with their intervals; with people, also without runs that had help or a problem."""
     if len(study.methods) < 2:
         return []
-    names = [paper.method_title(method).lower() for method in study.comparison]
+    names = [paper_results.method_title(method).lower() for method in study.comparison]
     words = (
         f"Differences are {names[0]} minus {names[1]}, paired by participant: Hodges-Lehmann estimate and 95 % interval "
         "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. Completed: of all runs, "
@@ -160,7 +160,7 @@ def accuracy_section(study: StudyResults) -> List[Block]:
         return {"median": statistics.median(done), "least": least, "paper": published, "runs": len(done)}
 
     rows = study.rows(measure, completed=1)
-    images, notes = maps.representatives(study)
+    images, notes = map_figures.representatives(study)
     heads = columns("scenario", "method", "median", "least", "paper", "runs", least="Smallest")
     blocks: List[Block] = [
         "Restricted cells against those that were asked for, over completed runs.",
@@ -207,7 +207,7 @@ def _who_completed(study: StudyResults) -> List[Block]:
     for title, here in study.by_scenario():
         found = statistics.compare_completed(*pairs(here, "completed", study.comparison))
         rows.append({"scenario": title, **found, "p": statistics.format_p(found["p"]), "p_value": found["p"]})
-    titles = [f"Only {paper.method_title(method).lower()}" for method in study.comparison]
+    titles = [f"Only {paper_results.method_title(method).lower()}" for method in study.comparison]
     if study.people:
         effect_sizes.add_holm(rows)
     keys = ("scenario", "both", "first", "second", "neither", *(("p", "holm") if study.people else ()))
@@ -234,7 +234,7 @@ def _what_became(study: StudyResults) -> List[Block]:
         {
             "participant": row["participant"],
             "scenario": study.scenario_title(row["scenario"]),
-            "method": paper.method_title(row["method"]),
+            "method": paper_results.method_title(row["method"]),
             **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in why},
         }
         for row in failed.to_dict("records")

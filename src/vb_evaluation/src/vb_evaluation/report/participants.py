@@ -8,8 +8,8 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, questionnaire
-from vb_evaluation.report.blocks import Block, Grid, columns
-from vb_evaluation.report.data import SHEETS, WARNINGS, StudyResults, read_sheet
+from vb_evaluation.report.page_blocks import Block, Grid, columns
+from vb_evaluation.report.study_files import SHEETS, WARNINGS, StudyResults, read_sheet
 
 
 def participants_section(study: StudyResults) -> List[Block]:

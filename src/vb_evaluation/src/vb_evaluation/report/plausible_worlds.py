@@ -7,9 +7,9 @@ from typing import Any, Dict, List, Tuple
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report import paper
-from vb_evaluation.report.blocks import Block, Grid, columns
-from vb_evaluation.report.data import DRAWS, WORLDS, StudyResults, read_sheet, select
+from vb_evaluation.report import paper_results
+from vb_evaluation.report.page_blocks import Block, Grid, columns
+from vb_evaluation.report.study_files import DRAWS, WORLDS, StudyResults, read_sheet, select
 
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more exactly
 
@@ -59,7 +59,7 @@ def conclusions(study: StudyResults, both: pandas.DataFrame) -> List[Dict[str, A
         f"mean boundary error at most {TOLERATED_CM} cm larger": (error <= error_base + TOLERATED_CM, error.notna()),
         "completed wherever robot only was": (both.completed == 1, both.completed_base == 1),
         **{
-            f"completed: {paper.method_title(method).lower()}": (column == 1, column.notna())
+            f"completed: {paper_results.method_title(method).lower()}": (column == 1, column.notna())
             for method, column in zip(study.comparison, (both.completed, both.completed_base))
         },
     }

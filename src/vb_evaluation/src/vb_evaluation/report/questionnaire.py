@@ -17,8 +17,8 @@ import numpy as np
 import pandas
 
 from vb_core.errors import CodedError
-from vb_evaluation.report.data import read_sheet, yes_or_no
-from vb_evaluation.report.paper import METHODS
+from vb_evaluation.report.study_files import read_sheet, yes_or_no
+from vb_evaluation.report.paper_results import METHODS
 
 STATEMENTS = (
     ("I had problems to define the virtual borders", "1 = big problems, 5 = no problems"),

@@ -16,7 +16,7 @@ import pandas
 
 from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
-from vb_evaluation.report import paper
+from vb_evaluation.report import paper_results
 
 RUNS, WORLDS = "runs.csv", "worlds.csv"
 DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
@@ -66,13 +66,13 @@ class StudyResults:
 
     def scenario_title(self, key: str) -> str:
         """Returns a scenario's name for people, as study.json or else the paper has it."""
-        return str((self.meta.get("scenarios") or {}).get(key) or paper.scenario_title(key))
+        return str((self.meta.get("scenarios") or {}).get(key) or paper_results.scenario_title(key))
 
     @property
     def scenarios(self) -> List[str]:
         """The scenarios in runs.csv: the paper's in its order, then the others as in study.json."""
         # each participant has another order, so the rows' order means nothing
-        known = list(dict.fromkeys([*paper.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
+        known = list(dict.fromkeys([*paper_results.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
         return sorted(self.runs.scenario.unique(), key=known.index)
 
     @property
@@ -99,9 +99,10 @@ class StudyResults:
         return [
             {
                 "scenario": self.scenario_title(scenario),
-                "method": paper.method_title(method),
+                "method": paper_results.method_title(method),
                 **measure(
-                    select(self.runs, scenario=scenario, method=method, **where), *paper.published(scenario, method)
+                    select(self.runs, scenario=scenario, method=method, **where),
+                    *paper_results.published(scenario, method),
                 ),
             }
             for scenario in self.scenarios
@@ -113,7 +114,7 @@ class StudyResults:
         """The runs that a participant lacks and others have, in words."""
         there = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
         return [
-            f"{person}, {self.scenario_title(scenario)}, {paper.method_title(method)}"
+            f"{person}, {self.scenario_title(scenario)}, {paper_results.method_title(method)}"
             for person in self.runs.participant.unique()
             for scenario in self.scenarios
             for method in self.methods

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.report.data import RUNS, WORLDS
-from vb_evaluation.study import campaign, config, plan
+from vb_evaluation.report.study_files import RUNS, WORLDS
+from vb_evaluation.simulated_study import campaign, config, run_plan
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 ONLY = {"participant": int, "scenario": str, "method": str, "draw": int}
@@ -34,7 +34,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="vb_evaluation.study", description=__doc__)
+    parser = argparse.ArgumentParser(prog="vb_evaluation.simulated_study", description=__doc__)
     parser.add_argument("--config", type=Path, default=None, help="a configuration of your own (YAML)")
     parser.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
     parser.add_argument("--out", type=Path, default=repository_top() / "out" / "study")
@@ -57,7 +57,7 @@ def _run(given: argparse.Namespace, console: Console) -> int:
         # a shell starts background jobs with interrupts ignored, and Python leaves that so
         signal.signal(number, _interrupt)
     study = config.load(given.config, given.seed)
-    jobs = plan.select(plan.jobs(study, given.quick), **{name: getattr(given, name) for name in ONLY})
+    jobs = run_plan.select(run_plan.jobs(study, given.quick), **{name: getattr(given, name) for name in ONLY})
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, WORLDS)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
     failed = campaign.run_jobs(study, jobs, given.out, console, max(1, given.processes))

@@ -11,7 +11,7 @@ import yaml
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
-from vb_evaluation.study.config import PACKAGE, Study
+from vb_evaluation.simulated_study.config import PACKAGE, Study
 
 SOURCES = ("paper", "data", "literature", "assumed", "mechanics")
 USUAL = (0.5, 2.0)

@@ -28,12 +28,12 @@ from vb_core.grid_map import FREE, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation.metrics import restricted_cells
 from vb_evaluation.provenance import repository_top, revision
-from vb_evaluation.report.data import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
-from vb_evaluation.report.maps import write_truths
-from vb_evaluation.study import assumptions
-from vb_evaluation.study.config import Study, study_from_mapping
-from vb_evaluation.study.plan import Job
-from vb_evaluation.study.result import COLUMNS, measure
+from vb_evaluation.report.study_files import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
+from vb_evaluation.report.map_figures import write_truths
+from vb_evaluation.simulated_study import assumptions
+from vb_evaluation.simulated_study.config import Study, study_from_mapping
+from vb_evaluation.simulated_study.run_plan import Job
+from vb_evaluation.simulated_study.run_measures import COLUMNS, measure
 from vb_sim.room import floor_plan
 
 AREAS, ROWS = "areas.npz", "rows"
@@ -113,7 +113,7 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         # only running needs ROS: reading a study does not
-        from vb_evaluation.study.runner import run
+        from vb_evaluation.simulated_study.live_run import run
 
         study = study_from_mapping(document, sources)
         done = run(study.changed(job.changes) if job.changes else study, job)
@@ -169,7 +169,7 @@ def about(study: Study) -> Dict[str, Any]:
         "robot_start": study.world.robots[0].start_pose(),
         "scenarios": {key: study.world.scenario(key).title for key in study.design.scenarios},
         "revision": revision(),
-        "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
+        "command": " ".join(["python3 -m vb_evaluation.simulated_study", *sys.argv[1:]]),
         "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}",
         "date": datetime.date.today().isoformat(),
     }

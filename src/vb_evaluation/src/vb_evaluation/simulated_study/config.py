@@ -17,7 +17,7 @@ import rospkg
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.study.people import DISTRIBUTIONS, Streams, Traits, draw, draw_traits
+from vb_evaluation.simulated_study.person_traits import DISTRIBUTIONS, Streams, Traits, draw, draw_traits
 from vb_sim.models import Models, read_document
 from vb_sim.room.world import World, world_from_mapping
 

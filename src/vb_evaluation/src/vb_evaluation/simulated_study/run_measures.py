@@ -8,10 +8,10 @@ from shapely.geometry import Point, Polygon
 
 from vb_core.grid_map import FREE
 from vb_evaluation import metrics
-from vb_evaluation.report.data import MEASURES, STATES, TIMES
+from vb_evaluation.report.study_files import MEASURES, STATES, TIMES
 
 if TYPE_CHECKING:  # only running needs ROS: reading a study does not
-    from vb_evaluation.study.runner import LiveRun
+    from vb_evaluation.simulated_study.live_run import LiveRun
 
 FURTHER = tuple(
     "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()

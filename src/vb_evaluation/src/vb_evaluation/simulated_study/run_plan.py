@@ -3,7 +3,7 @@
 Use it to see what a study consists of before it is run. `runner.run(study, job)` carries out one of the runs,
 `make study` all.
 
->>> from vb_evaluation.study import config
+>>> from vb_evaluation.simulated_study import config
 >>> study = config.load()                                         # config/study.yaml
 >>> quick = jobs(study, quick=True)                               # one participant
 >>> len(quick), sorted({(job.scenario, job.method) for job in quick})[0]
@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping
 
 from vb_core.errors import CodedError
-from vb_evaluation.design import order_runs
-from vb_evaluation.report.data import KEY, RUNS, WORLDS
-from vb_evaluation.study import assumptions
-from vb_evaluation.study.config import Study
+from vb_evaluation.counterbalancing import order_runs
+from vb_evaluation.report.study_files import KEY, RUNS, WORLDS
+from vb_evaluation.simulated_study import assumptions
+from vb_evaluation.simulated_study.config import Study
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation import statistics
-from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
+from vb_evaluation.user_study import blind_judging, conduct, forms, recording_measures, privacy, protocol
 from vb_evaluation.report import answers
-from vb_evaluation.report.page import write_report
+from vb_evaluation.report.html_page import write_report
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
     argument = command(
         "judge",
-        lambda given: [blind.write(given.study or given.results.parent, given.results)],
+        lambda given: [blind_judging.write(given.study or given.results.parent, given.results)],
         "write pictures of what was drawn, for somebody who does not know the method",
     )
     argument("results", type=_path)
@@ -128,7 +128,7 @@ def _run(given: argparse.Namespace) -> Iterator[Any]:
 
 def _measure(given: argparse.Namespace) -> Iterator[Any]:
     physical = read_map(given.map) if given.map else None
-    for note in measure.measure(given.protocol, given.ground_truth, given.out, physical):
+    for note in recording_measures.measure(given.protocol, given.ground_truth, given.out, physical):
         yield f"look at this: {note}"
     yield write_report(given.out)
 

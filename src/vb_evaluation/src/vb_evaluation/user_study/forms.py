@@ -10,7 +10,7 @@ import rospkg
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import questionnaire
-from vb_evaluation.report.paper import METHOD_TITLES
+from vb_evaluation.report.paper_results import METHOD_TITLES
 
 TEMPLATES = Path(rospkg.RosPack().get_path("vb_evaluation")) / "config" / "forms"
 DEMOGRAPHICS: Tuple[Tuple[str, str, Sequence[str]], ...] = (

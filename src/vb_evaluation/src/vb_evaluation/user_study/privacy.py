@@ -11,9 +11,9 @@ import pandas
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_evaluation.report.data import RUNS, SHEETS, read_sheet
-from vb_evaluation.study_kit import blind, protocol
-from vb_evaluation.study_kit.measure import attempts
+from vb_evaluation.report.study_files import RUNS, SHEETS, read_sheet
+from vb_evaluation.user_study import blind_judging, protocol
+from vb_evaluation.user_study.recording_measures import attempts
 
 # free text, dates, folders and versions may reveal who it was
 IDENTIFYING = ("note", "recording", "interaction", "map", "revision")
@@ -87,13 +87,13 @@ def _write(table: pandas.DataFrame, path: Path) -> None:
 
 
 def _delete_pictures(study: Path, recordings: List[str]) -> None:
-    if not (study / blind.KEY).is_file():
+    if not (study / blind_judging.KEY).is_file():
         return
-    key: pandas.DataFrame = read_sheet(study / blind.KEY, ("code", "recording"))
+    key: pandas.DataFrame = read_sheet(study / blind_judging.KEY, ("code", "recording"))
     codes = set(key.code[key.recording.isin(recordings)])
     for code in codes:
-        (study / blind.FOLDER / f"{code}.png").unlink(missing_ok=True)
-    if (study / blind.FOLDER / blind.SHEET).is_file():  # it may be with the judge
-        said = read_sheet(study / blind.FOLDER / blind.SHEET, ("code",))
-        _write(said[~said.code.isin(codes)], study / blind.FOLDER / blind.SHEET)
-    _write(key[~key.code.isin(codes)], study / blind.KEY)
+        (study / blind_judging.FOLDER / f"{code}.png").unlink(missing_ok=True)
+    if (study / blind_judging.FOLDER / blind_judging.SHEET).is_file():  # it may be with the judge
+        said = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
+        _write(said[~said.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
+    _write(key[~key.code.isin(codes)], study / blind_judging.KEY)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
 from vb_core.errors import CodedError
-from vb_evaluation.design import order_runs
-from vb_evaluation.report.data import read_sheet, write_table, yes_or_no
+from vb_evaluation.counterbalancing import order_runs
+from vb_evaluation.report.study_files import read_sheet, write_table, yes_or_no
 
 COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed", "note")
 

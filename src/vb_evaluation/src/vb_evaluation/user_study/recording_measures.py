@@ -16,10 +16,20 @@ from vb_core.grid_map import GridMap
 from vb_core.files import write_atomically
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
-from vb_evaluation.study_kit import blind, protocol
-from vb_evaluation.study_kit.recording import Recording
-from vb_evaluation.report.data import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS, read_meta, read_sheet, write_table
-from vb_evaluation.report.maps import write_truths
+from vb_evaluation.user_study import blind_judging, protocol
+from vb_evaluation.user_study.recording import Recording
+from vb_evaluation.report.study_files import (
+    META,
+    REQUIRED,
+    RUNS,
+    SHEETS,
+    STATES,
+    WARNINGS,
+    read_meta,
+    read_sheet,
+    write_table,
+)
+from vb_evaluation.report.map_figures import write_truths
 
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
@@ -70,7 +80,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
             for suffix in (".yaml", ".pgm"):
                 (out / name).with_suffix(suffix).unlink(missing_ok=True)
     write_truths(out, physical, truths)
-    judged = blind.read(protocol_file.parent)
+    judged = blind_judging.read(protocol_file.parent)
     rows, notes = [], []
     for entry, folder in zip(entries, folders):
         noted = judged.get(entry.recording, entry.completed)

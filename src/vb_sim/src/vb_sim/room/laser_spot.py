@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
-from vb_sim.cameras import pixels
+from vb_sim.cameras import pixel_formats
 from vb_sim.models import Optics
 
 _MAX_PX = 56
@@ -102,7 +102,7 @@ def add_spot(
         weights: (3,) share of the light that passes the red, green and blue filters.
         full_well_e: [electrons] at 255; sets the light's photon noise, drawn from `rng`.
     """
-    light = pixels.apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
+    light = pixel_formats.apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
     sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
     light += sigma * rng.standard_normal(light.shape, dtype=np.float32)
     part = image[spot.area]

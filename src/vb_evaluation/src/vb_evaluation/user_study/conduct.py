@@ -18,9 +18,9 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_evaluation.study_kit import protocol
-from vb_evaluation.study_kit.measure import deviations, last_attempt
-from vb_evaluation.study_kit.recording import BAGS, EVENTS, RUN, Recording
+from vb_evaluation.user_study import protocol
+from vb_evaluation.user_study.recording_measures import deviations, last_attempt
+from vb_evaluation.user_study.recording import BAGS, EVENTS, RUN, Recording
 from vb_evaluation.provenance import revision
 
 SETTINGS = "kit.yaml"
@@ -208,6 +208,6 @@ def read_keys() -> Iterator[str]:
 
 def roslaunch(planned: NextRun) -> Callable[[], None]:
     """Starts the system as planned; returns what stops it."""
-    from vb_evaluation.processes import Child
+    from vb_evaluation.child_processes import Child
 
     return Child(list(planned.command), planned.folder / "launch.log").stop

@@ -12,11 +12,11 @@ from typing import Any, Dict, List
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_evaluation import statistics
-from vb_evaluation.report import effect_sizes, paper
-from vb_evaluation.report.blocks import Grid
-from vb_evaluation.report.data import StudyResults, read_study, select
-from vb_evaluation.report.page import SECTIONS
-from vb_evaluation.report.paper import METHODS
+from vb_evaluation.report import effect_sizes, paper_results
+from vb_evaluation.report.page_blocks import Grid
+from vb_evaluation.report.study_files import StudyResults, read_study, select
+from vb_evaluation.report.html_page import SECTIONS
+from vb_evaluation.report.paper_results import METHODS
 
 BEGIN, END = "<!-- what follows is written by study_kit report --page -->", "<!-- end of what is written -->"
 # titles of the report's tables that are written, in this order
@@ -95,7 +95,7 @@ def _effect(study: StudyResults, scenario: str) -> str:
     here = effect_sizes.shift(select(study.runs, scenario=scenario), "jaccard", METHODS, True)
     again = here.low <= EFFECTS[scenario] <= here.high and not here.low <= 0.0 <= here.high
     return (
-        f"{paper.scenario_title(scenario)} {statistics.format_number(EFFECTS[scenario], 3)} there, {here.text(3)} here: "
+        f"{paper_results.scenario_title(scenario)} {statistics.format_number(EFFECTS[scenario], 3)} there, {here.text(3)} here: "
         f"{'found' if again else 'not found'} again"
     )
 
