@@ -44,6 +44,7 @@ def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str)
         {
             "scenario": title,
             "pairs": len(pairs(here, "time_total_s", both)[0]),
+            "accuracy_pairs": len(pairs(here, "error_mean_cm", both, True)[0]),
             "error": effect_sizes.shift(here, "error_mean_cm", both, True),
             "time": effect_sizes.shift(here, "time_total_s", both),
             "speedup": effect_sizes.ratio(here, both),
@@ -52,9 +53,10 @@ def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str)
         }
         for title, here in study.by_scenario(runs)
     ]
-    keys = ("scenario", "pairs", "error", "time", "speedup", "jaccard", "completed")
+    keys = ("scenario", "pairs", "accuracy_pairs", "error", "time", "speedup", "jaccard", "completed")
     heads = columns(
         *keys,
+        accuracy_pairs="Pairs, accuracy",
         error="Mean boundary error [cm]",
         time="Time [s]",
         jaccard="Jaccard index",
