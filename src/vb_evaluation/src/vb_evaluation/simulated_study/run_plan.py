@@ -1,6 +1,6 @@
 """Plans the runs of a study: main runs and plausible worlds.
 
-Use it to see what a study consists of before it is run. `runner.run(study, job)` carries out one of the runs,
+Use it to see what a study consists of before it is run. `live_run.run(study, job)` carries out one of the runs,
 `make study` all.
 
 >>> from vb_evaluation.simulated_study import config
