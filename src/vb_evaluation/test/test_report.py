@@ -20,7 +20,7 @@ from vb_core.errors import CodedError
 from vb_evaluation import statistics
 from vb_evaluation.report import paper_comparison, questionnaire, plausible_worlds
 from vb_evaluation.report.answers import answers, write_page
-from vb_evaluation.report.page_blocks import Grid
+from vb_evaluation.report.page_blocks import Table
 from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.map_figures import nearest_to_median
 from vb_evaluation.report.outcomes import MARGINS
@@ -297,7 +297,7 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     write_answers(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
     page, study = words_of(write_report(folder).read_text()), read_study(folder)
     assert "exact p" in page and "Yes: 6 of 6" in page and "This is a simulation" not in page
-    blocks = [block for _, _, make in SECTIONS for block in make(study) if isinstance(block, Grid)]
+    blocks = [block for _, _, make in SECTIONS for block in make(study) if isinstance(block, Table)]
     tables = {block.name: block.rows for block in blocks}
     statements, scales = tables["questionnaire"][:5], tables["questionnaire"][5:]
     assert [(row["nrs"], row["robot_only"]) for row in statements] == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4)]

@@ -87,30 +87,31 @@ class NavigationCheck:
             return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout=5.0)
 
         start = geometry.pose2d_from_transform(pose(self._base_frame))
-        way = observer.plan(start, self._goal, service)
-        if not len(way):
+        path = observer.plan(start, self._goal, service)
+        if not len(path):
             raise CodedError("no_path", "move_base finds no path to the goal: choose another one with --goal")
-        dense = geometry.resample_chain(way, 0.02)
-        middle = dense[len(dense) // 2]
-        # clear of the robot and of the goal
+        points = geometry.resample_chain(path, 0.02)
+        middle = points[len(points) // 2]
+        # the border must be clear of the robot and of the goal
         if np.abs(np.array([start[:2], self._goal[:2]]) - middle).max(axis=1).min() < self._size:
             raise CodedError(
                 "path_too_short", f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away"
             )
-        # a cell inwards: a path may touch the border's edge
-        reach = 0.5 * self._size - observer.posterior.resolution
+        # one cell less: a path may touch the border's edge
+        half_size = 0.5 * self._size - observer.posterior.resolution
 
         def plan_avoids_border() -> bool:
-            way = observer.plan(start, self._goal, service)
-            return not len(way) or not (np.abs(geometry.resample_chain(way, 0.01) - middle).max(axis=1) < reach).any()
+            path = observer.plan(start, self._goal, service)
+            distances = np.abs(geometry.resample_chain(path, 0.01) - middle).max(axis=1) if len(path) else np.inf
+            return not np.any(distances < half_size)
 
         checks = []
         with self._border(middle, 1.0):
             checks.append(self._soon("plans respect a new border at once", plan_avoids_border, self._at_once))
-            checks.append(self._cleared(plan_avoids_border))
+            checks.append(self._check_cleared_costmaps(plan_avoids_border))
         checks.append(self._soon("the way is free again once the border is removed", lambda: not plan_avoids_border()))
         with self._border(middle, SOFT):
-            checks.append(self._soft(plan_avoids_border))
+            checks.append(self._check_soft_border(plan_avoids_border))
         moved = float(np.hypot(*(np.array(geometry.pose2d_from_transform(pose(self._base_frame))) - start)[:2]))
         return [*checks, Check("localisation does not jump", moved <= STILL, f"moved by {100 * moved:.1f} cm")]
 
@@ -130,7 +131,7 @@ class NavigationCheck:
         finally:
             call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), "the map integrator")
 
-    def _soft(self, plan_avoids_border: Callable[[], bool]) -> Check:
+    def _check_soft_border(self, plan_avoids_border: Callable[[], bool]) -> Check:
         """Checks a soft border, if move_base is configured to see one."""
         what = "a soft border is gone round where that is possible"
         costmaps = [f"{self._move_base}/{name}" for name in ("global_costmap", "local_costmap")]
@@ -139,7 +140,7 @@ class NavigationCheck:
             return Check(what, None, sentences.translate("soft_border_ignored", {"costmaps": ", ".join(blind)}))
         return self._soon(what, plan_avoids_border)
 
-    def _cleared(self, plan_avoids_border: Callable[[], bool]) -> Check:
+    def _check_cleared_costmaps(self, plan_avoids_border: Callable[[], bool]) -> Check:
         what = "a border survives clear_costmaps"
         try:
             call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")

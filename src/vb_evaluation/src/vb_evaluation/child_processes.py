@@ -1,7 +1,7 @@
 """Child processes of a script: a roslaunch with its own master.
 
-The kernel ends a child when its parent ends, in whatever way that happens. No handler has to run, so that neither
-SIGTERM nor SIGKILL leaves a roslaunch behind; roslaunch then ends its nodes.
+The kernel ends a child when its parent ends, however that happens. No handler has to run, so that neither SIGTERM nor
+SIGKILL leaves a roslaunch behind; roslaunch then ends its nodes.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ def order_runs(
     """Returns (scenario, method) of one participant's runs, in order: a within-subjects design (paper, Sect. 5.4).
 
     All scenarios are done with one method, then with the next. Methods, and the scenarios of each half, are
-    counterbalanced by `counterbalance`, methods so that those of some participants rarely tell the next one's.
+    counterbalanced by `counterbalance`, methods in such a way that earlier participants' rarely reveal the next one's.
 
     Args:
         number: the participant's, from 1 to `participants`.
@@ -39,8 +39,8 @@ def counterbalance(
     random = np.random.default_rng([seed, zlib.crc32(label.encode())])
     orders: List[List[str]] = []
     while len(orders) < number:
-        left = -(-(participants - len(orders)) // len(things))  # squares, the last perhaps not in full
-        firsts = [random.permutation(list(things)) for _ in range(min(random.integers(squares) + 1, left))]
+        squares_left = -(-(participants - len(orders)) // len(things))  # the last one may be incomplete
+        firsts = [random.permutation(list(things)) for _ in range(min(random.integers(squares) + 1, squares_left))]
         block = [np.roll(first, shift) for first in firsts for shift in range(len(things))]
         orders += random.permutation(block).tolist()
     return orders[number - 1]

@@ -58,9 +58,9 @@ class GoalRunner:
         self._subscriber = rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab, queue_size=10)
 
     def _on_lab(self, message: LabState) -> None:
-        path, place = self._path, tuple((pose.x, pose.y) for pose in message.robot_poses[:1])
-        if place and (not path or np.hypot(*np.subtract(path[-1], place[0])) > 1e-3):
-            path.append(place[0])
+        path, positions = self._path, tuple((pose.x, pose.y) for pose in message.robot_poses[:1])
+        if positions and (not path or np.hypot(*np.subtract(path[-1], positions[0])) > 1e-3):
+            path.append(positions[0])
 
     def drive(self, goal: Tuple[float, float, float], timeout: float, wall_timeout: float = 600.0) -> GoalOutcome:
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
@@ -76,19 +76,19 @@ class GoalRunner:
         message.target_pose.pose = message_from_pose2d(*goal)
         self._path = []
         began, false_reports = rospy.get_time(), -1
-        falsely = True
-        while falsely and false_reports < FALSE_REPORTS:
+        is_false_report = True
+        while is_false_report and false_reports < FALSE_REPORTS:
             false_reports += 1
             self._client.send_goal(message)
             wait_until(
                 lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - began > timeout, wall_timeout, 0.05
             )
             state = self._client.get_state()
-            falsely = state == GoalStatus.SUCCEEDED and not wait_until(
+            is_false_report = state == GoalStatus.SUCCEEDED and not wait_until(
                 lambda: bool(self._path) and math.dist(self._path[-1], goal[:2]) < AT_GOAL, 1.0
             )
         outcome, text = OUTCOMES.get(state, "time_is_up"), self._client.get_goal_status_text()
-        outcome, seconds = "not_there" if falsely else outcome, rospy.get_time() - began
+        outcome, seconds = "not_there" if is_false_report else outcome, rospy.get_time() - began
         if state not in OUTCOMES:
             self._client.cancel_goal()
         return GoalOutcome(

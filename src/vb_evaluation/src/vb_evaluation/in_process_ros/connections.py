@@ -28,12 +28,12 @@ class Delivery:
 
     def message(self, kind: type) -> Any:
         """Returns the message, deserialised as this type."""
-        found = self._messages.get(kind)
-        if found is None:
-            found = self._messages[kind] = kind()
-            found.deserialize(self._data)
-            found._connection_header = self._header
-        return found
+        message = self._messages.get(kind)
+        if message is None:
+            message = self._messages[kind] = kind()
+            message.deserialize(self._data)
+            message._connection_header = self._header
+        return message
 
 
 class Topic:
@@ -79,7 +79,7 @@ class Publisher:
     def send(self, subscriber: "Subscriber", delivery: Delivery) -> None:
         """Sends a message to one subscriber."""
         if self._delay:
-            self._graph.scheduler.later(self._delay, lambda: subscriber.put(delivery))
+            self._graph.scheduler.call_later(self._delay, lambda: subscriber.put(delivery))
         else:
             subscriber.put(delivery)
 
@@ -111,25 +111,25 @@ class Subscriber:
         self.kind, self._callback, self._extra = data_class, callback, callback_args
         size = queue_size if queue_size is not None and queue_size > 0 else None
         self._queue: Deque[Delivery] = deque(maxlen=size)
-        self._over = False
-        self._line = WaitQueue(graph.scheduler)
+        self._ended = False
+        self._waiting = WaitQueue(graph.scheduler)
         self._topic = graph.topic(self.resolved_name)
         self._topic.subscribers.append(self)
-        graph.scheduler.spawn(self._work)
+        graph.scheduler.spawn(self._receive)
         for publisher in self._topic.publishers:
             if publisher.latched is not None:
                 publisher.send(self, publisher.latched)
 
     def put(self, delivery: Delivery) -> None:
         """Queues a message; a full queue drops its oldest one, as in rospy."""
-        if not self._over:
+        if not self._ended:
             self._queue.append(delivery)
-            self._line.wake()
+            self._waiting.wake()
 
-    def _work(self) -> None:
-        while not self._over:
+    def _receive(self) -> None:
+        while not self._ended:
             if not self._queue:
-                self._line.wait()
+                self._waiting.wait()
                 continue
             message = self._queue.popleft().message(self.kind)
             if self._callback is not None:
@@ -137,10 +137,10 @@ class Subscriber:
 
     def unregister(self) -> None:
         """Ends the subscription."""
-        self._over = True
+        self._ended = True
         if self in self._topic.subscribers:
             self._topic.subscribers.remove(self)
-        self._line.wake()
+        self._waiting.wake()
 
     def get_num_connections(self) -> int:
         """Returns the number of publishers."""

@@ -1,4 +1,4 @@
-"""The nodes of a launch file, as roslaunch would start them."""
+"""Starts the nodes of a launch file, as roslaunch would, within this process."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[s
     A module that is imported during a run would bind this run's replacements for good, and the next run in this
     process would call into one that is over.
     """
-    for launched in read_launch(str(path), _given(arguments)).nodes:
+    for launched in read_launch(str(path), _as_words(arguments)).nodes:
         if launched.type not in without:
-            for statement in ast.walk(ast.parse(_path(launched.package, launched.type).read_text(encoding="utf-8"))):
+            source = _script_path(launched.package, launched.type).read_text(encoding="utf-8")
+            for statement in ast.walk(ast.parse(source)):
                 if isinstance(statement, ast.ImportFrom) and statement.module:
                     importlib.import_module(statement.module)
 
@@ -53,7 +54,7 @@ def start_launch(
         without: types of nodes to omit.
         instead: for a type of node, what is called instead of its script, under the node's name.
     """
-    config = read_launch(str(path), _given(arguments))
+    config = read_launch(str(path), _as_words(arguments))
     for key, parameter in config.params.items():
         value = parameter.value
         graph.parameters.set_param(
@@ -65,18 +66,18 @@ def start_launch(
             graph.start(node, instead.get(launched.type) or _script(launched.package, launched.type))
 
 
-def _given(arguments: Mapping[str, str]) -> Tuple[str, ...]:
+def _as_words(arguments: Mapping[str, str]) -> Tuple[str, ...]:
     # a placeholder: with each run's own folder among the arguments, the file would be read again for each run
     return tuple(f"{name}:={_STATE if name == 'state' else value}" for name, value in sorted(arguments.items()))
 
 
 @lru_cache(maxsize=None)
-def _path(package: str, kind: str) -> Path:
+def _script_path(package: str, kind: str) -> Path:
     return Path(rospkg.RosPack().get_path(package)) / "scripts" / kind
 
 
 def _script(package: str, kind: str) -> Callable[[], Any]:
-    path = _path(package, kind)
+    path = _script_path(package, kind)
     code = compile(path.read_text(encoding="utf-8"), str(path), "exec")
     # not runpy: it replaces this process's own __main__ by the script until the node ends, and a process that
     # multiprocessing starts meanwhile would start the node once more

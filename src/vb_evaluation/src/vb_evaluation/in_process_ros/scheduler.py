@@ -89,7 +89,7 @@ class Scheduler:
         """Makes a suspended task continue at its next turn."""
         self._ready.append((task, task.waits))
 
-    def later(self, delay_ns: int, work: Callable[[], None]) -> None:
+    def call_later(self, delay_ns: int, work: Callable[[], None]) -> None:
         """Calls a short function after a time [ns]; it must not wait."""
         self._push(delay_ns, None, work)
 
@@ -97,13 +97,13 @@ class Scheduler:
         self._count += 1
         heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, what))
 
-    def run(self, over: Callable[[], bool], until_ns: int) -> None:
-        """Runs the tasks until `over` returns true, a time [ns] is reached or nothing is left to do.
+    def run(self, is_over: Callable[[], bool], until_ns: int) -> None:
+        """Runs the tasks until `is_over` returns true, a time [ns] is reached or nothing is left to do.
 
         Raises:
             what a task raised.
         """
-        while not over() and self.now_ns < until_ns:
+        while not is_over() and self.now_ns < until_ns:
             if self._ready:
                 task, waits = self._ready.popleft()
                 self._resume(task, waits, True)

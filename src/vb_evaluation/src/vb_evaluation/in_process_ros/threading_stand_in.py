@@ -21,7 +21,7 @@ _REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
 
 
 def _ns(seconds: Optional[float]) -> Optional[int]:
-    # even the shortest wait must be one: see MIN_TIMEOUT_NS
+    # not 0, which would be no wait at all: see MIN_TIMEOUT_NS
     return None if seconds is None or seconds < 0 else max(int(round(seconds * 1e9)), 1)
 
 
@@ -70,7 +70,7 @@ def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
     lock = partial(Lock, scheduler)
     locks: Dict[str, Any] = {"_allocate_lock": lock, "Lock": lock, "RLock": partial(Lock, scheduler, True)}
     for kind in (real_threading.Condition, real_threading.Event):
-        locks[kind.__name__] = _made_of(kind, **locks, _time=seconds)
+        locks[kind.__name__] = _copy_class(kind, **locks, _time=seconds)
     threading = _Module(real_threading, **locks, Thread=partial(Thread, scheduler, locks["Event"]))
     clocks: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
     return {
@@ -81,17 +81,17 @@ def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
             time_ns=lambda: scheduler.now_ns,
             sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))),
         ),
-        "queue": _Module(real_queue, Queue=_made_of(real_queue.Queue, threading=threading, time=seconds)),
+        "queue": _Module(real_queue, Queue=_copy_class(real_queue.Queue, threading=threading, time=seconds)),
     }
 
 
-def _made_of(kind: type, **others: Any) -> type:
+def _copy_class(kind: type, **others: Any) -> type:
     """Copies a standard-library class; the copy's methods use `others` instead of their module's locks and clock."""
-    world = {**vars(sys.modules[kind.__module__]), **others}
+    namespace = {**vars(sys.modules[kind.__module__]), **others}
     members = {name: value for name, value in vars(kind).items() if name not in ("__dict__", "__weakref__")}
     for name, value in members.items():
         if isinstance(value, FunctionType):
-            members[name] = FunctionType(value.__code__, world, name, value.__defaults__)
+            members[name] = FunctionType(value.__code__, namespace, name, value.__defaults__)
     return type(kind.__name__, kind.__bases__, members)
 
 
@@ -112,7 +112,7 @@ class WaitQueue:
         try:
             return self._scheduler.wait(timeout_ns)
         finally:
-            # otherwise `wake` would wake a task that no longer waits, and the next one would wait for ever
+            # otherwise `wake` would wake a task that no longer waits, and the next in line would wait for ever
             if task in self._tasks:
                 self._tasks.remove(task)
 
@@ -130,21 +130,21 @@ class WaitQueue:
 
 
 class Lock:
-    """Replaces threading.Lock or, with `again`, RLock; Python's own conditions, events and queues are built on it."""
+    """Replaces threading.Lock or, if `reentrant`, RLock; Python's own conditions, events and queues are built on it."""
 
-    def __init__(self, scheduler: Scheduler, again: bool = False) -> None:
-        self._line, self._again = WaitQueue(scheduler), again
+    def __init__(self, scheduler: Scheduler, reentrant: bool = False) -> None:
+        self._waiting, self._reentrant = WaitQueue(scheduler), reentrant
         self._holder: Any = None
         self._depth = 0
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Acquires the lock, waiting until it is free."""
         current = greenlet.getcurrent()
-        if self._again and self._holder is current:
+        if self._reentrant and self._holder is current:
             self._depth += 1
             return True
         # almost always free: one task runs at a time
-        if self._holder is not None and not self._line.wait_for(
+        if self._holder is not None and not self._waiting.wait_for(
             lambda: self._holder is None, _ns(timeout) if blocking else 0
         ):
             return False
@@ -156,7 +156,7 @@ class Lock:
         self._depth -= 1
         if self._depth <= 0:
             self._holder = None
-            self._line.wake()
+            self._waiting.wake()
 
     def __enter__(self) -> bool:
         return self.acquire()
@@ -181,38 +181,38 @@ class Lock:
 class Thread(real_threading.Thread):
     """Replaces threading.Thread by a task."""
 
-    def __init__(self, scheduler: Scheduler, over: Any, *given: Any, **named: Any) -> None:
+    def __init__(self, scheduler: Scheduler, event_class: Any, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
-        self._scheduler, self._over = scheduler, over()
+        self._scheduler, self._ended = scheduler, event_class()
         self._task: Optional[Task] = None
 
     def start(self) -> None:
         """Starts the thread."""
-        self._task = self._scheduler.spawn(self._until_over)
+        self._task = self._scheduler.spawn(self._run_and_tell)
 
-    def _until_over(self) -> None:
+    def _run_and_tell(self) -> None:
         try:
             self.run()
         finally:
-            self._over.set()
+            self._ended.set()
 
     def join(self, timeout: Optional[float] = None) -> None:
         """Waits until the thread has ended."""
         if not self._scheduler.closed:
-            self._over.wait(timeout)
+            self._ended.wait(timeout)
 
     def is_alive(self) -> bool:
         """Returns whether the thread has started and not ended."""
-        return self._task is not None and not self._over.is_set()
+        return self._task is not None and not self._ended.is_set()
 
 
 @contextlib.contextmanager
 def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
     """Replaces attributes of modules or classes, and restores them at the end."""
-    with contextlib.ExitStack() as undone:
+    with contextlib.ExitStack() as restore:
         for target, names in targets.items():
             for name, value in names.items():
-                undone.callback(setattr, target, name, getattr(target, name))
+                restore.callback(setattr, target, name, getattr(target, name))
                 setattr(target, name, value)
         yield
 

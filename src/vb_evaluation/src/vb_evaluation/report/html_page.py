@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import participants, outcomes, paper_comparison, plausible_worlds
-from vb_evaluation.report.page_blocks import Block, Grid
+from vb_evaluation.report.page_blocks import Block, Table
 from vb_evaluation.report.study_files import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
@@ -43,8 +43,8 @@ def write_report(folder: Path) -> Path:
         CodedError: "bad_study" naming the file, and the line or column; "cannot_write_into".
     """
     study, here = read_study(folder), Path(__file__).parent
-    made = [(name, title, make(study)) for name, title, make in SECTIONS]
-    sections = [section for section in made if section[2]]
+    sections = [(name, title, make(study)) for name, title, make in SECTIONS]
+    sections = [section for section in sections if section[2]]
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
@@ -59,10 +59,12 @@ def write_report(folder: Path) -> Path:
         (study.folder / TABLES).mkdir(exist_ok=True)
         for old in (study.folder / TABLES).glob("*.csv"):
             old.unlink()
-        for grid in (block for _, _, blocks in sections for block in blocks if isinstance(block, Grid)):
-            rows = [grid.plain(row) for row in grid.rows]
+        for table in (block for _, _, blocks in sections for block in blocks if isinstance(block, Table)):
+            rows = [table.plain(row) for row in table.rows]
             if rows:
-                write_table(study.folder / TABLES / f"{grid.name}.csv", max((list(row) for row in rows), key=len), rows)
+                write_table(
+                    study.folder / TABLES / f"{table.name}.csv", max((list(row) for row in rows), key=len), rows
+                )
     except OSError as error:
         raise CodedError("cannot_write_into", folder=str(study.folder), reason=error.strerror) from None
     return study.folder / PAGE
@@ -70,25 +72,27 @@ def write_report(folder: Path) -> Path:
 
 def notices(study: StudyResults) -> List[str]:
     """Returns what readers must know before any figure."""
-    count = study.runs.participant.nunique()
-    found = [
-        f"{count} people, {len(study.runs)} runs."
+    people = study.runs.participant.nunique()
+    sentences = [
+        f"{people} people, {len(study.runs)} runs."
         if study.people
         else (
-            f"This is a simulation: {count} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
+            f"This is a simulation: {people} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
             "from the assumptions in config/assumptions.yaml; they predict nothing about people, and user experience is not examined."
         )
     ]
-    made = [f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)]
-    if made:
-        found.append("Made by: " + "; ".join(made))
+    facts = [
+        f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)
+    ]
+    if facts:
+        sentences.append("Made by: " + "; ".join(facts))
     if study.meta.get("deviating"):
-        found.append(
+        sentences.append(
             f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them."
         )
     if study.missing:
-        found.append(
+        sentences.append(
             f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "
             "differences the participants who have both."
         )
-    return found
+    return sentences

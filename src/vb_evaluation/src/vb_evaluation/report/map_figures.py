@@ -81,8 +81,8 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
         title = study.scenario_title(scenario)
         try:
             truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-            asked = draw_map(prior, truth, start=study.meta.get("robot_start"))
-            images.append((_uri(asked), f"{title}: ground truth"))
+            truth_image = draw_map(prior, truth, start=study.meta.get("robot_start"))
+            images.append((_uri(truth_image), f"{title}: ground truth"))
             for method in study.methods:
                 row = nearest_to_median(study, scenario, method)
                 if row is None:
@@ -108,7 +108,7 @@ def _uri(png: bytes) -> str:
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
     """Finds the row of the completed run, with a map, nearest to the median Jaccard index; None if there is none."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
-    there = runs[
+    with_map = runs[
         [bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]
     ]
-    return there.loc[(there.jaccard - runs.jaccard.median()).abs().idxmin()] if len(there) else None
+    return with_map.loc[(with_map.jaccard - runs.jaccard.median()).abs().idxmin()] if len(with_map) else None

@@ -1,4 +1,4 @@
-"""The parts of a section of the page: paragraphs, figures and tables. A table is both shown and written as CSV."""
+"""Blocks of a report's section: paragraphs, figures and tables. A table is both shown and written as CSV."""
 
 from __future__ import annotations
 
@@ -36,14 +36,15 @@ def columns(*keys: str, **headings: str) -> Dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """A table.
+class Table:
+    """A table of results; the page shows it, and a CSV file has its rows.
 
     Attributes:
         name: of its file in tables/.
         columns: key to heading; the keys are the file's columns.
         rows: key to a text, a number, or an Interval, which becomes "estimate [low, high]" with the digits of
             `digits` and three columns in the file.
+        words: what its figures are.
     """
 
     name: str
@@ -87,4 +88,4 @@ class Grid:
         }
 
 
-Block = Union[str, Figure, Grid]  # a paragraph, images, or a table
+Block = Union[str, Figure, Table]  # a paragraph, images, or a table

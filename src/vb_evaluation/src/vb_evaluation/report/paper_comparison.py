@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper_results
-from vb_evaluation.report.page_blocks import Block, Grid, columns
+from vb_evaluation.report.page_blocks import Block, Table, columns
 from vb_evaluation.report.study_files import StudyResults, known, pairs, select
 from vb_evaluation.report.paper_results import METHODS, PAPER
 from vb_evaluation.statistics import Interval
@@ -40,7 +40,7 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
             "people do better than real people is wrong in that figure, too. "
             f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
         ),
-        Grid("beside_the_paper", heads, rows),
+        Table("beside_the_paper", heads, rows),
     ]
 
 

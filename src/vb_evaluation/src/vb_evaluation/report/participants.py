@@ -1,4 +1,4 @@
-"""Writes the sections on the background of the figures: participants and runs."""
+"""Writes the sections on the participants and on what measuring their runs warned of."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, questionnaire
-from vb_evaluation.report.page_blocks import Block, Grid, columns
+from vb_evaluation.report.page_blocks import Block, Table, columns
 from vb_evaluation.report.study_files import SHEETS, WARNINGS, StudyResults, read_sheet
 
 
 def participants_section(study: StudyResults) -> List[Block]:
     """Reports who took part and what they answered; empty for simulated people."""
-    path, about = (study.folder / name for name in SHEETS)
+    questionnaire_file, demographics_file = (study.folder / name for name in SHEETS)
     blocks: List[Block] = []
-    if study.people and about.is_file():
-        asked = read_sheet(about, ("participant",)).drop(columns="participant")
+    if study.people and demographics_file.is_file():
+        demographics = read_sheet(demographics_file, ("participant",)).drop(columns="participant")
         blocks.append(
-            Grid(
+            Table(
                 "demographics",
-                columns("question", "answers", answers=f"Answers of {len(asked)} people"),
+                columns("question", "answers", answers=f"Answers of {len(demographics)} people"),
                 [
                     {"question": column, "answers": _summary(answers[answers != ""])}
-                    for column, answers in asked.items()
+                    for column, answers in demographics.items()
                 ],
             )
         )
-    if study.people and path.is_file():
-        found = questionnaire.read(path)
+    if study.people and questionnaire_file.is_file():
+        replies = questionnaire.read(questionnaire_file)
         rows = [
             {
                 "statement": answers.statement,
@@ -37,7 +37,7 @@ def participants_section(study: StudyResults) -> List[Block]:
                 "robot_only": float(answers.second.mean()),
                 **effect_sizes.wilcoxon_row(statistics.compare_paired(answers.first, answers.second)),
             }
-            for answers in found.answers
+            for answers in replies.answers
         ]
         effect_sizes.add_holm(rows[: len(questionnaire.STATEMENTS)])
         effect_sizes.add_holm(rows[len(questionnaire.STATEMENTS) :])
@@ -49,8 +49,8 @@ def participants_section(study: StudyResults) -> List[Block]:
                 "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
                 "Wilcoxon signed-rank test; Holm over the statements and over the scales."
             ),
-            Grid("questionnaire", heads, rows, {"z": 3}),
-            f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}.",
+            Table("questionnaire", heads, rows, {"z": 3}),
+            f"{questionnaire.QUESTION} Yes: {replies.helped} of {replies.asked}.",
         ]
     return blocks
 
@@ -67,6 +67,6 @@ def runs_section(study: StudyResults) -> List[Block]:
     """Lists the warnings from measuring the recordings."""
     if not (study.folder / WARNINGS).is_file():
         return []
-    found = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)
-    rows = [{"warning": words} for words in found]
-    return [Grid("warnings", {"warning": f"What measuring the recordings warned of: {len(found)}"}, rows)]
+    warnings = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)
+    rows = [{"warning": words} for words in warnings]
+    return [Table("warnings", {"warning": f"What measuring the recordings warned of: {len(warnings)}"}, rows)]

@@ -1,4 +1,4 @@
-"""Writes the section on what would change the findings: plausible worlds."""
+"""Writes the section on plausible worlds: whether the findings hold where all assumptions differ."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import paper_results
-from vb_evaluation.report.page_blocks import Block, Grid, columns
+from vb_evaluation.report.page_blocks import Block, Table, columns
 from vb_evaluation.report.study_files import DRAWS, WORLDS, StudyResults, read_sheet, select
 
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more exactly
@@ -31,7 +31,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
             f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
             f"{table.draw.nunique()} draws."
         ),
-        Grid(
+        Table(
             "worlds",
             columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number"),
             conclusions(study, both),
@@ -65,15 +65,15 @@ def conclusions(study: StudyResults, both: pandas.DataFrame) -> List[Dict[str, A
     }
     scopes = {"all": True, "no camera too bright": both.too_bright == 0}
     rows = []
-    for claim, (holds, told) in claims.items():
+    for claim, (holds, is_known) in claims.items():
         for scope, within in scopes.items():
-            there = holds[told & within]
+            outcomes = holds[is_known & within]
             rows.append(
                 {
                     "conclusion": claim,
                     "worlds": scope,
-                    "n": len(there),
-                    "holds": statistics.proportion(int(there.sum()), len(there)).scaled(100.0),
+                    "n": len(outcomes),
+                    "holds": statistics.proportion(int(outcomes.sum()), len(outcomes)).scaled(100.0),
                 }
             )
     return rows

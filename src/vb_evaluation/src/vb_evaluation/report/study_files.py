@@ -72,8 +72,8 @@ class StudyResults:
     def scenarios(self) -> List[str]:
         """The scenarios in runs.csv: the paper's in its order, then the others as in study.json."""
         # each participant has another order, so the rows' order means nothing
-        known = list(dict.fromkeys([*paper_results.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
-        return sorted(self.runs.scenario.unique(), key=known.index)
+        order = list(dict.fromkeys([*paper_results.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
+        return sorted(self.runs.scenario.unique(), key=order.index)
 
     @property
     def methods(self) -> List[str]:
@@ -112,13 +112,13 @@ class StudyResults:
     @property
     def missing(self) -> List[str]:
         """The runs that a participant lacks and others have, in words."""
-        there = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
+        present = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
         return [
             f"{person}, {self.scenario_title(scenario)}, {paper_results.method_title(method)}"
             for person in self.runs.participant.unique()
             for scenario in self.scenarios
             for method in self.methods
-            if (person, scenario, method) not in there
+            if (person, scenario, method) not in present
         ]
 
 

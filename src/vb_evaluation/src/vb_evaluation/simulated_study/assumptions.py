@@ -32,7 +32,7 @@ class Assumption(Parameters):
 
     @property
     def range(self) -> Tuple[float, ...]:
-        """(low, high) in multiples of the value; empty for what is not varied."""
+        """(low, high) in multiples of the value; empty if it is not varied."""
         return tuple(self.times) or (USUAL if self.source == "assumed" else ())
 
 
@@ -56,14 +56,14 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
     # imported here: it takes as long as all other imports of a worker, which never draws worlds
     from scipy.stats import qmc
 
-    found = varied_assumptions(study)
-    unit = qmc.LatinHypercube(len(found), seed=seed).random(count)
+    varied = varied_assumptions(study)
+    samples = qmc.LatinHypercube(len(varied), seed=seed).random(count)
     return [
         {
             key: round(math.exp(math.log(entry.range[0]) + share * math.log(entry.range[1] / entry.range[0])), 6)
-            for share, (key, entry) in zip(row, found.items())
+            for share, (key, entry) in zip(row, varied.items())
         }
-        for row in unit
+        for row in samples
     ]
 
 
@@ -87,11 +87,11 @@ def scaled(value: Any, factor: float) -> Any:
 
 def _get(study: Study, key: str) -> Any:
     head, _, rest = key.partition("/")
-    found: Any = study.sources[head] if head in study.sources else study.document.get(head)
+    value: Any = study.sources[head] if head in study.sources else study.document.get(head)
     for name in rest.split("/"):
-        if not isinstance(found, Mapping):
+        if not isinstance(value, Mapping):
             raise ParameterError(key, "there is no such value")
-        found = found.get(name)
-        if found is None:
+        value = value.get(name)
+        if value is None:
             return None
-    return found
+    return value

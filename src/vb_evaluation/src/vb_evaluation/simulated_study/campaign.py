@@ -62,24 +62,24 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
         CodedError: "other_study".
         KeyboardInterrupt: after printing what is done.
     """
-    facts = about(study)
+    facts = describe(study)
     open_folder(folder, configuration(study), facts)
     world = study.world
     truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
     write_truths(folder, floor_plan.physical_map(world), truths)
     if any(job.file == WORLDS for job in jobs):
-        drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
+        worlds = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(
-            folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)]
+            folder / DRAWS, ["draw", *worlds[0]], [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
         )
-    waiting = [job for job in jobs if not _row(folder, job).exists()]
-    if len(waiting) < len(jobs):
-        console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
+    remaining = [job for job in jobs if not _row(folder, job).exists()]
+    if len(remaining) < len(jobs):
+        console.print(f"{len(jobs) - len(remaining)} of {len(jobs)} runs are done already")
     failed = 0
     parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
     try:
-        outcomes = parallel(joblib.delayed(_work)(study.document, study.sources, job) for job in waiting)
-        for outcome in track(outcomes, "study", len(waiting), console=console):
+        outcomes = parallel(joblib.delayed(_work)(study.document, study.sources, job) for job in remaining)
+        for outcome in track(outcomes, "study", len(remaining), console=console):
             job = outcome.job
             if outcome.row is None:
                 failed += 1
@@ -116,12 +116,12 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
         from vb_evaluation.simulated_study.live_run import run
 
         study = study_from_mapping(document, sources)
-        done = run(study.changed(job.changes) if job.changes else study, job)
-        row = {**job.columns(study.design.seed), **measure(done)}
+        ended = run(study.changed(job.changes) if job.changes else study, job)
+        row = {**job.columns(study.design.seed), **measure(ended)}
         if job.file != RUNS:
             return Outcome(job, row)
         name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
-        return Outcome(job, {**row, "order": job.order, "map": "" if done.seed is None else name}, done.posterior)
+        return Outcome(job, {**row, "order": job.order, "map": "" if ended.seed is None else name}, ended.posterior)
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
@@ -137,11 +137,11 @@ def open_folder(folder: Path, configuration: str, facts: Mapping[str, Any]) -> N
     Raises:
         CodedError: "other_study".
     """
-    found = read_meta(folder / META).get("configuration", "unknown")
-    if found != configuration and ((folder / META).exists() or (folder / RUNS).exists()):
+    present = read_meta(folder / META).get("configuration", "unknown")
+    if present != configuration and ((folder / META).exists() or (folder / RUNS).exists()):
         raise CodedError(
             "other_study",
-            f"{folder} holds runs of another configuration or program ({found}, this is {configuration}): "
+            f"{folder} holds runs of another configuration or program ({present}, this is {configuration}): "
             "they cannot be mixed. Delete it, or let OUT=folder put the new ones elsewhere",
         )
     document = {**facts, "configuration": configuration}
@@ -161,7 +161,7 @@ def configuration(study: Study) -> str:
     return digest.hexdigest()[:12]
 
 
-def about(study: Study) -> Dict[str, Any]:
+def describe(study: Study) -> Dict[str, Any]:
     """Returns facts that a study's rows lack: what it is, and what produced it."""
     return {
         "seed": study.design.seed,
@@ -181,6 +181,6 @@ def pack_areas(folder: Path) -> None:
     It is small enough to publish beside the rows, so that others can recompute every index without this program.
     """
     physical = read_map(folder / "maps" / "physical.yaml")
-    others = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")
-    areas = {path.stem: restricted_cells(physical, read_map(path)) for path in others}
+    map_files = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")
+    areas = {path.stem: restricted_cells(physical, read_map(path)) for path in map_files}
     np.savez_compressed(folder / AREAS, floor=physical.data == FREE, **areas)

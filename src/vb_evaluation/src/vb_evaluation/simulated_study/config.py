@@ -138,11 +138,11 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
     folder = DEFAULT.parent
     if path is not None:
         folder = Path(path).resolve().parent
-        document = _merged(document, _read(path))
+        document = _merge(document, _read(path))
     if seed is not None:
         document.setdefault("design", {})["seed"] = seed
     return study_from_mapping(
-        document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")}
+        document, {name: _read(_find_file(str(document.pop(name)), folder)) for name in ("world", "models")}
     )
 
 
@@ -159,14 +159,8 @@ def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) 
     for key in design.methods:
         if key not in METHODS:
             raise ParameterError("design/methods", f"'{key}' is unknown; known are {', '.join(METHODS)}")
-    study = Study(
-        document,
-        sources,
-        design,
-        Timing.from_mapping(document.get("timing"), "timing"),
-        world,
-        Models.from_mapping(sources["models"]),
-    )
+    timing = Timing.from_mapping(document.get("timing"), "timing")
+    study = Study(document, sources, design, timing, world, Models.from_mapping(sources["models"]))
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
     study.marks(1, "")
     return study
@@ -181,16 +175,16 @@ def _read(path: Path) -> Dict[str, Any]:
     return document
 
 
-def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
+def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Dict[str, Any]:
     """Merges sections key by key; replaces a distribution, a list or a number as a whole."""
-    result = dict(base)
-    for key, value in over.items():
-        inner = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not DISTRIBUTIONS & set(value)
-        result[key] = _merged(base[key], value) if inner else value
-    return result
+    merged = dict(base)
+    for key, value in changes.items():
+        nested = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not DISTRIBUTIONS & set(value)
+        merged[key] = _merge(base[key], value) if nested else value
+    return merged
 
 
-def _found(name: str, folder: Path) -> Path:
+def _find_file(name: str, folder: Path) -> Path:
     """Finds a file beside the configuration, in the current folder, in the repository or in vb_sim."""
     for path in (folder / name, Path(name), repository_top() / name, repository_top() / "src" / "vb_sim" / name):
         if path.is_file():

@@ -45,8 +45,8 @@ from vb_sim.room.world import Scenario, World
 OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # keeps every timestamp away from zero, which would mean none
 WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
-# nothing acts on what these publish or store
-WITHOUT = ("display_markers", "feedback", "camera_poses")
+# no other node depends on what these publish or store
+OMITTED = ("display_markers", "feedback", "camera_poses")
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
 
@@ -71,13 +71,8 @@ class LiveRun:
         self._world = study.world
         self._seed = study.run_seed(job.participant)
         self.prior = self.posterior = floor_plan.physical_map(self._world)
-        self.scenario = personal_scenario(
-            self._world,
-            self._world.scenario(job.scenario),
-            self._traits,
-            self.prior,
-            study.marks(job.participant, job.scenario),
-        )
+        marks, scenario = study.marks(job.participant, job.scenario), self._world.scenario(job.scenario)
+        self.scenario = personal_scenario(self._world, scenario, self._traits, self.prior, marks)
         self.truth = floor_plan.ground_truth(self._world, self.scenario)
         self.lab = Lab(self._world, study.models, self._seed)
         self.too_bright = False
@@ -121,27 +116,27 @@ class LiveRun:
             "state": "",
         }
         lab_nodes = self._lab_nodes(cameras)
-        import_nodes(repository_top() / LAUNCH, arguments, (*WITHOUT, *lab_nodes))
-        extracted = live_extraction.extract_chain
+        import_nodes(repository_top() / LAUNCH, arguments, (*OMITTED, *lab_nodes))
+        extract_chain = live_extraction.extract_chain
 
-        def chain(*drawn: Any) -> Any:
+        def delayed_extraction(*drawn: Any) -> Any:
             try:
-                return extracted(*drawn)
+                return extract_chain(*drawn)
             finally:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 
         with tempfile.TemporaryDirectory() as state, graph.installed(), replaced(
-            {live_extraction: {"extract_chain": chain}}
+            {live_extraction: {"extract_chain": delayed_extraction}}
         ):
             graph.start(Node("/study", {}), self._watch)
-            start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, lab_nodes)
-            graph.start(Node("/participant", {}), self._participant_comes)
+            start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, OMITTED, lab_nodes)
+            graph.start(Node("/participant", {}), self._bring_participant)
             until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
             scheduler.run(lambda: self.script.outcome != "", until)
             # a saved border arrives; an unfinished interaction is cancelled, so that its time is in the log
-            over: List[bool] = []
-            graph.start(Node("/study", {}), lambda: over.append(self._end()))
-            scheduler.run(lambda: bool(over), scheduler.now_ns + _LONGEST_END_NS)
+            ended: List[bool] = []
+            graph.start(Node("/study", {}), lambda: ended.append(self._end()))
+            scheduler.run(lambda: bool(ended), scheduler.now_ns + _LONGEST_END_NS)
             log = Path(state) / "interactions.jsonl"
             self.records += map(json.loads, log.read_text(encoding="utf-8").splitlines() if log.exists() else ())
         return self
@@ -173,7 +168,7 @@ class LiveRun:
             "map_server": lambda: MapServerNode(self.prior),
         }
 
-    def _participant_comes(self) -> None:
+    def _bring_participant(self) -> None:
         rospy.rostime.wallsleep(WARM_UP_TIME)
         params = ParticipantParams(method=self._job.method, seed=self._seed, scenario=self.scenario.key)
         self.script = ParticipantNode(self._world, self.scenario, self._traits.model, params)._script

@@ -47,9 +47,9 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
     if isinstance(spec, (int, float)) and not isinstance(spec, bool):
         return float(spec)
     try:
-        rest = dict(spec)
-        low, high = float(rest.pop("low", -math.inf)), float(rest.pop("high", math.inf))
-        ((kind, values),) = rest.items()
+        parameters = dict(spec)
+        low, high = float(parameters.pop("low", -math.inf)), float(parameters.pop("high", math.inf))
+        ((kind, values),) = parameters.items()
         if kind == "mixture":
             shares = np.array([float(part.get("share", 0.0)) for part in values])
             chosen = values[int(rng.choice(len(shares), p=shares / shares.sum()))]
@@ -117,9 +117,9 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
 def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:
     """Clips values to the limits of a parameter class: no person is 4 m tall, whatever was drawn and scaled."""
     limits = {field.name: field.metadata for field in fields(cls)}
-    kept = dict(values)
+    clipped = dict(values)
     for key, value in values.items():
         low, high = limits[key].get("low"), limits[key].get("high")
         if isinstance(value, float):
-            kept[key] = min(max(value, low if low is not None else value), high if high is not None else value)
-    return kept
+            clipped[key] = min(max(value, low if low is not None else value), high if high is not None else value)
+    return clipped

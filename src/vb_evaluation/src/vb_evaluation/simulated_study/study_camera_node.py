@@ -102,14 +102,14 @@ class StudyCeilingCameras(StudyCameras):
     """
 
     def __init__(self, cache: RenderCache, cameras: List[CeilingCamera], seed: int, idle_every: int) -> None:
-        optics, shown = cache.models.optics, []
+        optics, simulated = cache.models.optics, []
         self.too_bright = False
         for camera in cameras:
             view = cache.view(CeilingView, camera)
             view.set_noise_generator(frame_generator(seed, camera.name, 0.0))
             self.too_bright |= saturated_share(view.frame(Snapshot(0.0))) > TOO_BRIGHT
-            shown.append(ceiling_camera(camera, view, optics, seed))
-        super().__init__(shown, optics.latency_ms, seed, idle_every)
+            simulated.append(ceiling_camera(camera, view, optics, seed))
+        super().__init__(simulated, optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
         if self._idle_every == 1:
@@ -128,8 +128,8 @@ class StudyRobotCamera(StudyCameras):
 
     def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, idle_every: int) -> None:
         models = cache.models
-        shown = robot_camera(robot, cache.view(RobotView, robot), tf_prefix, models.robot_camera.depth_every)
-        super().__init__([shown], models.optics.latency_ms, seed, idle_every)
+        simulated = robot_camera(robot, cache.view(RobotView, robot), tf_prefix, models.robot_camera.depth_every)
+        super().__init__([simulated], models.optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
         if self._is_due(camera):

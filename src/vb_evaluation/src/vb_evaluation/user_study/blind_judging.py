@@ -39,8 +39,8 @@ def write(study: Path, results: Path) -> Path:
             ]
             (study / FOLDER / f"{code}.png").write_bytes(draw_map(physical, *areas))
             key.append({"code": code, "recording": row["recording"]})
-        empty: List[Dict[str, str]] = [{"code": code, "completed": ""} for code in sorted(codes)]
-        write_table(study / FOLDER / SHEET, ["code", "completed"], empty)
+        sheet: List[Dict[str, str]] = [{"code": code, "completed": ""} for code in sorted(codes)]
+        write_table(study / FOLDER / SHEET, ["code", "completed"], sheet)
         write_table(study / KEY, ["code", "recording"], key)
     except OSError as error:
         raise CodedError("cannot_write_into", folder=str(study / FOLDER), reason=error.strerror) from None
@@ -56,12 +56,12 @@ def read(study: Path) -> Dict[str, bool]:
     path = study / FOLDER / SHEET
     if not path.is_file():
         return {}
-    names = read_sheet(study / KEY, ("code", "recording"), "bad_judgement").set_index("code").recording
-    said = {}
+    recordings = read_sheet(study / KEY, ("code", "recording"), "bad_judgement").set_index("code").recording
+    judgements = {}
     for line, row in read_sheet(path, ("code", "completed"), "bad_judgement").iterrows():
         answer = yes_or_no(row.completed, f"{path}, line {line}: completed", "bad_judgement")
-        if row.code not in names:
+        if row.code not in recordings:
             raise CodedError("bad_judgement", f"{path}, line {line}: there is no picture {row.code}")
         if answer is not None:
-            said[names[row.code]] = answer
-    return said
+            judgements[recordings[row.code]] = answer
+    return judgements

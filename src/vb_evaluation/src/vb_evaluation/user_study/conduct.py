@@ -80,37 +80,37 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
         CodedError: "no_participant", "all_done", "unfinished", "bad_protocol".
     """
     entries = protocol.read(path)
-    mine = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
-    if not mine:
-        known = ", ".join(dict.fromkeys(entry.participant for entry in entries))
+    own = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
+    if not own:
+        others = ", ".join(dict.fromkeys(entry.participant for entry in entries))
         raise CodedError(
-            "no_participant", f"{path} has no participant '{participant}'; there are {known}", participant=participant
+            "no_participant", f"{path} has no participant '{participant}'; there are {others}", participant=participant
         )
-    begun = [entry for entry in mine if entry.folder(path).exists()]
-    open_ = [entry for entry in begun if "ended" not in Recording(last_attempt(entry.folder(path))).run]
+    begun = [entry for entry in own if entry.folder(path).exists()]
+    unfinished = [entry for entry in begun if "ended" not in Recording(last_attempt(entry.folder(path))).run]
     if again and begun:
-        entry = (open_ or begun)[-1]
-    elif open_:
+        entry = (unfinished or begun)[-1]
+    elif unfinished:
         raise CodedError(
             "unfinished",
-            f"{open_[0].recording} was begun and not finished: --again does it again in another folder, "
+            f"{unfinished[0].recording} was begun and not finished: --again does it again in another folder, "
             "and keeps what is there",
-            recording=open_[0].recording,
+            recording=unfinished[0].recording,
         )
     else:
-        waiting = [entry for entry in mine if entry not in begun]
-        if not waiting:
+        remaining = [entry for entry in own if entry not in begun]
+        if not remaining:
             raise CodedError("all_done", f"{participant} has done all runs", participant=participant)
-        entry = waiting[0]
+        entry = remaining[0]
     planned, number = entry.folder(path), 2
     folder = planned
     while folder.exists():
         folder, number = planned.with_name(f"{planned.name}_{number}"), number + 1
     launch, arguments = _settings(path.parent / SETTINGS, entry.method)
     cameras = tuple(name for name in arguments.get("cameras", "").split() if name != "none")
-    given = (f"{key}:={value}" for key, value in sorted(arguments.items()))
-    command = ("roslaunch", *launch, f"record:={folder}", *given)
-    return NextRun(entry, folder, command, cameras, last=entry == mine[-1], questionnaire=mine[0].method)
+    launch_arguments = (f"{key}:={value}" for key, value in sorted(arguments.items()))
+    command = ("roslaunch", *launch, f"record:={folder}", *launch_arguments)
+    return NextRun(entry, folder, command, cameras, last=entry == own[-1], questionnaire=own[0].method)
 
 
 def _settings(path: Path, method: str) -> Tuple[List[str], Dict[str, str]]:

@@ -36,11 +36,11 @@ def export(results: Path, out: Path) -> List[Path]:
     try:
         out.mkdir(parents=True)
         for name, table in tables.items():
-            told = table.drop(columns=[column for column in IDENTIFYING if column in table])
-            told = told.assign(participant=told.participant.map(numbers))
-            if "age" in told:
-                told["age"] = told.age.map(_age_band)
-            told.sort_values(list(told.columns[:1])).to_csv(out / name, index=False, lineterminator="\n")
+            anonymous = table.drop(columns=[column for column in IDENTIFYING if column in table])
+            anonymous = anonymous.assign(participant=anonymous.participant.map(numbers))
+            if "age" in anonymous:
+                anonymous["age"] = anonymous.age.map(_age_band)
+            anonymous.sort_values(list(anonymous.columns[:1])).to_csv(out / name, index=False, lineterminator="\n")
     except OSError as error:
         raise CodedError("cannot_write_into", folder=str(out), reason=error.strerror) from None
     return [out / name for name in tables]
@@ -61,24 +61,24 @@ def delete(path: Path, participant: str) -> List[str]:
         CodedError: "no_participant".
     """
     sheet = read_sheet(path, protocol.COLUMNS[:5], "bad_protocol")
-    mine = sheet.participant == participant
-    if not mine.any():
+    own = sheet.participant == participant
+    if not own.any():
         raise CodedError("no_participant", f"{path} has no participant '{participant}'", participant=participant)
-    names, gone = [name for name in sheet.recording[mine] if name], []
+    names, deleted = [name for name in sheet.recording[own] if name], []
     for name in names:
         for folder in attempts(path.parent / Path(name).expanduser()):
             shutil.rmtree(folder)
-            gone.append(str(folder))
-    sheet.loc[mine, [column for column in ("recording", "completed", "note") if column in sheet]] = ""
+            deleted.append(str(folder))
+    sheet.loc[own, [column for column in ("recording", "completed", "note") if column in sheet]] = ""
     _write(sheet, path)
     for name in SHEETS:
         if (path.parent / name).is_file():
             answers = read_sheet(path.parent / name, ("participant",))
             kept = answers[answers.participant != participant]
             _write(kept, path.parent / name)
-            gone += [f"{len(answers) - len(kept)} line(s) of {name}"]
+            deleted += [f"{len(answers) - len(kept)} line(s) of {name}"]
     _delete_pictures(path.parent, names)
-    return gone
+    return deleted
 
 
 def _write(table: pandas.DataFrame, path: Path) -> None:

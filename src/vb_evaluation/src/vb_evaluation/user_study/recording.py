@@ -106,8 +106,8 @@ class Recording:
 
     def _maps(self) -> List[Tuple[float, GridMap, Any]]:
         """Returns (stamp [s], map, messages of the borders in it) of each state."""
-        whole = sorted((stamp_s, state) for stamp_s, state in self._bags[0].items() if len(state) == 2)
-        return [(stamp_s, state[names.MAP_WITH_BORDERS], state[names.BORDERS].borders) for stamp_s, state in whole]
+        complete = sorted((stamp_s, state) for stamp_s, state in self._bags[0].items() if len(state) == 2)
+        return [(stamp_s, state[names.MAP_WITH_BORDERS], state[names.BORDERS].borders) for stamp_s, state in complete]
 
 
 def _read_bag(path: Path, states: Dict[float, Dict[str, Any]], cameras: Set[str]) -> None:
@@ -145,13 +145,13 @@ def _read(path: Path, read: Callable[[str], Any]) -> Any:
 
 def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
     """Makes a row of each line of JSON in a file; empty if there is no file."""
-    found = []
+    rows = []
     for number, line in enumerate((_read(path, str) or "").splitlines(), 1):
         try:
-            found += [make(json.loads(line))] if line.strip() else []
+            rows += [make(json.loads(line))] if line.strip() else []
         except (KeyError, TypeError, ValueError) as error:
             raise CodedError("bad_recording", f"{path}, line {number}: {error!r}") from None
-    return found
+    return rows
 
 
 def record() -> None:

@@ -34,22 +34,8 @@ from vb_evaluation.report.map_figures import write_truths
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
 MIN_COLOR = 40  # [grey levels] between the largest and the smallest channel; less is grey
-COLUMNS = (
-    *REQUIRED,
-    *metrics.ERRORS,
-    "order",
-    "as_planned",
-    "revision",
-    "map",
-    "outcome",
-    "saved",
-    "seed_is_right",
-    "helped",
-    "problems",
-    "recording",
-    "interaction",
-    "note",
-)
+FURTHER = "order as_planned revision map outcome saved seed_is_right helped problems recording interaction note".split()
+COLUMNS = (*REQUIRED, *metrics.ERRORS, *FURTHER)
 
 
 def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
@@ -85,13 +71,15 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     for entry, folder in zip(entries, folders):
         noted = judged.get(entry.recording, entry.completed)
         try:
-            row, words = _row(entry, noted, Recording(folder), physical, truths[entry.scenario], out / "maps")
+            recording, truth = Recording(folder), truths[entry.scenario]
+            row, warnings = _measured_row(entry, noted, recording, physical, truth, out / "maps")
         except CodedError as error:
             if error.code != "bad_recording":
                 raise
-            row, words = _head(entry, "unreadable"), [f"{_where(entry)}: counts for nothing: {error.message}"]
+            row = _empty_row(entry, "unreadable")
+            warnings = [f"{_describe(entry)}: counts for nothing: {error.message}"]
         rows.append(row)
-        notes += words
+        notes += warnings
     write_table(out / RUNS, COLUMNS, rows)
     write_table(out / WARNINGS, ["warning"], [{"warning": note} for note in notes])
     for name in SHEETS:
@@ -142,9 +130,9 @@ def _physical(folders: List[Path]) -> GridMap:
 
 def attempts(folder: Path) -> List[Path]:
     """Lists a run's recordings, oldest first: <folder>, and <folder>_2, _3, ... of a run that was done again."""
-    again = [path for path in folder.parent.glob(f"{folder.name}_*") if path.name[len(folder.name) + 1 :].isdigit()]
-    again.sort(key=lambda path: int(path.name[len(folder.name) + 1 :]))
-    return [path for path in (folder, *again) if path.exists()]
+    repeated = [path for path in folder.parent.glob(f"{folder.name}_*") if path.name[len(folder.name) + 1 :].isdigit()]
+    repeated.sort(key=lambda path: int(path.name[len(folder.name) + 1 :]))
+    return [path for path in (folder, *repeated) if path.exists()]
 
 
 def last_attempt(folder: Path) -> Path:
@@ -154,19 +142,19 @@ def last_attempt(folder: Path) -> Path:
 
 def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
     """Lists how the condition in which a recording was made differs from the planned one; empty if it does not."""
-    found = []
+    differences = []
     run = recording.run
     for name, planned in (("participant", entry.participant), ("scenario", entry.scenario), ("method", entry.method)):
         if run and str(run.get(name, planned)) != planned:
-            found.append(f"{name} {run[name]} instead of {planned}")
+            differences.append(f"{name} {run[name]} instead of {planned}")
     methods = {interaction.method for interaction in recording.interactions}
-    found += [f"the system was started with method:={method}" for method in sorted(methods - {entry.method})]
+    differences += [f"the system was started with method:={method}" for method in sorted(methods - {entry.method})]
     if recording.cameras is not None:
         planned = run.get("cameras", () if entry.method == "robot_only" else recording.cameras)
         if set(planned) != recording.cameras:
-            there, wanted = (" ".join(sorted(names)) or "none" for names in (recording.cameras, planned))
-            found.append(f"cameras {there} instead of {wanted}")
-    return found
+            recorded, expected = (" ".join(sorted(names)) or "none" for names in (recording.cameras, planned))
+            differences.append(f"cameras {recorded} instead of {expected}")
+    return differences
 
 
 def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted: Optional[bool]) -> str:
@@ -193,38 +181,38 @@ def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted:
     return "disputed" if noted else ("wrong_seed" if saved else "not_saved")
 
 
-def _where(entry: protocol.Entry) -> str:
+def _describe(entry: protocol.Entry) -> str:
     return f"{entry.participant}, {entry.scenario}, {entry.method}"
 
 
-def _head(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
+def _empty_row(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
     """Makes the row of a run of which only the protocol's entry is known."""
     row = {name: getattr(entry, name) for name in ("participant", "scenario", "method", "recording", "note")}
     return {**row, "order": entry.order or "", "as_planned": 1, "outcome": outcome, "saved": 0, "seed_is_right": 0}
 
 
-def _row(
+def _measured_row(
     entry: protocol.Entry, noted: Optional[bool], recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
 ) -> Tuple[Dict[str, Any], List[str]]:
     """Makes a run's row. Each interaction of its recording is an attempt at it; there may be none, or several."""
     interactions = recording.interactions
-    row, where = _head(entry, "not_started"), _where(entry)
+    row, run = _empty_row(entry, "not_started"), _describe(entry)
     row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))
     if not interactions:
         return row, [
-            f"{where}: nothing was begun in this recording, so it counts for nothing: can the run be done again?"
+            f"{run}: nothing was begun in this recording, so it counts for nothing: can the run be done again?"
         ]
-    wrong = deviations(entry, recording)
-    notes = [f"{where}: not as planned, left out of the analysis: {words}" for words in wrong]
-    # an attempt that was cancelled took its time too, as in the simulated study
+    differences = deviations(entry, recording)
+    notes = [f"{run}: not as planned, left out of the analysis: {words}" for words in differences]
+    # cancelled attempts took time too, as in the simulated study
     times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in interactions), 3) for name in _TIMES}
-    row.update(times, as_planned=int(not wrong), interaction=interactions[-1].interaction_id)
-    made = recording.result(interactions[-1])
-    if made is not None:
-        posterior, seed = made
+    row.update(times, as_planned=int(not differences), interaction=interactions[-1].interaction_id)
+    result = recording.result(interactions[-1])
+    if result is not None:
+        posterior, seed = result
         if not posterior.same_geometry(physical):
             raise CodedError(
-                "bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin"
+                "bad_recording", f"{run}: its map differs from the physical map in size, resolution or origin"
             )
         name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
         write_map(maps / name, posterior)
@@ -236,13 +224,13 @@ def _row(
         )
     if noted is None:
         noted = recording.run.get("completed")
-    row["outcome"] = outcome_of(True, not wrong, bool(row["saved"]), bool(row["seed_is_right"]), noted)
+    row["outcome"] = outcome_of(True, not differences, bool(row["saved"]), bool(row["seed_is_right"]), noted)
     row["completed"] = int(row["outcome"] == "completed")
     if row["outcome"] == "disputed":
         missing = "the seed point lies outside the ground truth" if row["saved"] else "nothing was saved"
-        notes.append(f"{where}: noted as completed, but {missing}: counts as not completed")
+        notes.append(f"{run}: noted as completed, but {missing}: counts as not completed")
     elif row["outcome"] == "judged_failed":
-        notes.append(f"{where}: noted as not completed, but saved with the seed point within the ground truth")
+        notes.append(f"{run}: noted as not completed, but saved with the seed point within the ground truth")
     return row, notes
 
 
