@@ -48,11 +48,11 @@ def write_report(folder: Path) -> Path:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
-    text = environment.get_template("page.html.j2").render(
+    text = environment.get_template("report.html.j2").render(
         title=f"Drawing virtual borders: the study with {'people' if study.people else 'simulated people'}",
         notices=notices(study),
         sections=sections,
-        css=Markup((here / "page.css").read_text(encoding="utf-8")),
+        css=Markup((here / "report.css").read_text(encoding="utf-8")),
     )
     try:
         (study.folder / PAGE).write_text(text, encoding="utf-8")
