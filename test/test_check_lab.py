@@ -7,16 +7,16 @@ import pytest
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
 
-from vb_bringup import check_lab, lab_checks, lab_observation
-from vb_bringup.lab_checks import is_all_known
+from vb_bringup import check_lab, lab_readiness, lab_observation
+from vb_bringup.lab_readiness import is_all_known
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
-from vb_core.offer import offer
-from vb_core.ros.robots import connections_from_message
+from vb_core.lab_offer import offer
+from vb_core.ros.robot_status import connections_from_message
 from vb_laser_detect.camera import report
 from vb_laser_detect.camera.source import Shot
 from vb_msgs.msg import RobotStatus, RobotStatusArray
@@ -66,7 +66,7 @@ GOOD = {
 )
 def test_each_mistake_in_a_lab_is_named(what, changes, code):
     arguments = {**GOOD[what], **changes}
-    result = getattr(lab_checks, f"check_{what}")(**arguments)
+    result = getattr(lab_readiness, f"check_{what}")(**arguments)
     lines = result if isinstance(result, list) else [result]
     assert codes(lines) == [code] * bool(code)
     assert all(what not in ("camera", "robot") or arguments["name"] in line.sentence() for line in lines)
@@ -83,7 +83,7 @@ def test_each_mistake_in_a_lab_is_named(what, changes, code):
 def test_a_network_camera_s_delay_is_shown_or_asked_for(tmp_path, delay, written, said):
     (tmp_path / "north.yaml").write_text(written)
     detector = {"source": "rtsp://a/", "settings": str(tmp_path / "north.yaml"), "capture": {"delay_ms": delay}}
-    line = lab_checks.check_camera(graph(), "north", detector, lab_observation._has_delay(detector), 15.0)
+    line = lab_readiness.check_camera(graph(), "north", detector, lab_observation._has_delay(detector), 15.0)
     assert said in line.sentence()
 
 

@@ -22,7 +22,7 @@ from typing import Any, Callable, Dict, List, Tuple
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.frame import TOP, Table, arguments, import_from, share, versions
+from bench.harness import TOP, Table, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
 from strokes import hausdorff  # noqa: E402

@@ -1,4 +1,4 @@
-"""The clip that cameras.py and image_cost.py play: 20 s of 1080p motion JPEG, from a server.
+"""The clip that camera_load.py and image_cost.py play: 20 s of 1080p motion JPEG, from a server.
 
 It shows the simulated lab with a tiled floor and a camera's denoising; an image has about 51 kB. A person stands there
 all the time, and draws in a quarter of the images.
@@ -20,12 +20,12 @@ import cv2
 import psutil
 import simplejpeg
 
-from bench.detection.disturbances import DisturbedSnapshot
-from bench.detection.motions import along, place_and_velocity
-from bench.detection.rooms import Rooms, lab, tiles
+from bench.detection.scene_disturbances import DisturbedSnapshot
+from bench.detection.scene_motions import along, place_and_velocity
+from bench.detection.scene_rooms import Rooms, lab, tiles
 from bench.detection.scene_list import CARPET
-from bench.frame import TOP
-from vb_evaluation.processes import free_port
+from bench.harness import TOP
+from vb_evaluation.child_processes import free_port
 
 sys.path.append(str(TOP / "src/vb_laser_detect/test"))
 from mjpeg_server import MjpegServer  # noqa: E402

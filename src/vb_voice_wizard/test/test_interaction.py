@@ -13,7 +13,7 @@ from vb_core.sentences import spelled_out
 from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
-from vb_voice_wizard.dialogue.answers import Answer
+from vb_voice_wizard.dialogue.command_answers import Answer
 from vb_voice_wizard.interaction import CONFIRM_WITHIN, UNSEEN_AFTER, Interaction, InteractionParams
 
 ENTERING = {DEFINE_BORDER: BORDER, DEFINE_SEED: SEED, GUIDE_ROBOT: GUIDE}

@@ -32,7 +32,7 @@ from vb_msgs.msg import (
 )
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
+from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.borders import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices, Previewer
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
