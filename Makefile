@@ -41,10 +41,10 @@ rostest: setup ## only the tests of nodes
 	@. scripts/env.sh && python3 scripts/test --only rostest
 
 study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 CONFIG=file OUT=folder PROCESSES=number
-	@. scripts/env.sh && python3 -m vb_evaluation.study --out "$(OUT)" $(if $(QUICK),--quick) \
+	@. scripts/env.sh && python3 -m vb_evaluation.simulated_study --out "$(OUT)" $(if $(QUICK),--quick) \
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
-	    && python3 -m vb_evaluation.study_kit report "$(OUT)"
+	    && python3 -m vb_evaluation.user_study report "$(OUT)"
 
 clean: ## removes what was built and written, keeps the system packages
 	rm -rf build devel install logs out .venv navigation_ws src/CMakeLists.txt .catkin_workspace

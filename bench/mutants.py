@@ -30,7 +30,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from bench.frame import TOP, Table, arguments, share
+from bench.harness import TOP, Table, arguments, share
 
 # what tests need is imported once, not by every fork
 NEEDED = "hypothesis.strategies pandas scipy.ndimage scipy.optimize scipy.spatial scipy.stats shapely"
@@ -42,7 +42,7 @@ MODULES = (
     "vb_core.camera_model",
     "vb_fusion.line",
     "vb_fusion.seed",
-    "vb_fusion.track",
+    "vb_fusion.strokes",
     "vb_map_integration.integration",
     "vb_map_integration.grid.raster",
     "vb_robot.driving.gate",
@@ -51,9 +51,9 @@ MODULES = (
     "vb_robot.driving.spot_follower",
     "vb_robot.driving.escape",
     "vb_evaluation.statistics",
-    "vb_evaluation.report.data",
-    "vb_evaluation.report.sensitivity",
-    "vb_evaluation.study_kit.measure",
+    "vb_evaluation.report.study_files",
+    "vb_evaluation.report.plausible_worlds",
+    "vb_evaluation.user_study.recording_measures",
 )
 
 

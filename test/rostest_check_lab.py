@@ -59,7 +59,7 @@ class CheckLab(unittest.TestCase):
         line = lines["camera_not_calibrated", "south"]
         self.assertEqual((line["state"], line["robot"], line["values"]["camera"]), ("error", "", "south"))
         # the nodes logged their faults, with the codes
-        for node, code in (("/camera_poses", "detector_missing"), ("/spot_detector_north", "camera_no_lens")):
+        for node, code in (("/camera_poses", "detector_missing"), ("/spot_detectors", "camera_no_lens")):
             wait_until(
                 lambda: [1 for who, text in self.logged if who == node and f"[{code}]" in text], f"{node}: {code}"
             )

@@ -19,18 +19,18 @@ TOP = Path(__file__).resolve().parents[1]
 HANG_S = 1800  # only a bench that hangs takes this long, even on a busy computer
 
 SAMPLES = {
-    "detection/clips.py": "{recorded} --roles window",
-    "detection/rendered.py": "'robot turns' --share 0.02 --other {top}/src",
+    "detection/clip_accuracy.py": "{recorded} --roles window",
+    "detection/scene_accuracy.py": "'robot turns' --share 0.02 --other {top}/src",
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",
-    "lab/cameras.py": "--cameras 1 --seconds 1",
+    "lab/camera_load.py": "--cameras 1 --seconds 1",
     "lab/image_cost.py": "",
-    "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
+    "lab/page_under_attack.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
-    "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
-    "maps/recorded.py": "{recorded}",
-    "mutants.py": "--modules vb_evaluation.study_kit.measure --each 1",
-    "voice/recognition.py": "{recorded}",
+    "maps/integration_time.py": "--sizes 320x200 --borders 2 --rounds 1",
+    "maps/recorded_maps.py": "{recorded}",
+    "mutants.py": "--modules vb_evaluation.user_study.recording_measures --each 1",
+    "voice/command_recognition.py": "{recorded}",
     "detection/training.py": "--clips {recorded} --scenes grey --examples {folder}/examples --out {folder}/made.json",
 }
 

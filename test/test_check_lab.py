@@ -7,16 +7,16 @@ import pytest
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
 
-from vb_bringup import check_lab, lab_checks, lab_observation
-from vb_bringup.lab_checks import is_all_known
+from vb_bringup import check_lab, lab_readiness, lab_observation
+from vb_bringup.lab_readiness import is_all_known
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
-from vb_core.offer import offer
-from vb_core.ros.robots import connections_from_message
+from vb_core.lab_offer import offer
+from vb_core.ros.robot_status import connections_from_message
 from vb_laser_detect.camera import report
 from vb_laser_detect.camera.source import Shot
 from vb_msgs.msg import RobotStatus, RobotStatusArray
@@ -27,16 +27,13 @@ def codes(lines):
 
 
 def graph(*publishers, topic="/north/image_raw", type="sensor_msgs/Image"):
-    """Returns the graph of a detector that reads /north/image_raw, and of a topic's publishers."""
-    return NodeGraph(
-        [(topic, publishers)],
-        [("/north/image_raw", ["/spot_detector_north"])],
-        types={"/north/image_raw": type, topic: type},
-    )
+    """Returns the graph of a topic's publishers."""
+    return NodeGraph([(topic, publishers)], [], types={topic: type})
 
 
+DETECTOR = {"image_transport": "raw"}
 GOOD = {
-    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters={}, measured=False, rate=15.0),
+    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, measured=False, rate=15.0),
     "robot": dict(name="ada", keeps_margin=True, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
     "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", all_known=False),
     "disk": dict(folder="/x", free_mb=9000.0),
@@ -69,7 +66,7 @@ GOOD = {
 )
 def test_each_mistake_in_a_lab_is_named(what, changes, code):
     arguments = {**GOOD[what], **changes}
-    result = getattr(lab_checks, f"check_{what}")(**arguments)
+    result = getattr(lab_readiness, f"check_{what}")(**arguments)
     lines = result if isinstance(result, list) else [result]
     assert codes(lines) == [code] * bool(code)
     assert all(what not in ("camera", "robot") or arguments["name"] in line.sentence() for line in lines)
@@ -86,7 +83,7 @@ def test_each_mistake_in_a_lab_is_named(what, changes, code):
 def test_a_network_camera_s_delay_is_shown_or_asked_for(tmp_path, delay, written, said):
     (tmp_path / "north.yaml").write_text(written)
     detector = {"source": "rtsp://a/", "settings": str(tmp_path / "north.yaml"), "capture": {"delay_ms": delay}}
-    line = lab_checks.check_camera(graph(), "north", detector, lab_observation._has_delay(detector), 15.0)
+    line = lab_readiness.check_camera(graph(), "north", detector, lab_observation._has_delay(detector), 15.0)
     assert said in line.sentence()
 
 
@@ -120,7 +117,7 @@ def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments
     monkeypatch.setattr(report, "run_v4l2", lambda *_: "Driver Info")
     monkeypatch.setattr(check_lab, "observe_lab", lambda _: [Notice(code, Severity.WARNING, camera="north")])
     monkeypatch.setattr(check_lab.rosgraph, "is_master_online", lambda: bool(code))
-    monkeypatch.setattr(check_lab.rosnode, "get_api_uri", lambda *_: f"http://{host}:1/")
+    monkeypatch.setattr(check_lab.rosservice, "get_service_uri", lambda *_: f"rosrpc://{host}:1")
     monkeypatch.setattr(check_lab.rospy, "init_node", lambda *_, **__: None)
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda *_: {"source": "/dev/x"})
     assert check_lab.run(arguments) == check_lab.READY

@@ -12,7 +12,7 @@ from refusals import refused
 from vb_bringup.new_lab import parse_cameras, write_lab
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
-from vb_evaluation.study_kit import conduct
+from vb_evaluation.user_study import conduct
 
 TOP = Path(__file__).resolve().parents[1]
 PROFILES = TOP / "robots"

@@ -225,7 +225,7 @@ def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
             if sentence and name.endswith("Error") and len(given) == 1 and None not in named:
                 wanted = set(re.findall(r"{(\w+)", sentence)) - {"camera", *named}  # the notice names the camera
                 missing += [f"{path}: {value} of {given[0].value}" for value in wanted]
-        pattern = r'"(lab_\w+)"' if path.name == "lab_checks.py" else r'"\$(\w+)"'
+        pattern = r'"(lab_\w+)"' if path.name == "lab_readiness.py" else r'"\$(\w+)"'
         used.update(re.findall(pattern, source))
     codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
     assert len(codes) > 100 and codes <= set(sentences.catalog()) and not missing, missing
@@ -299,10 +299,10 @@ def test_the_demonstration_needs_only_what_a_container_has():
 
 def test_the_analysis_knows_no_simulator():
     """Nothing that measures or reports imports the simulator, so that both can be changed independently."""
-    parts = ("statistics.py", "metrics.py", "report/*.py", "study_kit/*.py")
+    parts = ("statistics.py", "metrics.py", "report/*.py", "user_study/*.py")
     modules = [module_name(path) for part in parts for path in TOP.glob(f"src/vb_evaluation/src/vb_evaluation/{part}")]
     assert len(modules) > len(parts)
-    run_python("-c", IMPORT_WITHOUT, "vb_sim,vb_evaluation.study", *modules)
+    run_python("-c", IMPORT_WITHOUT, "vb_sim,vb_evaluation.simulated_study", *modules)
 
 
 # ------------------------------------------------------------ what `pip install .` installs

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from bench.detection.augmentation import PAINT_EVERY, OtherCamera, CameraSettings
-from bench.detection.finder import LabeledFrame
+from bench.detection.detector_under_test import LabeledFrame
 
 REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")

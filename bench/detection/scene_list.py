@@ -1,4 +1,4 @@
-"""Every hard case that a room has, with and without a laser, as scenes of hard_scenes.py."""
+"""Every hard case that a room has, with and without a laser, as scenes of scene_rendering.py."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any, Callable, List, Tuple
 
 import numpy as np
 
-from bench.detection.disturbances import Glint, SceneConditions
-from bench.detection.hard_scenes import Scene
-from bench.detection.motions import DARK, MAROON, WHITE, Place, Walk, along, every, still, walking
-from bench.detection.rooms import lab, printed, tiles, with_camera
+from bench.detection.scene_disturbances import Glint, SceneConditions
+from bench.detection.scene_rendering import Scene
+from bench.detection.scene_motions import DARK, MAROON, WHITE, Place, Walk, along, every, still, walking
+from bench.detection.scene_rooms import lab, printed, tiles, with_camera
 from vb_sim.room.world import Light, World
 
 RED, GREEN, PAPER = (235, 30, 40), (40, 230, 60), (250, 250, 250)  # paint

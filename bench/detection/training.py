@@ -2,7 +2,7 @@
 """Trains the spot classifier on rendered scenes and labelled clips.
 
     python3 bench/detection/training.py --clips DIR --out FILE     makes the packaged classifier, with DIR as
-                                                        clips.py takes it; the clips are not part of the project
+                                                        clip_accuracy.py takes it; the clips are not part of the project
     python3 bench/detection/training.py --out FILE                  from rendered scenes alone: the file says so,
                                                         and it is worse on real pictures
     ... --examples FOLDER                               where the examples of each scene and clip are kept, a file
@@ -30,16 +30,16 @@ import cv2
 import numpy as np
 import pandas
 
-from bench.detection import clip_frames, fitting
+from bench.detection import clip_frames, curve_fitting
 from bench.detection.augmentation import CameraSettings, takes
-from bench.detection.finder import Finder, LabeledFrame
-from bench.detection.hard_scenes import Scene, frames
-from bench.detection.rooms import Rooms, lab
+from bench.detection.detector_under_test import Finder, LabeledFrame
+from bench.detection.scene_rendering import Scene, frames
+from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
-from bench.frame import TOP, Table, arguments, share
+from bench.harness import TOP, Table, arguments, share
 from vb_laser_detect.detection.features import Blob, SpotClassifier
 
-SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than rendered.py's
+SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than scene_accuracy.py's
 SCENE_REACH_PX, CLEAR = 14.0, 0.7  # [px], and how much of a spot's light must arrive for an example
 
 
@@ -137,25 +137,25 @@ def main() -> int:
             part.replace(file)
             print(f"made {file.name}", flush=True)
         files.append(file)
-    examples = fitting.load_examples(files)
+    examples = curve_fitting.load_examples(files)
     names = sorted(set(examples.index))
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = Table(given.csv)
-    left_out = fitting.leave_out(examples)
+    left_out = curve_fitting.leave_out(examples)
     for group, (_, truth, score) in left_out.items():
         found, taken = int((score[truth] > 0).sum()), int((score[~truth] > 0).sum())
         table.add(
             left_out=group, spots=int(truth.sum()), found=found, others=int((~truth).sum()), taken_for_spots=taken
         )
     groups = pandas.DataFrame(table.rows)
-    for kind, part in groups.groupby(groups.left_out.map(fitting.kind_of)):
+    for kind, part in groups.groupby(groups.left_out.map(curve_fitting.kind_of)):
         spots, found, others, taken = part[["spots", "found", "others", "taken_for_spots"]].sum()
         table.add(left_out=f"each {kind}", found=share(found, spots), taken_for_spots=share(taken, others))
     if given.out:
-        kinds = [fitting.kind_of(name) for name in names]
+        kinds = [curve_fitting.kind_of(name) for name in names]
         trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
-        made = fitting.calibrate(fitting.fit(examples), left_out.values())
-        fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
+        made = curve_fitting.calibrate(curve_fitting.fit(examples), left_out.values())
+        curve_fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
     return 0
 
 

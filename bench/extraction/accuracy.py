@@ -21,7 +21,7 @@ from typing import Any, Callable, Dict, Iterator, List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from bench.frame import TOP, Table, arguments, import_from, share
+from bench.harness import TOP, Table, arguments, import_from, share
 from vb_core import geometry
 from vb_fusion import extraction
 

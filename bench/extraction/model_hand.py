@@ -22,14 +22,14 @@ from typing import Any, Callable, Dict, List, Tuple
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.frame import TOP, Table, arguments, import_from, share, versions
+from bench.harness import TOP, Table, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
 from strokes import hausdorff  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 
-MODULES = "vb_fusion.extraction", "vb_fusion.collector", "vb_core.errors", "vb_fusion.live_extraction"
+MODULES = "vb_fusion.extraction", "vb_fusion.collector", "vb_core.errors"
 BAD_M = 0.25
 Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and how far off [m]
 MARGIN = 0.5  # [m] around the drawing in which strays are seen
@@ -191,9 +191,9 @@ def held(rng: np.random.Generator) -> Scene:
 
 def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Judges the seed as `judge` does a border; it is bad more than 15 cm from the intended point."""
-    scene, live = make(rng), modules[3]
+    scene, extraction = make(rng), modules[0]
     points, stamps, cameras = look(scene, rng)
-    drawn = live.DrawnBorder(dwells=live.find_dwells(points, stamps=stamps, cameras=cameras))
+    drawn = extraction.DrawnBorder(dwells=extraction.find_dwells(points, stamps=stamps, cameras=cameras))
     off = float(np.hypot(*(scene.truth[0] - drawn.seed)))
     told = drawn.other_dwell is not None
     return off > 0.15, off > 0.15 and not told, told, off
@@ -201,7 +201,7 @@ def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> 
 
 def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Returns whether the border is bad, whether silently, whether something is told, and how far off it is [m]."""
-    extraction, collecting, errors = modules[:3]
+    extraction, collecting, errors = modules
     scene = make(rng)
     collector = collecting.Collector()
     collector.set_state(collecting.BORDER, "drawing", 0.0)

@@ -1,4 +1,4 @@
-"""The clip that cameras.py and image_cost.py play: 20 s of 1080p motion JPEG, from a server.
+"""The clip that camera_load.py and image_cost.py play: 20 s of 1080p motion JPEG, from a server.
 
 It shows the simulated lab with a tiled floor and a camera's denoising; an image has about 51 kB. A person stands there
 all the time, and draws in a quarter of the images.
@@ -10,19 +10,22 @@ import multiprocessing
 import signal
 import sys
 from contextlib import ExitStack
+from fractions import Fraction
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, List, Tuple
 
+import av
 import cv2
 import psutil
 import simplejpeg
 
-from bench.detection.disturbances import DisturbedSnapshot
-from bench.detection.motions import along, place_and_velocity
-from bench.detection.rooms import Rooms, lab, tiles
+from bench.detection.scene_disturbances import DisturbedSnapshot
+from bench.detection.scene_motions import along, place_and_velocity
+from bench.detection.scene_rooms import Rooms, lab, tiles
 from bench.detection.scene_list import CARPET
-from bench.frame import TOP
-from vb_evaluation.processes import free_port
+from bench.harness import TOP
+from vb_evaluation.child_processes import free_port
 
 sys.path.append(str(TOP / "src/vb_laser_detect/test"))
 from mjpeg_server import MjpegServer  # noqa: E402
@@ -49,6 +52,21 @@ def clip() -> List[bytes]:
         bgr = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2BGR), (0, 0), DENOISED_PX)
         jpegs.append(simplejpeg.encode_jpeg(bgr, quality=QUALITY, colorspace="BGR", colorsubsampling="420"))
     return jpegs
+
+
+def write_files(jpegs: List[bytes], folder: Path) -> List[str]:
+    """Writes four video files, each of which begins in another quarter of the clip; returns their paths."""
+    paths = [str(folder / f"quarter{number}.mkv") for number in range(4)]
+    for number, path in enumerate(paths):
+        with av.open(path, "w") as container:
+            stream = container.add_stream("mjpeg", rate=int(RATE))
+            camera = scene().model
+            stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "yuvj420p"
+            for at in range(FRAMES):
+                packet = av.Packet(jpegs[(at + number * FRAMES // 4) % FRAMES])
+                packet.stream, packet.time_base, packet.pts, packet.dts = stream, Fraction(1, int(RATE)), at, at
+                container.mux(packet)
+    return paths
 
 
 def serve(jpegs: List[bytes], port: int) -> None:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import simplejpeg
 
-from bench.frame import Table, arguments
+from bench.harness import Table, arguments
 from bench.lab.camera_clip import DRAWN, FRAMES, RATE, clip, scene
 from vb_core.image_format import AnyPicture, Picture
 from vb_laser_detect.camera.source import Shot

@@ -25,7 +25,7 @@ from typing import Any, Dict, List
 
 import numpy as np
 
-from bench.frame import Table, arguments
+from bench.harness import Table, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder

@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 
-from bench.frame import TOP
+from bench.harness import TOP
 from vb_core.grid_layers import sample
 from vb_core.grid_map import distance_to
 from vb_core.navigation_parameters import PATH_MARGIN

@@ -23,10 +23,10 @@ import math
 import sys
 from collections import Counter
 
-from bench.frame import Table, arguments, share
+from bench.harness import Table, arguments, share
 from bench.robots.drive_tasks import tasks
 from bench.robots.drive_surprises import drive_box, drive_nose
-from bench.robots.drives_lab import Lab
+from bench.robots.drive_lab import Lab
 
 WANTED = {
     "round": ("reached",),

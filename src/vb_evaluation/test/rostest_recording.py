@@ -32,11 +32,11 @@ from vb_core.map_files import write_map
 from vb_core.ros import commands
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.study_kit import measure
-from vb_evaluation.study_kit.recording import Recording
-from vb_evaluation.virtual_ros.graph import Graph, Node
-from vb_evaluation.virtual_ros.launching import start_launch
-from vb_evaluation.virtual_ros.scheduler import Scheduler
+from vb_evaluation.user_study import recording_measures
+from vb_evaluation.user_study.recording import Recording
+from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
+from vb_evaluation.in_process_ros.launch_file import start_launch
+from vb_evaluation.in_process_ros.scheduler import Scheduler
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
 
 RATE = 50.0
@@ -177,7 +177,7 @@ class RecordingTest(unittest.TestCase):
         (study / "protocol.csv").write_text(
             f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
         )
-        self.assertEqual(measure.measure(study / "protocol.csv", study / "truth", study / "out"), [])
+        self.assertEqual(recording_measures.measure(study / "protocol.csv", study / "truth", study / "out"), [])
         with open(str(study / "out" / "runs.csv"), newline="") as stream:
             (row,) = csv.DictReader(stream)
         self.assertEqual(row["completed"], "1")

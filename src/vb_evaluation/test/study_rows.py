@@ -9,8 +9,8 @@ import pandas
 
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
-from vb_evaluation.report.data import read_sheet
-from vb_evaluation.report.maps import write_truths
+from vb_evaluation.report.study_files import read_sheet
+from vb_evaluation.report.map_figures import write_truths
 
 PUBLISHED = Path(__file__).resolve().parents[3] / "docs" / "results" / "study" / "judged"
 

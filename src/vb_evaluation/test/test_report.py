@@ -18,15 +18,15 @@ from refusals import refused
 
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
-from vb_evaluation.report import paper_comparison, questionnaire, sensitivity
+from vb_evaluation.report import paper_comparison, questionnaire, plausible_worlds
 from vb_evaluation.report.answers import answers, write_page
-from vb_evaluation.report.blocks import Grid
-from vb_evaluation.report.data import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
-from vb_evaluation.report.maps import nearest_to_median
+from vb_evaluation.report.page_blocks import Table
+from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
+from vb_evaluation.report.map_figures import nearest_to_median
 from vb_evaluation.report.outcomes import MARGINS
-from vb_evaluation.report.page import SECTIONS, write_report
+from vb_evaluation.report.html_page import SECTIONS, write_report
 from vb_evaluation.statistics import Interval
-from vb_evaluation.study_kit import __main__ as command
+from vb_evaluation.user_study import __main__ as command
 
 
 @pytest.fixture(scope="module")
@@ -97,12 +97,12 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
     study_rows.write(tmp_path / "worlds.csv", rows)
     study_rows.write(tmp_path / "draws.csv", [{"draw": draw, "a": 1} for draw in range(1, 8)])
     found = {"all": [], "no camera too bright": []}
-    for row in sensitivity.plausible_worlds_section(read_study(tmp_path))[1].rows:
+    for row in plausible_worlds.plausible_worlds_section(read_study(tmp_path))[1].rows:
         found[row["worlds"]].append((round(row["holds"].estimate * row["n"] / 100), row["n"]))
     assert found["no camera too bright"] == [(3, 6), (2, 3), (1, 3), (2, 3), (3, 4), (4, 6), (4, 6)]
     assert found["all"] == [(4, 7), (3, 4), (2, 4), (3, 4), (4, 5), (5, 7), (5, 7)]
     study_rows.write(tmp_path / "runs.csv", rows[::2])
-    assert sensitivity.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
+    assert plausible_worlds.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
 
 
 def test_the_page_stands_alone_and_is_the_same_again(full):
@@ -214,7 +214,7 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     assert study.scenarios == ["corner", "desk", "door"] and study.scenario_title("desk") == "The desk"
     assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1 and study.people
     assert len(study.missing) == 2 * 3 * 3 - 3 and "p2, The desk, Robot only" in study.missing
-    assert np.isnan(study.runs.helped).all() and sensitivity.plausible_worlds_section(study) == []
+    assert np.isnan(study.runs.helped).all() and plausible_worlds.plausible_worlds_section(study) == []
     cells = {(row["scenario"], row["method"]): row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)})}
     assert cells["Door", "Other"] == 1 and sum(cells.values()) == 3
     assert sum(row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)}, completed=1)) == 2
@@ -297,7 +297,7 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     write_answers(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
     page, study = words_of(write_report(folder).read_text()), read_study(folder)
     assert "exact p" in page and "Yes: 6 of 6" in page and "This is a simulation" not in page
-    blocks = [block for _, _, make in SECTIONS for block in make(study) if isinstance(block, Grid)]
+    blocks = [block for _, _, make in SECTIONS for block in make(study) if isinstance(block, Table)]
     tables = {block.name: block.rows for block in blocks}
     statements, scales = tables["questionnaire"][:5], tables["questionnaire"][5:]
     assert [(row["nrs"], row["robot_only"]) for row in statements] == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4)]

@@ -13,12 +13,12 @@ from scipy import stats
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_layers import sample
 from vb_core.grid_map import UNKNOWN
-from vb_evaluation.design import order_runs
+from vb_evaluation.counterbalancing import order_runs
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.report.data import RUNS, WORLDS
-from vb_evaluation.study import assumptions, campaign, config, plan
-from vb_evaluation.study.people import draw
-from vb_evaluation.study.runner import personal_scenario
+from vb_evaluation.report.study_files import RUNS, WORLDS
+from vb_evaluation.simulated_study import assumptions, campaign, config, run_plan
+from vb_evaluation.simulated_study.person_traits import draw
+from vb_evaluation.simulated_study.live_run import personal_scenario
 from vb_sim.room import floor_plan
 
 STUDY = config.load()
@@ -185,7 +185,7 @@ def test_the_corners_of_every_range_are_possible():
 
 
 def test_worlds_cover_all_scenarios_and_both_methods():
-    jobs = plan.world_jobs(STUDY.changed({"design/worlds": 9}))
+    jobs = run_plan.world_jobs(STUDY.changed({"design/worlds": 9}))
     assert len(jobs) == 18 and {(job.scenario, job.method) for job in jobs} == {
         (scenario, method) for scenario in STUDY.design.scenarios for method in STUDY.design.methods
     }
@@ -203,10 +203,10 @@ def test_the_examples_of_the_documentation_work(tmp_path):
 
 def test_the_quick_study_is_part_of_the_whole_one():
     quick, whole = (
-        [(job.file, *map(str, job.columns(1).values())) for job in plan.jobs(STUDY, one)] for one in (True, False)
+        [(job.file, *map(str, job.columns(1).values())) for job in run_plan.jobs(STUDY, one)] for one in (True, False)
     )
     assert quick == whole[:6] and len(set(whole)) == len(whole) == 100
     assert {row[0] for row in whole} == {"runs.csv", "worlds.csv"}
     # the names of the rows' files sort in the order of the jobs
-    names = [job.name for job in plan.jobs(STUDY)]
+    names = [job.name for job in run_plan.jobs(STUDY)]
     assert names[:60] == sorted(names[:60]) and names[60::2] == sorted(names[60::2])

@@ -10,12 +10,12 @@ from rich.console import Console
 
 from vb_testing import run_command
 from vb_core.errors import CodedError
-from vb_evaluation.report.data import META, read_meta
-from vb_evaluation.study import campaign, config, plan
-from vb_evaluation.study.__main__ import main
-from vb_evaluation.study.plan import Job
-from vb_evaluation.study.runner import run
-from vb_fusion import live_extraction
+from vb_evaluation.report.study_files import META, read_meta
+from vb_evaluation.simulated_study import campaign, config, run_plan
+from vb_evaluation.simulated_study.__main__ import main
+from vb_evaluation.simulated_study.run_plan import Job
+from vb_evaluation.simulated_study.live_run import run
+from vb_fusion import extraction
 from vb_sim.room import floor_plan
 
 STUDY = config.load()
@@ -36,10 +36,10 @@ def test_robot_only_is_led_there():
 
 
 def test_the_same_whatever_was_run_before():
-    task, study, extract = Job(2, "carpet", "nrs"), moments(7.0), live_extraction.extract_chain
+    task, study, extract = Job(2, "carpet", "nrs"), moments(7.0), extraction.extract_border
     first = run(study, task)
     # otherwise the next run would extract its borders on this run's clock, which has stopped: they would never come
-    assert live_extraction.extract_chain is extract
+    assert extraction.extract_border is extract
     run(moments(0.1), Job(5, "corner", "nrs"))
     again = run(study, task)
     seen = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]
@@ -61,7 +61,7 @@ def make_row(document, sources, job):
 INTERRUPTED = """
 import os, signal, sys, threading
 from test_study_runs import make_row
-from vb_evaluation.study import __main__ as command, campaign
+from vb_evaluation.simulated_study import __main__ as command, campaign
 
 def work(document, sources, job):
     if job.order > 4:
@@ -88,12 +88,12 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     assert "Traceback" not in cut.stdout and "failed" not in cut.stdout
 
     for folder in ("cut", "whole"):
-        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, QUIET) == 0
+        assert campaign.run_jobs(STUDY, run_plan.main_jobs(STUDY, 2), tmp_path / folder, QUIET) == 0
     assert (tmp_path / "cut" / "runs.csv").read_bytes() == (tmp_path / "whole" / "runs.csv").read_bytes()
 
 
 def test_indices_are_recomputed_from_the_areas_alone(tmp_path, monkeypatch):
-    (job,) = [job for job in plan.main_jobs(moments(1.0), 1) if job.scenario == "carpet" and job.order < 4]
+    (job,) = [job for job in run_plan.main_jobs(moments(1.0), 1) if job.scenario == "carpet" and job.order < 4]
     truth = floor_plan.ground_truth(STUDY.world, STUDY.world.scenario("carpet"))
     shifted = np.roll(truth, 3, axis=1)
     prior = floor_plan.physical_map(STUDY.world)
@@ -117,8 +117,8 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     path = tmp_path / "short.yaml"
     path.write_text("design: {participants: 2, worlds: 2}\n")
     study = config.load(path)
-    job = next(job for job in plan.jobs(study) if job.file == name)
-    assert campaign.run_jobs(study, plan.jobs(study), tmp_path / "all", QUIET) == 0
+    job = next(job for job in run_plan.jobs(study) if job.file == name)
+    assert campaign.run_jobs(study, run_plan.jobs(study), tmp_path / "all", QUIET) == 0
     asked = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
     given = ["--config", str(path), *asked, "--processes", "1", "--out", str(tmp_path / "again")]
     assert main(given) == 0

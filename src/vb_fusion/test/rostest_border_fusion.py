@@ -82,7 +82,7 @@ class BorderFusionTest(unittest.TestCase):
         """Returns how many spots the node has taken or ignored in this interaction."""
         return sum(seen.border_spots + seen.seed_spots + seen.ignored_spots for seen in self.progress.all[-1:])
 
-    def wait_told(self, code: str, what: str) -> None:
+    def wait_notice(self, code: str, what: str) -> None:
         self.notices.wait(lambda message: code in codes(message), what)
 
     def wait_untold(self, what: str) -> None:
@@ -93,7 +93,7 @@ class BorderFusionTest(unittest.TestCase):
         self.show(square(20), since=0.01)
         self.progress.wait(lambda seen: seen.border_spots == 20, "the drawing")
         self.enter(DEFAULT, "")  # without an outcome, which no interaction's end lacks
-        self.wait_told("drawing_lost", "the loss to be told")
+        self.wait_notice("drawing_lost", "the loss to be told")
         self.enter(BORDER, "next")
         self.assertEqual(self.progress.message.border_spots, 0)
         self.wait_untold("the end of the notice")
@@ -150,12 +150,12 @@ class BorderFusionTest(unittest.TestCase):
         self.progress.wait(lambda seen: seen.left_out_spots, "the spots that are left out")
         self.assertNotIn("strokes_left_out", self.next_told())
         self.enter(SEED, "doubtful")
-        self.wait_told("strokes_left_out", "the doubt in Seed")
+        self.wait_notice("strokes_left_out", "the doubt in Seed")
         self.enter(DEFAULT, "", "saved")
         self.wait_untold("the end of the doubt")
         self.enter(BORDER, "ended", age=40.0)
         draw_two()  # half a minute ago
-        self.wait_told("strokes_left_out", "the doubt in Border")
+        self.wait_notice("strokes_left_out", "the doubt in Border")
         by_then = codes(self.notices.message)
         self.assertNotIn("drawing_lost", by_then, "by the manager's clock it began before the node was there")
         self.enter(DEFAULT, "", "cancelled")
@@ -167,7 +167,7 @@ class BorderFusionTest(unittest.TestCase):
         self.show(square(150), since=0.01)
         self.progress.wait(lambda seen: (seen.interaction_id, seen.border_spots) == ("three", 150), "half the drawing")
         os.kill(process_of("/border_fusion"), signal.SIGKILL)
-        self.wait_told("drawing_lost", "the loss to be told")
+        self.wait_notice("drawing_lost", "the loss to be told")
         self.connected()
         self.enter(SEED, "three")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))

@@ -5,8 +5,7 @@ import pytest
 from strokes import Setting, draw
 
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
-from vb_fusion.extraction import ExtractionParams, extract_border
-from vb_fusion.live_extraction import LiveExtractor
+from vb_fusion.extraction import ExtractionParams, LiveExtractor, extract_border
 from vb_fusion import collector as collecting
 from vb_fusion.collector import Collector, FloorSpot
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from vb_fusion.extraction import extract_seed
-from vb_fusion.live_extraction import DrawnBorder
+from vb_fusion.extraction import DrawnBorder, extract_seed
 from vb_fusion.seed import find_dwells
 
 

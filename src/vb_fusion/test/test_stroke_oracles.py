@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from examples import STEADY, off_thresholds
 
 from vb_core.geometry import chain_length
-from vb_fusion import seed, track
+from vb_fusion import seed, strokes
 from vb_fusion.line import classify_closure
 from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
 
@@ -102,7 +102,7 @@ def chained(group, values):
     """Splits a group of indices wherever their sorted values are more than a cluster's width apart."""
     ordered, parts = sorted(group, key=lambda index: values[index]), []
     for index in ordered:
-        if not parts or values[index] - values[parts[-1][-1]] > track.CLUSTER_WIDTH:
+        if not parts or values[index] - values[parts[-1][-1]] > strokes.CLUSTER_WIDTH:
             parts.append([])
         parts[-1].append(index)
     return parts
@@ -113,9 +113,9 @@ def chained(group, values):
 def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     points, times, cameras = np.array(spots)[:, :2], np.array(spots)[:, 2], np.array(spots)[:, 3].astype(int)
     seen = make_observations(points, times, cameras, None, cameras == 2)
-    found = track.find_clusters(seen)
+    found = strokes.find_clusters(seen)
     groups = {}
-    for index, number in enumerate(track.time_bins(seen.stamps).tolist()):
+    for index, number in enumerate(strokes.time_bins(seen.stamps).tolist()):
         groups.setdefault(number, []).append(index)
     places = list(groups.values())
     for axis in (0, 1, 0):
@@ -138,7 +138,7 @@ def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
 def test_of_one_moment_the_ten_strongest_places_are_kept():
     points = np.column_stack([np.arange(14.0), np.zeros(14)])
     strong = np.arange(14) % 7 + 1.0
-    found = track.find_clusters(make_observations(points, np.zeros(14), None, strong / 10.0))
+    found = strokes.find_clusters(make_observations(points, np.zeros(14), None, strong / 10.0))
     kept = sorted(np.lexsort((points[:, 0], -strong))[:10])
     assert np.allclose(np.sort(found.points[:, 0]), kept)
 
@@ -167,7 +167,7 @@ def test_clusters_passed_at_one_speed_add_the_floor_between_them(steps):
             row *= math.exp(-((off / max(0.15 * far, TREMOR)) ** 2))
             for place, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
                 wanted[place] = max(wanted[place], much * row)
-    assert track._swept(points, times, dropout) == pytest.approx(wanted)
+    assert strokes._swept(points, times, dropout) == pytest.approx(wanted)
 
 
 @settings(STEADY, max_examples=60)
@@ -180,7 +180,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int), np.ones(11, int))
     order = np.argsort([spot[2] for spot in spots], kind="stable")
     seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
-    found = set(track._observations_near(seen, places, np.arange(11)).tolist())
+    found = set(strokes._observations_near(seen, places, np.arange(11)).tolist())
     for index, ((x, y), time) in enumerate(zip(seen.points, seen.stamps)):
         at = min(max(time - 0.2, 0.0), 1.0)
         reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile
@@ -224,7 +224,7 @@ def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
             wanted.append([])
         wanted[-1].append(place)
     line = np.arange(len(x)) + 10
-    found, glints = track._divide(line, np.column_stack([x, 0.0 * x]), times, floor, 0.5, 0.475)
+    found, glints = strokes._divide(line, np.column_stack([x, 0.0 * x]), times, floor, 0.5, 0.475)
     assert [stroke.tolist() for stroke in found] == [[place + 10 for place in stroke] for stroke in wanted]
     outside = [place for place in range(len(x)) if not kept or place < kept[0] or place > kept[-1]]
     assert np.concatenate([[], *glints]).tolist() == [place + 10 for place in outside if length[piece[place]] > 1]
@@ -241,7 +241,7 @@ def seen_within(size, least):
 def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropout):
     points, times = np.array(steps)[:, :2], np.cumsum(np.array(steps)[:, 2])
     nodes = {}  # of a lattice: the places around each node, with their bilinear weights
-    for place, (x, y) in enumerate(points / track.CLUSTER_WIDTH):
+    for place, (x, y) in enumerate(points / strokes.CLUSTER_WIDTH):
         for i, j in ((math.floor(x) + dx, math.floor(y) + dy) for dx in (0, 1) for dy in (0, 1)):
             nodes.setdefault((i, j), {})[place] = (1.0 - abs(x - i)) * (1.0 - abs(y - j))
     still = {}
@@ -254,14 +254,14 @@ def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropo
             math.sqrt(12.0 / shares.sum() / deviations[0]) * math.hypot(*deviations[1:]) if deviations[0] > 1e-6 else 0
         )
         assume(deviations[0] > 1e-6 or deviations[0] < 1e-12)
-        still[node] = stay * (1.0 - min(1.0, (moved / track.CLUSTER_WIDTH) ** 2))
-    swept = track._swept(points, times, dropout)
-    found = track.floor_gains(points, times, dropout)
+        still[node] = stay * (1.0 - min(1.0, (moved / strokes.CLUSTER_WIDTH) ** 2))
+    swept = strokes._swept(points, times, dropout)
+    found = strokes.floor_gains(points, times, dropout)
     for place in range(len(points)):
         about = [there for there in nodes.values() if place in there]
         company = sum(there[place] * sum(there.values()) for there in about) / sum(there[place] ** 2 for there in about)
         stay = max(still[node] for node, there in nodes.items() if place in there)
-        gain = max(track.CLUSTER_WIDTH / max(company / 1.5, 2.0), swept[place])
+        gain = max(strokes.CLUSTER_WIDTH / max(company / 1.5, 2.0), swept[place])
         assert found[place] == pytest.approx(gain * min(1.0, 2.0 / max(stay, 0.1)) ** 2, abs=2e-4)
 
 
@@ -278,19 +278,19 @@ def test_the_best_track_equals_an_exhaustive_search(places, flick):
     best = []  # of each place: (gain, the place before)
     for place, own in enumerate(gains):
         ways = [(0.0, -1)]
-        for before in range(max(0, place - track.LOOK_BACK), place):
+        for before in range(max(0, place - strokes.LOOK_BACK), place):
             time, way = times[place] - times[before], math.dist(points[place], points[before])
             if time > 0.0:
-                effort = max(way - TREMOR, 0.0) ** 2 / (min(time, 0.4) * track.UNSEEN_SPEED)
+                effort = max(way - TREMOR, 0.0) ** 2 / (min(time, 0.4) * strokes.UNSEEN_SPEED)
                 ways.append((best[before][0] - flick * math.log1p(effort / flick), before))
         gain, before = max(ways)
         best.append((own + gain, before))
-    found, previous = track.find_best_steps(points, times, 0.4, gains, flick)
+    found, previous = strokes.find_best_steps(points, times, 0.4, gains, flick)
     assert found == pytest.approx([gain for gain, _ in best])
     wanted = [int(np.argmax(found))]
     while previous[wanted[0]] >= 0:
         wanted.insert(0, int(previous[wanted[0]]))
-    assert track.trace_track(found, previous).tolist() == wanted
+    assert strokes.trace_track(found, previous).tolist() == wanted
     # of two ways with the same gain, either is right
     steps = [found[b] - found[a] - gains[b] for a, b in zip(wanted[:-1], wanted[1:])]
     assert all(step <= 1e-9 for step in steps) and found[wanted[0]] == gains[wanted[0]]

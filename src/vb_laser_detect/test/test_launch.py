@@ -28,12 +28,16 @@ def test_names_that_look_like_yaml_values_stay_names(names):
     assert config.params["/camera_poses/cameras"].value == names
 
 
-def test_each_detector_is_on_its_cameras_machine():
+def test_one_detector_on_each_machine_searches_its_cameras():
     example = f"machines_file:={LAUNCH / 'machines.launch'}"
     config = load("cameras:=red green blue", "machines:=green=loft blue=loft", example)
-    loft = {"spot_detector_green": "loft", "spot_detector_blue": "loft"}
-    assert placed(config) == {"spot_detector_red": None, "camera_poses": None, **loft}
-    assert placed(load("cameras:=red")) == {"spot_detector_red": None, "camera_poses": None}
+    assert placed(config) == {"spot_detectors": None, "spot_detectors_loft": "loft", "camera_poses": None}
+    searched = {name: config.params[f"/{name}/cameras"].value for name in ("spot_detectors", "spot_detectors_loft")}
+    assert searched == {
+        "spot_detectors": ["spot_detector_red"],
+        "spot_detectors_loft": ["spot_detector_green", "spot_detector_blue"],
+    }
+    assert placed(load("cameras:=red")) == {"spot_detectors": None, "camera_poses": None}
     assert placed(load("cameras:=")) == {}
     # no node is assigned to a machine just because the machine is listed
     assert config.machines["loft"].assignable is False

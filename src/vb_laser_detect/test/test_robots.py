@@ -12,6 +12,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.robot_profile import Limits, RobotProfile, RobotShape
 from vb_core.ros import robot_profile
 from vb_core.ros.messages import message_from_transform
+from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect import camera_geometry
 from vb_laser_detect.camera_geometry import CameraGeometry
 from vb_laser_detect.detection.projection import FloorProjection
@@ -28,11 +29,17 @@ def lab(monkeypatch):
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
-    counted = []
+    counted, transforms = [], TransformLookup()
     camera = CameraGeometry(
-        False, None, None, FloorProjection(), ["/", "/second"], SimpleNamespace(count_dropped=counted.append)
+        False,
+        transforms,
+        None,
+        None,
+        FloorProjection(),
+        ["/", "/second"],
+        SimpleNamespace(count_dropped=counted.append),
     )
-    return camera, camera._transforms._buffer, counted
+    return camera, transforms._buffer, counted
 
 
 def drive(buffer, frame, x, stamp, static=False):
@@ -80,8 +87,9 @@ def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch
     asked, clock = [], SimpleNamespace(monotonic=lambda: 100.0)
     monkeypatch.setattr(camera_geometry, "time", clock)
     info = SimpleNamespace(model_for=lambda size: asked.append(size) or CameraModel.ideal(*size, 500.0))
-    red = CameraGeometry(False, info, None, FloorProjection(), (), SimpleNamespace())
-    drive(red._transforms._buffer, "red", 2.0, 5.0, static=True)
+    transforms = TransformLookup()
+    red = CameraGeometry(False, transforms, info, None, FloorProjection(), (), SimpleNamespace())
+    drive(transforms._buffer, "red", 2.0, 5.0, static=True)
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
         clock.monotonic = lambda seconds=seconds: 100.0 + seconds

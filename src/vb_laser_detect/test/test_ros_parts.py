@@ -77,12 +77,12 @@ def report(monkeypatch):
     monkeypatch.setattr(rospy, "Publisher", Mock())
     monkeypatch.setattr(detector_diagnostics, "Worker", Mock())
     notices, clock = Mock(), [rospy.Time(100)]
-    monkeypatch.setattr(detector_diagnostics, "NoticePublisher", lambda: notices)
+    monkeypatch.setattr(detector_diagnostics, "NoticePublisher", lambda source: notices)
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: clock[0]))
     monkeypatch.setattr(rospy, "get_time", lambda: clock[0].to_sec())
 
     def make(mobile=False, own_source=False):
-        found = DetectorDiagnostics("red", SimpleNamespace(received=0, dropped=0), mobile, own_source)
+        found = DetectorDiagnostics("/red", "red", SimpleNamespace(received=0, dropped=0), mobile, own_source)
         found.at = lambda seconds: clock.__setitem__(0, rospy.Time.from_sec(seconds))
 
         def told():

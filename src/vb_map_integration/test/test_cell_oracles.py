@@ -14,8 +14,7 @@ from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
-from vb_map_integration.grid.region import Region
-from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate
+from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, Region, integrate
 
 # on cells' centres, edges and corners, and anywhere else
 PLACE = st.tuples(*(st.integers(-24, 4 * end).map(lambda n: n / 4) | off_thresholds(-6.0, end) for end in (18, 14)))

@@ -13,7 +13,7 @@ from vb_core.vocabulary import DEFAULT, GUIDE
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.gate import NAVIGATION, TELEOP
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
-from vb_robot.spots import Sighting
+from vb_robot.spot_sightings import Sighting
 from vb_sim.robot.robot_body import advance
 
 DT, PROFILE = 0.05, RobotProfile()

@@ -16,7 +16,7 @@ from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_of
 from vb_robot.driving.escape import FREE, PINCHED_AFTER
 from vb_robot.driving.spot_follower import FAR_DISTANCE, MAX_TURN, NEAR_DISTANCE
 from vb_robot.driving.workspace import MIN_UNCERTAINTY
-from vb_robot.spots import Sighting, Sightings
+from vb_robot.spot_sightings import Sighting, Sightings
 
 
 # ------------------------------------------------------------ who drives

@@ -11,7 +11,7 @@ from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchStatus, Fleet, SentGoalState
 from vb_robot.dispatching.dispatched_robot import follow
 from vb_robot.dispatching.viewpoint import Viewpoint
-from vb_robot.spots import Sighting, Sightings
+from vb_robot.spot_sightings import Sighting, Sightings
 
 NONE, SENT, ACTIVE, REACHED, FAILED, PREEMPTED = SentGoalState
 

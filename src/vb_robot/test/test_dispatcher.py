@@ -13,8 +13,8 @@ from vb_core.geometry import to_base
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, DispatchStatus, RobotMap
-from vb_robot.dispatching.drawing import DrawingState
-from vb_robot.spots import Sighting
+from vb_robot.dispatching.drawing_state import DrawingState
+from vb_robot.spot_sightings import Sighting
 
 PERIOD = 0.25
 EDGE = 5.0  # [m] the ceiling camera sees x < EDGE

@@ -16,7 +16,7 @@ from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
 from vb_robot.driving.workspace import PoseUncertainty
-from vb_robot.inputs import message_class
+from vb_robot.subscriptions import message_class
 
 
 # ------------------------------------------------------------ one way to the wheels

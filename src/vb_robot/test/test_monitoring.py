@@ -19,20 +19,20 @@ from vb_testing import wait_until
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
-from vb_robot.inputs import keep_out_borders_for
-from vb_robot.monitoring import navigation_limits, wiring
-from vb_robot.monitoring.goals import GoalChecker, KnownBorder, is_inside, name_of
-from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
+from vb_robot.subscriptions import keep_out_borders_for
+from vb_robot.monitoring import planner_speed
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, name_of
+from vb_robot.monitoring.planner_speed import PlannerSpeed, limited
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.wiring import Wiring
+from vb_robot.monitoring.navigation_wiring import PLANNERS, Wiring, observe, within
 
 
 def graph(maps, robot="", missing=(), heard=True):
     """Returns the node graph of a move_base with these maps; topics in `missing` have no publisher."""
-    node, velocities = wiring.within(robot, "move_base"), wiring.within(robot, "cmd_vel")
+    node, velocities = within(robot, "move_base"), within(robot, "cmd_vel")
     paths = [f"{node}/NavfnROS/plan", f"{node}/DWAPlannerROS/global_plan"]
-    subscribed = {name: [node] for name in (wiring.within(robot, "move_base_simple/goal"), *maps)}
-    published = {name: [node] for name in (*paths, velocities, wiring.within(robot, "move_base/status"))}
+    subscribed = {name: [node] for name in (within(robot, "move_base_simple/goal"), *maps)}
+    published = {name: [node] for name in (*paths, velocities, within(robot, "move_base/status"))}
     published.update({topic: ["/server"] for topic in maps})
     for topic in missing:
         del published[topic]
@@ -68,15 +68,15 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
     ],
 )
 def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, parameters, plans):
-    seen, node = wiring.observe(graph(maps, robot), robot, parameters), wiring.within(robot, "move_base")
+    seen, node = (observe(graph(maps, robot), robot, parameters), within(robot, "move_base"))
     paths = f"{node}/NavfnROS/plan"
     assert seen == Wiring(node, tuple(sorted(maps)), (), (), plans, paths, "DWAPlannerROS")
-    assert wiring.observe(graph(maps, robot), "bob", parameters) == Wiring()
+    assert observe(graph(maps, robot), "bob", parameters) == Wiring()
 
 
 def test_a_move_base_that_waits_for_a_map_is_found():
     """Without a driver nobody publishes keep_out; then move_base has no action server, and only logs it at INFO."""
-    seen = wiring.observe(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
+    seen = observe(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
     assert (seen.move_base, seen.missing_maps, seen.unheard) == ("/move_base", (MARGIN,), ("/cmd_vel",))
 
 
@@ -92,7 +92,7 @@ def test_a_move_base_that_waits_for_a_map_is_found():
     ],
 )
 def test_the_robots_size_is_that_of_its_costmap(costmap, radius):
-    assert wiring.observe(graph(["/map"]), "", {"global_costmap": costmap}).radius == pytest.approx(radius)
+    assert observe(graph(["/map"]), "", {"global_costmap": costmap}).radius == pytest.approx(radius)
 
 
 # ------------------------------------------------------------ goals
@@ -211,7 +211,7 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
 def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
     """It subtracts penalty_epsilon from its highest speeds; if nothing is left, its behaviour is undefined."""
     usual = {"max_vel_x": 0.4, "max_vel_x_backwards": 0.2, "penalty_epsilon": 0.05, "max_vel_theta": 0.3}
-    found = limited({name: usual[name] for name in wiring.PLANNERS["TebLocalPlannerROS"]}, limit)
+    found = limited({name: usual[name] for name in PLANNERS["TebLocalPlannerROS"]}, limit)
     assert 0.0 < found["max_vel_x"] - found["penalty_epsilon"] < limit
     assert 0.0 < found["max_vel_x_backwards"] - found["penalty_epsilon"] < limit
 
@@ -225,11 +225,11 @@ class Planner:
         self.asked, self.refuses, self.kept, self.heard_by = 0, False, {}, []
         self.answers = threading.Event()
         self.answers.set()
-        monkeypatch.setattr(navigation_limits.services, "call", self.call)
-        monkeypatch.setattr(navigation_limits.rospy, "Subscriber", lambda *args, **_: self.heard_by.append(args[2]))
-        monkeypatch.setattr(navigation_limits.rospy, "get_param", lambda name, default: self.kept.get(name, default))
-        monkeypatch.setattr(navigation_limits.rospy, "set_param", self.kept.__setitem__)
-        monkeypatch.setattr(navigation_limits.rospy, "delete_param", self.kept.__delitem__)
+        monkeypatch.setattr(planner_speed.services, "call", self.call)
+        monkeypatch.setattr(planner_speed.rospy, "Subscriber", lambda *args, **_: self.heard_by.append(args[2]))
+        monkeypatch.setattr(planner_speed.rospy, "get_param", lambda name, default: self.kept.get(name, default))
+        monkeypatch.setattr(planner_speed.rospy, "set_param", self.kept.__setitem__)
+        monkeypatch.setattr(planner_speed.rospy, "delete_param", self.kept.__delitem__)
 
     def call(self, _name, _service, request, *_rest):
         self.asked += 1
@@ -246,7 +246,7 @@ class Planner:
             hear(Config(doubles=[DoubleParameter(name, value) for name, value in self.values.items()]))
 
     def speed(self):
-        return PlannerSpeed("/move_base/DWAPlannerROS", wiring.PLANNERS["DWAPlannerROS"])
+        return PlannerSpeed("/move_base/DWAPlannerROS", PLANNERS["DWAPlannerROS"])
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from vb_sim.lab_history import History, Snapshot
 from vb_sim.room.mesh import DepthBuffer, RayGrid, world_mesh
 from vb_sim.models import CameraNoise, Models, Optics, RobotCamera
 from vb_sim.cameras.robot_view import RobotView
-from vb_sim.room.spot import render_spot
+from vb_sim.room.laser_spot import render_spot
 from vb_sim.room.world import CeilingCamera, load_world, world_from_mapping
 
 WORLD = {

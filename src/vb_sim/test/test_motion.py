@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.grid_layers import sample
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
-from vb_sim.lab import Lab
+from vb_sim.simulated_lab import Lab
 from vb_sim.models import LocalizationModel, Models, RobotModel, ScanModel
 from vb_sim.lockstep import Lockstep
 from vb_sim.room.raycast import DistanceField, cast_disc

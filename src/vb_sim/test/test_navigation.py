@@ -17,8 +17,8 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
 from vb_sim.robot.costmap import INSCRIBED, LETHAL, INFLATION, NO_INFORMATION, Costmap
-from vb_sim.robot.follower import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
-from vb_sim.robot.planner import COST_FACTOR, NEUTRAL_COST, Planner
+from vb_sim.robot.path_follower import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
+from vb_sim.robot.path_planner import COST_FACTOR, NEUTRAL_COST, Planner
 from vb_sim.robot.robot_body import advance
 
 RADIUS = 0.18

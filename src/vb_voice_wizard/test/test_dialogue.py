@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from vb_core.notices import Notice, Severity
 from vb_msgs.msg import VirtualBorder
-from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
+from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
 from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, PreviewInputs, PreviewScheduler, to_key
 from vb_voice_wizard.interaction_manager_node import _what_changed
@@ -177,7 +177,7 @@ def test_nothing_is_previewed_before_there_are_border_and_seed(missing):
 
 # ------------------------------------------------------------------ what was undone
 def test_what_was_undone_is_named():
-    def told(before, after, command="undo"):
+    def undone(before, after, command="undo"):
         answer = _what_changed(
             command, {border.id: border for border in before}, {border.id: border for border in after}
         )
@@ -187,12 +187,12 @@ def test_what_was_undone_is_named():
     off, renamed = VirtualBorder(id="b1", name="Rug"), VirtualBorder(id="b1", name="Carpet", enabled=True)
     # fields that the map integrator fills in do not count as changes
     idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
-    assert told([rug, bed], [rug]) == ("border_removed", "Bed")
-    assert told([rug], [rug, bed]) == ("border_restored", "Bed")
-    assert told([rug, bed], [off, idle]) == ("border_disabled", "Rug")
-    assert told([off, bed], [rug, bed]) == ("border_enabled", "Rug")
-    assert told([rug, bed], [renamed, bed]) == ("change_undone", "Carpet")
-    assert told([rug, bed], [renamed, bed], "redo") == ("change_redone", "Carpet")
+    assert undone([rug, bed], [rug]) == ("border_removed", "Bed")
+    assert undone([rug], [rug, bed]) == ("border_restored", "Bed")
+    assert undone([rug, bed], [off, idle]) == ("border_disabled", "Rug")
+    assert undone([off, bed], [rug, bed]) == ("border_enabled", "Rug")
+    assert undone([rug, bed], [renamed, bed]) == ("change_undone", "Carpet")
+    assert undone([rug, bed], [renamed, bed], "redo") == ("change_redone", "Carpet")
     for change, answer in (
         ({"robots": ["ada"]}, ("change_undone", "Rug")),
         ({"occupancy": 0.5}, ("change_undone", "Rug")),
@@ -200,6 +200,6 @@ def test_what_was_undone_is_named():
         # relocated on a map that has grown, it is slightly displaced, which is not a change
         ({"seed": Point(1e-3, 0.0, 0.0)}, ("borders_changed", None)),
     ):
-        assert told([rug, bed], [VirtualBorder(id="b1", name="Rug", enabled=True, **change), bed]) == answer
-    assert told([rug], [off, bed]) == ("borders_changed", None)
-    assert told([rug, idle], [rug, bed]) == ("borders_changed", None)
+        assert undone([rug, bed], [VirtualBorder(id="b1", name="Rug", enabled=True, **change), bed]) == answer
+    assert undone([rug], [off, bed]) == ("borders_changed", None)
+    assert undone([rug, idle], [rug, bed]) == ("borders_changed", None)

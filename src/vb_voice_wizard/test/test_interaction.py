@@ -13,7 +13,7 @@ from vb_core.sentences import spelled_out
 from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
-from vb_voice_wizard.dialogue.answers import Answer
+from vb_voice_wizard.dialogue.command_answers import Answer
 from vb_voice_wizard.interaction import CONFIRM_WITHIN, UNSEEN_AFTER, Interaction, InteractionParams
 
 ENTERING = {DEFINE_BORDER: BORDER, DEFINE_SEED: SEED, GUIDE_ROBOT: GUIDE}
@@ -23,9 +23,10 @@ def machine(**params) -> Interaction:
     return Interaction(InteractionParams(**params))
 
 
-def say(interaction, command, source, now, *more):
-    """Gives a command as a person who knows of every stop."""
-    return interaction.command(command, source, now, *more, seen_stop=interaction.latch.number)
+def say(interaction, said, source, now, uncertain=False, doubtful=False):
+    """Gives a command, or the answer that confirms one, as a person who knows of every stop."""
+    number, name = interaction.latch.number, ANSWERS.get(said, said)
+    return interaction.command(name, source, now, uncertain, doubtful, said in ANSWERS, seen_stop=number)
 
 
 def after(*commands: str, **params) -> Interaction:
@@ -247,9 +248,9 @@ def test_stop_holds_until_resume_whatever_else_is_said(way):
 def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     interaction = machine()
     interaction.command(STOP, "page 1a2b", 1.0, identity="press")
-    told = (interaction.latch.by, interaction.last_source, interaction.last_answered)
+    before = (interaction.latch.by, interaction.last_source, interaction.last_answered)
     assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
-    assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == told
+    assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == before
     assert say(interaction, RESUME, "wizard", 21.0).success
     assert interaction.command(STOP, "page", 22.0, identity="press").code == "stop_released"
     assert not interaction.latch.stopped
@@ -318,7 +319,7 @@ def test_one_misheard_word_does_no_harm(way, command, laser_on):
     drawing, missing, state = interaction.interaction_id, interaction.missing(), interaction.state
     if laser_on:
         interaction.see_laser(9.9)
-    interaction.command(command, "voice", 10.0, uncertain=True, seen_stop=interaction.latch.number)
+    say(interaction, command, "voice", 10.0, uncertain=True)
     assert not interaction.pending and (interaction.latch.stopped or STOP not in way)
     assert set(interaction.missing()) <= set(missing)
     assert drawing in ("", interaction.interaction_id) or len(missing) == 2, "only where nothing is drawn"
@@ -335,7 +336,7 @@ def test_another_state_is_asked_about_while_somebody_points():
     assert interaction.command(DEFINE_BORDER, "voice", 10.6, uncertain=True).code == "draw_border_again"
     interaction.see_laser(11.0)
     assert interaction.command(GUIDE_ROBOT, "voice", 11.1, uncertain=True).code == "confirm_command"
-    assert interaction.command("Yes, guide robot", "voice", 20.0, uncertain=True).code == "guide"
+    assert say(interaction, "yes_guide_robot", "voice", 20.0, uncertain=True).code == "guide"
     assert interaction.command(DEFINE_SEED, "voice", 20.0, uncertain=True).code == "point_seed", "nobody points"
     interaction.see_laser(21.0)
     assert interaction.command(DEFINE_BORDER, "voice", 21.0).code == "draw_border_again", "beyond doubt"
@@ -343,7 +344,7 @@ def test_another_state_is_asked_about_while_somebody_points():
 
 # ------------------------------------------------------------------ a save without an answer, and nobody there
 @pytest.mark.parametrize(
-    "sent, before, code, in_doubt, told",
+    "sent, before, code, in_doubt, answered",
     [
         (True, False, "no_response", True, "save_unanswered"),
         (True, False, "no_service", False, "no_service"),
@@ -355,7 +356,7 @@ def test_another_state_is_asked_about_while_somebody_points():
         (False, False, "no_response", False, "no_response"),
     ],
 )
-def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, code, in_doubt, told):
+def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, code, in_doubt, answered):
     interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.unanswered_save = before
     interaction.command(SAVE, "a", 3.0)
@@ -363,7 +364,7 @@ def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, c
         interaction.mark_save_sent()
         assert interaction.unanswered_save, "while it is under way"
     answer = interaction.finish(Answer(False, code, {"who": "$map_integrator"}), 4.0)
-    assert (interaction.unanswered_save, answer.code, answer.success) == (in_doubt, told, False)
+    assert (interaction.unanswered_save, answer.code, answer.success) == (in_doubt, answered, False)
     assert interaction.state == SEED and not interaction.pending
 
 
@@ -395,7 +396,7 @@ def test_an_abandoned_interaction_ends_after_a_warning():
 def test_without_a_robot_nobody_is_offered_to_guide_one():
     for way in ((), (DEFINE_BORDER,), (DEFINE_BORDER, DEFINE_SEED), (DEFINE_BORDER, DEFINE_SEED, SAVE)):
         assert GUIDE_ROBOT not in after(*way, robot=False).suggested_commands()
-    answer = machine(robot=False).command("guide robot", "test", 1.0)
+    answer = machine(robot=False).command(GUIDE_ROBOT, "test", 1.0)
     assert (answer.success, answer.code) == (False, "no_robot_to_guide")
 
 

@@ -39,7 +39,7 @@ def recognizer():
 
 
 def test_commands_are_recognised_most_of_the_time(recognizer):
-    """One voice in one noise each: bench/voice/recognition.py measures how often they are."""
+    """One voice in one noise each: bench/voice/command_recognition.py measures how often they are."""
     issues = {command: examine(recognizer, say(*spoken))[0] for command, spoken in COMMANDS.items()}
     assert all(issue.command in (None, command) for command, issue in issues.items()), issues
     heard = [issue for command, issue in issues.items() if issue.command == command]
@@ -99,7 +99,7 @@ def test_bad_files_are_named(tmp_path):
     "before", ["no", "what are you doing", "this sentence goes on and on and on for much longer than any command"]
 )
 def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
-    """One voice in one noise each: bench/voice/recognition.py measures how often it does."""
+    """One voice in one noise each: bench/voice/command_recognition.py measures how often it does."""
     heard = [
         command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")
     ]

@@ -13,13 +13,13 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from hostile import GOOD_DRAFT
 from refusals import refused
-from vb_core.limiter import Limiter
+from vb_core.rate_limiter import Limiter
 from vb_core.errors import CodedError, ParameterError
-from vb_web import access
-from vb_web.access import ConnectionSlots, Role, Sessions
-from vb_web.images import ImageCache, EncodedImage
+from vb_web import access_control
+from vb_web.access_control import ConnectionSlots, Role, Sessions
+from vb_web.page_images import ImageCache, EncodedImage
 from vb_web.server import PageParams, PageServer, addresses
-from vb_web.view import View
+from vb_web.page_view import View
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 BOUNDS = (0.0, 0.0), (8.0, 5.0)
@@ -162,7 +162,7 @@ def test_certificate_makes_the_network_https_only(tmp_path):
 
 
 def cookie(running, role):
-    return f"{access.COOKIE}={running.server.sessions.open(CODES[role.name.lower()])}"
+    return f"{access_control.COOKIE}={running.server.sessions.open(CODES[role.name.lower()])}"
 
 
 async def send(connection, **request):

@@ -9,8 +9,8 @@ from typing import List, Optional
 from urllib.parse import urlparse
 
 import rosgraph
-import rosnode
 import rospy
+import rosservice
 from rich.console import Console
 from rich.table import Column, Table
 from rosgraph.network import is_local_address
@@ -42,7 +42,8 @@ def print_camera(camera: str) -> None:
     if not source:
         return
     # a detector that has just ended has no address, and is taken for one of this computer
-    host = urlparse(rosnode.get_api_uri(rosgraph.Master("/check_lab"), f"/spot_detector_{camera}") or "").hostname
+    service = rosservice.get_service_uri(f"/spot_detector_{camera}/capture/set_parameters")
+    host = urlparse(service or "").hostname
     lines = [f"what this prints on {host}:", describing_command(source)]
     if is_local_address(host):
         lines = ["these:", *describe(source, CaptureParams.from_mapping(parameters.get("capture"), "capture"))]

@@ -13,20 +13,20 @@ import rospy
 from rosgraph.names import ns_join
 from sensor_msgs.msg import LaserScan
 
-from vb_bringup.lab_checks import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
+from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
 from vb_bringup.launch_check import read_parameters
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
-from vb_core.offer import offer
+from vb_core.lab_offer import offer
 from vb_core.robot_profile import Scanner
 from vb_core.ros import robot_profile
-from vb_core.ros.graph import read_graph
+from vb_core.ros.master import read_graph
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
-from vb_core.ros.robots import connections_from_message
+from vb_core.ros.robot_status import connections_from_message
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
 # nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors

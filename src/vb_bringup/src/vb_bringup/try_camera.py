@@ -37,7 +37,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
 from vb_evaluation.observer import wait_until
-from vb_evaluation.processes import free_port, roslaunch
+from vb_evaluation.child_processes import free_port, roslaunch
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import project

@@ -32,11 +32,11 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
 from vb_core.ros import services
 from vb_evaluation import metrics
-from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
+from vb_evaluation.move_base_goals import GoalOutcome, GoalRunner
 from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.processes import Child, free_port, roslaunch
+from vb_evaluation.child_processes import Child, free_port, roslaunch
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.report.paper import METHOD_TITLES
+from vb_evaluation.report.paper_results import METHOD_TITLES
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
@@ -134,14 +134,14 @@ class Demo:
             # the map with the border was published before the state became "saved"; move_base's
             # costmap picks it up a little later
             region = metrics.restricted_cells(observer.prior, observer.posterior)
-            plans = [after]
+            later_plans = [after]
             wait_until(
-                lambda: plans.append(observer.plan(start, goal, "/move_base/make_plan"))
-                or not metrics.crosses(plans[-1], observer.prior, region),
+                lambda: later_plans.append(observer.plan(start, goal, "/move_base/make_plan"))
+                or not metrics.crosses(later_plans[-1], observer.prior, region),
                 5.0,
                 0.25,
             )
-            after, drives = plans[-1], self._drive(start, goal)
+            after, drives = later_plans[-1], self._drive(start, goal)
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         return self._conclude(observer, {"before": before, "after": after}, drives)
@@ -296,7 +296,7 @@ class Demo:
         score = metrics.jaccard(truth, region) if drives else 0.0
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
         driven = drives[-1] if drives else GoalOutcome("not_sent")
-        ways = {**plans, "driven": driven.path}
+        paths = {**plans, "driven": driven.path}
         summary = {
             "scenario": options.scenario.key,
             "method": options.method,
@@ -306,16 +306,16 @@ class Demo:
             "completed": bool(drives),
             "jaccard": round(score, 4),
             "time_s": {key: round(value, 2) for key, value in {**times, "total": sum(times.values())}.items()},
-            **{f"path_{key}_m": round(chain_length(way), 3) if len(way) else None for key, way in ways.items()},
-            **{f"path_{key}_crosses_border": metrics.crosses(way, prior, region) for key, way in ways.items()},
+            **{f"path_{key}_m": round(chain_length(path), 3) if len(path) else None for key, path in paths.items()},
+            **{f"path_{key}_crosses_border": metrics.crosses(path, prior, region) for key, path in paths.items()},
             "drive_outcome": driven.outcome,
             "drive_s": round(driven.seconds, 1),
         }
         # from the robot's position when the border was saved: tells a robot that drove in from one that stood there
-        place = [(pose.x, pose.y) for pose in observer.lab_at_save.robot_poses[:1]] if observer.lab_at_save else []
-        way = np.vstack([np.reshape(place, (-1, 2)), *(drive.path for drive in drives)])
-        stays = metrics.crosses(way[-1:], prior, region)
-        verdict = summary["verdict"] = _verdict(summary, metrics.enters(way, prior, region), stays)
+        at_save = [(pose.x, pose.y) for pose in observer.lab_at_save.robot_poses[:1]] if observer.lab_at_save else []
+        track = np.vstack([np.reshape(at_save, (-1, 2)), *(drive.path for drive in drives)])
+        ends_inside = metrics.crosses(track[-1:], prior, region)
+        verdict = summary["verdict"] = _verdict(summary, metrics.enters(track, prior, region), ends_inside)
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
@@ -327,11 +327,11 @@ class Demo:
         return 0 if respected else 1
 
 
-def _verdict(summary: Dict[str, Any], entered: bool, stays: bool) -> str:
+def _verdict(summary: Dict[str, Any], entered: bool, ends_inside: bool) -> str:
     """Returns the verdict on a result, one of VERDICTS.
 
     Args:
-        entered: the robot drove into the border after it was saved; stays: it ended inside.
+        entered: the robot drove into the border after it was saved; ends_inside: it ended inside.
     """
     if not summary["completed"]:
         return "no_border"
@@ -339,7 +339,7 @@ def _verdict(summary: Dict[str, Any], entered: bool, stays: bool) -> str:
         return "way_crosses"
     if entered:
         return "robot_entered"
-    if stays:
+    if ends_inside:
         return "saved_over_robot"
     if summary["path_after_m"] is None:
         return "out_of_reach"

@@ -1,4 +1,4 @@
-"""Computes the paper's measures (Sect. 5.5) and proves that a border is in force.
+"""Computes the paper's measures (Sect. 5.5), and whether a path crosses or enters a border.
 
 Use it to compare a border in a map with the intended one, whatever drew it.
 
@@ -88,8 +88,8 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
     edges = [_edges(np.asarray(area, bool), free_cells(prior)) * prior.resolution for area in (truth, restricted)]
     if not len(edges[0]) or not len(edges[1]):
         return None
-    there, back = (cKDTree(edges[to]).query(edges[of])[0] for of, to in ((0, 1), (1, 0)))
-    distances = np.concatenate([there, back])
+    one_way, other_way = (cKDTree(edges[to]).query(edges[of])[0] for of, to in ((0, 1), (1, 0)))
+    distances = np.concatenate([one_way, other_way])
     return BoundaryError(float(distances.mean()), float(np.percentile(distances, 95)), float(distances.max()))
 
 
@@ -99,8 +99,8 @@ def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[
     Values are rounded: their last bits differ between processors and libraries, and mean nothing.
     """
     error = boundary_error(prior, truth, restricted)
-    found = ("", "", "") if error is None else (round(100.0 * value, 2) for value in error)
-    return {"jaccard": round(jaccard(truth, restricted), 4), **dict(zip(ERRORS, found))}
+    values_cm = ("", "", "") if error is None else (round(100.0 * value, 2) for value in error)
+    return {"jaccard": round(jaccard(truth, restricted), 4), **dict(zip(ERRORS, values_cm))}
 
 
 def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -122,13 +122,13 @@ def enters(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
 
 
 def _is_within(path: np.ndarray, grid: GridMap, region: np.ndarray) -> np.ndarray:
-    """Returns (M,) bool: which points sampled along a path are in a region; none off the map is."""
+    """Returns (M,) bool: which points sampled along a path are in a region; those off the map are not."""
     path = np.asarray(path, dtype=float).reshape(-1, 2)
     if len(path) == 0:
         return np.zeros(0, dtype=bool)
-    # half a cell: nothing but a sliver at a cell's corner is stepped over
-    places = resample_chain(path, grid.resolution / 2.0)
-    return sample(grid, np.asarray(region, bool), places, outside=0.0) > 0
+    # half a cell: only a sliver at a cell's corner can be stepped over
+    samples = resample_chain(path, grid.resolution / 2.0)
+    return sample(grid, np.asarray(region, bool), samples, outside=0.0) > 0
 
 
 def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:

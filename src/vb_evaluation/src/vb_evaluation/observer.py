@@ -20,7 +20,7 @@ from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabSta
 
 
 class Observer:
-    """Subscribes to the topics on which the stack reports its state; every attribute is the newest value or None.
+    """Subscribes to the topics on which the stack reports its state; each attribute is the newest value, or None.
 
     Must be created after `rospy.init_node`. It sends the system nothing but `plan`'s requests to move_base.
     """

@@ -12,16 +12,16 @@ def repository_top() -> Path:
 
 
 def revision() -> str:
-    """Returns the repository's revision, with "-dirty" if files outside docs differ; "unknown" if there is none.
+    """Returns the repository's revision, with "-dirty" if files outside docs differ from it; "unknown" if there is none.
 
     A bench that runs for hours appends to its table in docs meanwhile, which does not affect what it measures.
     """
     git = ["git", "-C", str(repository_top())]
     try:
-        found = subprocess.check_output(
+        description = subprocess.check_output(
             [*git, "describe", "--always", "--abbrev=12"], stderr=subprocess.DEVNULL, universal_newlines=True
         ).strip()
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
     differs = subprocess.call([*git, "diff", "--quiet", "HEAD", "--", ".", ":!docs"], stderr=subprocess.DEVNULL)
-    return found + ("-dirty" if differs else "")
+    return description + ("-dirty" if differs else "")

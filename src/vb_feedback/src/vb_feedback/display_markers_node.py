@@ -12,17 +12,17 @@ from nav_msgs.msg import OccupancyGrid
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.offer import effective
+from vb_core.lab_offer import effective
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
-from vb_core.ros.robots import OfferListener
+from vb_core.ros.robot_status import OfferListener
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, restriction_overlay, scene
 from vb_feedback.display.display_messages import marker_from_shape
-from vb_feedback.display.inputs import InputListener, Inputs
+from vb_feedback.display.display_inputs import InputListener, Inputs
 from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import words
 

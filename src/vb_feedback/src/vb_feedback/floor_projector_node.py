@@ -19,7 +19,7 @@ from vb_core.ros import node, parameters
 
 from vb_feedback.projector import projector_calibration
 from vb_feedback.display.display_messages import shown_border_from_message, drawing_from_progress
-from vb_feedback.display.inputs import InputListener
+from vb_feedback.display.display_inputs import InputListener
 from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
 from vb_feedback.projector.projector_calibration import MARKERS, ProjectorCalibration
 from vb_feedback.projector.projector_window import ProjectorWindow

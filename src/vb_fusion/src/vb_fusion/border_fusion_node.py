@@ -19,14 +19,14 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
-from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, subsample_evenly
-from vb_fusion.collector import Collector, FloorSpot
+from vb_fusion.collector import Collection, Collector, FloorSpot
+from vb_fusion.extraction import DrawnBorder, ExtractionParams, LiveExtractor
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
 SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots arrive
+MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class BorderFusionNode:
                 self._collector.forget()
         return True
 
-    def _progress_message(self, collection, drawn: DrawnBorder) -> BorderProgress:
+    def _progress_message(self, collection: Collection, drawn: DrawnBorder) -> BorderProgress:
         message = BorderProgress()
         message.header.stamp = rospy.get_rostime()
         message.header.frame_id = names.MAP_FRAME
@@ -261,6 +261,11 @@ class BorderFusionNode:
         self._changed.set()
         self._worker.join(1.0)  # otherwise it would publish notices again
         self._notices.close()
+
+
+def subsample_evenly(rows: np.ndarray, limit: int = MAX_SHOWN) -> np.ndarray:
+    """Returns at most `limit` of the rows, evenly spaced, including the first and the last."""
+    return rows if len(rows) <= limit else rows[np.linspace(0, len(rows) - 1, limit).astype(int)]
 
 
 def build() -> BorderFusionNode:

@@ -1,7 +1,8 @@
 """Extracts one border from the spots of all cameras, treating each stroke as one track through time.
 
-Stages: `observations` (0, 2), `track` (1), `line` (3 to 5) and here (6); docs/explanation/extraction.md describes each.
-`ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps.
+`extract_border` runs the stages 0 to 6 in order; each is described in its module and in docs/explanation/extraction.md.
+`ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps. `LiveExtractor` keeps border
+and seed up to date while a person draws.
 
 >>> import numpy as np
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
@@ -13,39 +14,26 @@ Stages: `observations` (0, 2), `track` (1), `line` (3 to 5) and here (6); docs/e
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field, replace
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Optional, Sequence
 
 import numpy as np
-from scipy.spatial.distance import cdist
-from shapely.geometry import LineString, Polygon
-from shapely.ops import unary_union
-from shapely.validation import make_valid
 
 from vb_core import geometry, sentences
-from vb_core.parameters import Parameters, param
 from vb_core.errors import CodedError
-from vb_fusion.line import NEARLY_CLOSED, Closure, ResampledStroke, classify_closure, fit_line, resample_stroke
-from vb_fusion.observations import (
-    TREMOR,
-    Observations,
-    estimate_tremor,
-    find_dropout,
-    make_observations,
-    merge_observations,
-    remove_offsets,
-)
+from vb_core.parameters import Parameters, param
+from vb_fusion.collector import Collection
+from vb_fusion.line import Closure, classify_closure, make_chain
+from vb_fusion.observations import Observations, make_observations, merge_observations, remove_offsets
 from vb_fusion.paper import run_algorithms
-from vb_fusion.seed import extract_seed
-from vb_fusion.track import find_clusters, find_strokes
+from vb_fusion.seed import Dwell, choose_seed, extract_seed, find_dwells
+from vb_fusion.strokes import find_drawn_line
 
-__all__ = ["BorderChain", "ExtractionParams", "extract_border", "extract_seed"]
-
-MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped; a map cell is ten times as large
-MIN_FIGURE_SIZE = 8.0  # tremors across; a smaller line that curls could be open or closed
-MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
+__all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border", "extract_seed"]
 
 
+# ------------------------------------------------------------------ one border
 @dataclass(frozen=True)
 class ExtractionParams(Parameters):
     """Parameters of the extraction, with the names and values of the paper's Table 1 where it lists them."""
@@ -121,105 +109,132 @@ def extract_border(
     if count < params.min_size:
         raise CodedError("too_few_spots", spots=count, needed=params.min_size)
     if paper:
-        line = run_algorithms(spots.points, params)
-        return _make_chain(line, classify_closure(line))
+        vertices = run_algorithms(spots.points, params)
+        return _describe_chain(vertices, classify_closure(vertices))
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
-    seen = merge_observations(spots)
-    clusters = find_clusters(seen)
-    strokes, ends = find_strokes(seen, clusters, params.eps)
-    line, others, joined = _join_strokes(seen, strokes, params)
-    others = np.setdiff1d(np.concatenate([others, *ends]), line)
-    placed = remove_offsets(seen.select(line))
-    chain = _make_line(placed, joined, params)
-    return replace(
-        chain,
-        unseen=_longest_unseen_gap(placed, chain, joined, find_dropout(clusters.stamps)),
-        left_out=seen.points[others],
-        left_out_spots=int(seen.spots[others].sum()),
+    seen = merge_observations(spots)  # stage 0, like make_observations
+    drawn = find_drawn_line(seen, params.eps, params.min_exp, params.min_size)  # stage 1
+    line = remove_offsets(seen.select(drawn.rows))  # stage 2
+    vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
+    return _describe_chain(
+        vertices,
+        closure,
+        unseen=_longest_unseen_gap(line, closure, drawn.joined, drawn.dropout),
+        left_out=seen.points[drawn.left_out],
+        left_out_spots=int(seen.spots[drawn.left_out].sum()),
     )
 
 
-def _longest_unseen_gap(stroke: Observations, chain: BorderChain, joined: bool, dropout: float) -> float:
-    """Returns the longest stretch [m] of the chain that no camera saw.
+def _describe_chain(vertices: np.ndarray, closure: Closure, **more: Any) -> BorderChain:
+    length = geometry.chain_length(vertices, closure.closed)
+    return BorderChain(vertices, closure.closed, closure.code, length, closure.gap, closure.values, **more)
+
+
+def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, dropout: float) -> float:
+    """Returns the longest stretch [m] of the line that no camera saw.
 
     The opening between start and end counts only if several strokes were joined and either the chain is closed or
     nothing was seen between the times of its two ends.
     """
-    began, ended = sorted(stroke.stamps[[0, -1]])
-    lifted = not ((began < stroke.stamps) & (stroke.stamps < ended)).any()
-    opening = chain.gap if joined and (chain.closed or lifted) else 0.0
-    steps = np.hypot(*np.diff(stroke.points, axis=0).T)
-    return float(steps[np.abs(np.diff(stroke.stamps)) > dropout].max(initial=opening))
+    began, ended = sorted(line.stamps[[0, -1]])
+    lifted = not ((began < line.stamps) & (line.stamps < ended)).any()
+    opening = closure.gap if joined and (closure.closed or lifted) else 0.0
+    steps = np.hypot(*np.diff(line.points, axis=0).T)
+    return float(steps[np.abs(np.diff(line.stamps)) > dropout].max(initial=opening))
 
 
-def _join_strokes(
-    seen: Observations, strokes: List[np.ndarray], params: ExtractionParams
-) -> Tuple[np.ndarray, np.ndarray, bool]:
-    """Joins strokes, each given as the indices of its observations, into one line.
+# ------------------------------------------------------------------ border and seed while a person draws
+@dataclass(frozen=True)
+class DrawnBorder:
+    """The chain and the seed of one interaction, or for each the error that says why it is missing."""
 
-    Returns:
-        The indices of the line's observations, in the order in which it runs; those of the strokes left out; whether
-        several strokes were joined.
+    chain: Optional[BorderChain] = None
+    dwells: Sequence[Dwell] = ()
+    chain_error: Optional[CodedError] = None
+    seed_error: Optional[CodedError] = None
+
+    @property
+    def seed(self) -> Optional[np.ndarray]:
+        """(2,) [m] the dwell that `choose_seed` takes for the seed point."""
+        return choose_seed(self.dwells).point if self.dwells else None
+
+    @property
+    def other_dwell(self) -> Optional[Dwell]:
+        """Another place where the pointer dwelt, longer or later, which may have been meant as the seed."""
+        if not self.dwells:
+            return None
+        seed, after, other = choose_seed(self.dwells), False, None
+        for dwell in self.dwells:
+            if dwell is seed:
+                after = True
+            elif not dwell.known and (after or dwell.seconds > seed.seconds):
+                other = dwell
+        return other
+
+
+class LiveExtractor:
+    """Repeats the extraction on all spots when there are new ones, using at most a share of one core.
+
+    It takes 0.1 s for five minutes of drawing.
+
+    Args:
+        params: of the extraction.
+        share: of one core that live extraction may take.
     """
-    # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
-    wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
-    wide = [(size, stroke) for size, stroke in wide if size > params.min_exp - 2.0 * TREMOR]
-    wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= params.min_size]
-    others = [stroke for _, stroke in sorted(wide, key=lambda one: -one[0])]
-    if not others:
-        raise CodedError("no_line", spots=int(seen.spots.sum()), shortest=f"{params.min_exp:g}")
-    line, joined = others.pop(0), False
-    while others:
-        # the nearest pair of an end of the line and an end of another stroke
-        near = np.array([cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others])
-        which, at, end = np.unravel_index(int(np.argmin(near)), near.shape)
-        if near[which, at, end] > params.eps + TREMOR:
-            break
-        # the stroke must run away from the line's end, or up to its start
-        other, joined = others.pop(which)[:: -1 if at == end else 1], True
-        line = np.concatenate([line, other] if at else [other, line])
-    return line, np.concatenate([np.zeros(0, dtype=int), *others]), joined
+
+    def __init__(self, params: ExtractionParams, share: float) -> None:
+        self._params = params
+        self._share = share
+        self._lock = threading.Lock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets everything, for a new interaction."""
+        with self._lock:
+            self._not_before = 0.0
+            self._border_total = self._seed_total = -1
+            self.drawn = DrawnBorder()
+
+    def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
+        """Returns the border so far, extracted again if there are new spots and it is due. Thread safe.
+
+        Args:
+            clock: reads a monotonic clock [s].
+            force: whether it is due regardless of what the last extraction cost.
+        """
+        with self._lock:
+            border_new = collection.border_total != self._border_total
+            seed_new = collection.seed_total != self._seed_total
+            if (border_new or seed_new) and (force or clock() >= self._not_before):
+                started = clock()
+                try:
+                    self._extract(collection, border_new, seed_new)
+                finally:  # a failed attempt costs as much
+                    finished = clock()
+                    self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
+            return self.drawn
+
+    def _extract(self, collection: Collection, border_new: bool, seed_new: bool) -> None:
+        changes = {}
+        if border_new:
+            try:
+                rows = collection.border
+                changes.update(chain=extract_border(rows[:, 1:3], self._params, **_attributes(rows)), chain_error=None)
+            except CodedError as error:
+                changes.update(chain=None, chain_error=error)
+        if seed_new:
+            try:
+                rows, before = collection.seed, collection.border[:, 1:3]
+                dwells = find_dwells(rows[:, 1:3], before=before, **_attributes(rows))
+                changes.update(dwells=dwells, seed_error=None)
+            except CodedError as error:
+                changes.update(dwells=(), seed_error=error)
+        self.drawn = replace(self.drawn, **changes)
+        self._border_total, self._seed_total = collection.border_total, collection.seed_total
 
 
-def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> BorderChain:
-    """Runs stages 3 to 6: makes the chain from observations whose camera offsets were removed."""
-    tremor, size = estimate_tremor(placed), geometry.bounding_diagonal(placed.points)
-    stroke = resample_stroke(placed.points, placed.weights, tremor)
-    closure = classify_closure(stroke.points, tremor)
-    if closure.code in NEARLY_CLOSED and size < MIN_FIGURE_SIZE * tremor:
-        raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
-    within = slice(closure.first, closure.last + 1)
-    trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
-    # a gap that was crossed unseen may hide a corner; a wider one, left by the hand, is closed by a straight side
-    line = fit_line(trimmed, closure.closed and (joined or closure.gap <= params.eps))
-    if len(line) < 3:
-        closure = classify_closure(line)
-    return _make_chain(_simplify(line, closure.closed), closure)
-
-
-def _make_chain(chain: np.ndarray, closure: Closure) -> BorderChain:
-    length = geometry.chain_length(chain, closure.closed)
-    return BorderChain(chain, closure.closed, closure.code, length, closure.gap, closure.values)
-
-
-def _simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
-    """Runs stage 6: drops vertices, and makes a closed chain a polygon that does not cross itself.
-
-    Raises:
-        CodedError: "line_self_intersects" if the enclosed area is not connected.
-    """
-    if not closed or len(chain) < 3:
-        return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords) if len(chain) > 2 else chain
-    polygon = Polygon(chain)
-    if not polygon.is_valid:
-        # the whole enclosed area without slips of the hand; the lobes of an 8 meet in a point, so a neck joins them
-        pieces = make_valid(polygon).buffer(0.0)
-        lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
-        whole = sum(lobe.area for lobe in lobes)
-        neck = 0.2 * TREMOR
-        large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= MAX_SLIP_RATIO * whole])
-        polygon = large.buffer(-0.5 * neck, join_style=2)
-        if polygon.geom_type != "Polygon" or polygon.is_empty:
-            raise CodedError("line_self_intersects")
-    return np.asarray(Polygon(polygon.exterior).simplify(MIN_DETAIL).exterior.coords)[:-1]
+def _attributes(rows: np.ndarray) -> Dict[str, np.ndarray]:
+    """Returns the keyword arguments of `extract_border` and `find_dwells` for a collection's rows (K, 6)."""
+    stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
+    return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}

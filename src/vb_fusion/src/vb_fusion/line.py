@@ -1,4 +1,4 @@
-"""Stages 3 to 5: the line along a stroke.
+"""Stages 3 to 6: the polygonal chain along the drawn line.
 
 Stage 3, samples: the observations, in the order in which they were drawn, become samples a tremor apart; a spot held
 still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
@@ -15,6 +15,8 @@ Stage 5, the line through the stroke, with the fewest straight sides that explai
 sides, optimally, by dynamic programming: a corner is kept if leaving it out would lose a detail larger than the hand's
 tremor, or a smaller one where the pointer stopped. Least squares then moves the corners so that the sides fit all
 samples best, which puts them where the sides meet, even where no camera saw them.
+
+Stage 6, vertices: those that change nothing are dropped, and a closed chain becomes a polygon that does not cross itself.
 """
 
 from __future__ import annotations
@@ -25,11 +27,13 @@ from typing import Dict, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist, pdist
-from shapely.geometry import Polygon
+from shapely.geometry import LineString, Polygon
+from shapely.ops import unary_union
 from shapely.validation import make_valid
 
 from vb_core import geometry
-from vb_fusion.observations import TREMOR
+from vb_core.errors import CodedError
+from vb_fusion.observations import TIME_BIN, TREMOR, Observations
 
 NEARLY_CLOSED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
 MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer to the start than to the far side
@@ -37,9 +41,61 @@ CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner mu
 MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
 MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
 VERTEX_PRIOR = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh it
+MIN_FIGURE_SIZE = 8.0  # tremors across; a smaller line that curls could be open or closed
+MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped; a map cell is ten times as large
+MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
 
 
-# ------------------------------------------------------------------ samples
+def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.ndarray, Closure]:
+    """Makes the polygonal chain along the drawn line.
+
+    Args:
+        line: the observations in the order in which the line runs, without their cameras' offsets.
+        joined: whether the line consists of several strokes.
+        widest_gap: [m] between the line's ends that may hide a corner.
+
+    Returns:
+        The chain's vertices (M, 2) [m], and the decision whether it is closed.
+
+    Raises:
+        CodedError: "figure_too_small", "line_self_intersects".
+    """
+    tremor = estimate_tremor(line)
+    stroke = resample_stroke(line.points, line.weights, tremor)
+    closure = classify_closure(stroke.points, tremor)
+    size = geometry.bounding_diagonal(line.points)
+    if closure.code in NEARLY_CLOSED and size < MIN_FIGURE_SIZE * tremor:
+        raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
+    within = slice(closure.first, closure.last + 1)
+    trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
+    # a gap that was crossed unseen may hide a corner; a wider one, left by the hand, is closed by a straight side
+    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= widest_gap))
+    if len(vertices) < 3:
+        closure = classify_closure(vertices)
+    return simplify(vertices, closure.closed), closure
+
+
+# ------------------------------------------------------------------ 3: samples
+def estimate_tremor(stroke: Observations) -> float:
+    """Estimates the distance [m] from a stroke within which its observations lie: hand tremor and camera errors.
+
+    It is three standard deviations of the observations from the straight line between those 0.2 s before and after,
+    rounded to half powers of two, so that it seldom changes while a line grows.
+    """
+    after = np.searchsorted(stroke.stamps, stroke.stamps + 2.0 * TIME_BIN)
+    before = np.searchsorted(stroke.stamps, stroke.stamps - 2.0 * TIME_BIN) - 1
+    inner = np.flatnonzero((before >= 0) & (after < len(after)))
+    one, other = before[inner], after[inner]
+    share = ((stroke.stamps[inner] - stroke.stamps[one]) / (stroke.stamps[other] - stroke.stamps[one]))[:, None]
+    off = stroke.points[inner] - (1.0 - share) * stroke.points[one] - share * stroke.points[other]
+    if len(inner) < 10:
+        return TREMOR
+    # half of the squares are below 2 ln 2 variances of an axis; the errors of the line's ends add half a variance
+    deviation = np.sqrt(np.median((off**2).sum(axis=1)) / (3.0 * np.log(2.0)))
+    steps = np.round(2.0 * np.log2(max(3.0 * deviation, 1e-6) / TREMOR))
+    return float(TREMOR * 2.0 ** (0.5 * np.clip(steps, -2.0, 1.0)))
+
+
 @dataclass(frozen=True)
 class ResampledStroke:
     """Samples along a stroke, in the order in which they were drawn.
@@ -110,7 +166,7 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]), stroke.tremor)
 
 
-# ------------------------------------------------------------------ closed or open
+# ------------------------------------------------------------------ 4: closed or open
 @dataclass(frozen=True)
 class Closure:
     """The decision on one line.
@@ -142,8 +198,8 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
     if len(points) < 3 or length == 0.0:
-        return Closure(False, "open_two_points", apart, 0, end, _values(apart, length))
-    first, last, opening = _without_overhang(points, length)
+        return Closure(False, "open_two_points", apart, 0, end, _gap_values(apart, length))
+    first, last, opening = _find_closing_points(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
     length_within = geometry.chain_length(cut)
@@ -158,16 +214,16 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     else:
         code = "closed_trimmed" if last - first < end else "closed_gap"
     if code.startswith("open"):
-        return Closure(False, code, apart, 0, end, _values(apart, length))
-    return Closure(True, code, gap, first, last, _values(gap, length_within))
+        return Closure(False, code, apart, 0, end, _gap_values(apart, length))
+    return Closure(True, code, gap, first, last, _gap_values(gap, length_within))
 
 
-def _values(gap: float, length: float) -> Dict[str, str]:
+def _gap_values(gap: float, length: float) -> Dict[str, str]:
     percent = 100.0 * gap / length if length else 0.0
     return {"gap": f"{gap:.2f}", "percent": f"{percent:.0f}", "length": f"{length:.2f}"}
 
 
-def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
+def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, float]:
     """Finds the points in the first and the last third of the line between which it closes, and the opening [m] there.
 
     An overhang is cut off only if this brings the ends nearer by at least half of its length.
@@ -193,8 +249,8 @@ def _closing_turn(points: np.ndarray, lever: float) -> float:
     return float(np.degrees(np.abs(np.angle(np.conj([line[-1] - behind, across]) * [across, ahead - line[0]])).sum()))
 
 
-# ------------------------------------------------------------------ sides
-def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
+# ------------------------------------------------------------------ 5: sides
+def fit_sides(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     """Fits straight sides to a stroke.
 
     Args:
@@ -275,3 +331,26 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     scaled = rows * stroke.weights[:, None]
     move = np.linalg.solve(scaled.T @ rows + VERTEX_PRIOR * stroke.tremor * np.eye(2 * count), scaled.T @ off)
     return vertices + move.reshape(-1, 2)
+
+
+# ------------------------------------------------------------------ 6: vertices
+def simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
+    """Drops vertices that change nothing, and makes a closed chain a polygon that does not cross itself.
+
+    Raises:
+        CodedError: "line_self_intersects" if the enclosed area is not connected.
+    """
+    if not closed or len(chain) < 3:
+        return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords) if len(chain) > 2 else chain
+    polygon = Polygon(chain)
+    if not polygon.is_valid:
+        # the whole enclosed area without slips of the hand; the lobes of an 8 meet in a point, so a neck joins them
+        pieces = make_valid(polygon).buffer(0.0)
+        lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
+        whole = sum(lobe.area for lobe in lobes)
+        neck = 0.2 * TREMOR
+        large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= MAX_SLIP_RATIO * whole])
+        polygon = large.buffer(-0.5 * neck, join_style=2)
+        if polygon.geom_type != "Polygon" or polygon.is_empty:
+            raise CodedError("line_self_intersects")
+    return np.asarray(Polygon(polygon.exterior).simplify(MIN_DETAIL).exterior.coords)[:-1]

@@ -122,28 +122,8 @@ def merge_observations(spots: Observations) -> Observations:
     return merged.select(np.lexsort((*merged.points.T[::-1], merged.stamps)))
 
 
-def estimate_tremor(stroke: Observations) -> float:
-    """Estimates the distance [m] from a stroke within which its observations lie: hand tremor and camera errors.
-
-    It is three standard deviations of the observations from the straight line between those 0.2 s before and after,
-    rounded to half powers of two, so that it seldom changes while a line grows.
-    """
-    after = np.searchsorted(stroke.stamps, stroke.stamps + 2.0 * TIME_BIN)
-    before = np.searchsorted(stroke.stamps, stroke.stamps - 2.0 * TIME_BIN) - 1
-    inner = np.flatnonzero((before >= 0) & (after < len(after)))
-    one, other = before[inner], after[inner]
-    share = ((stroke.stamps[inner] - stroke.stamps[one]) / (stroke.stamps[other] - stroke.stamps[one]))[:, None]
-    off = stroke.points[inner] - (1.0 - share) * stroke.points[one] - share * stroke.points[other]
-    if len(inner) < 10:
-        return TREMOR
-    # half of the squares are below 2 ln 2 variances of an axis; the errors of the line's ends add half a variance
-    deviation = np.sqrt(np.median((off**2).sum(axis=1)) / (3.0 * np.log(2.0)))
-    steps = np.round(2.0 * np.log2(max(3.0 * deviation, 1e-6) / TREMOR))
-    return float(TREMOR * 2.0 ** (0.5 * np.clip(steps, -2.0, 1.0)))
-
-
 def remove_offsets(seen: Observations) -> Observations:
-    """Runs stage 2: removes the cameras' offsets; an offset common to all cameras cannot be known.
+    """Removes the cameras' offsets; an offset common to all cameras cannot be known.
 
     Cameras that see the pointer at the same time disagree, as their poses are known to centimetres only. The
     disagreements are modelled by one offset per stationary camera and, since localisation errors change as a robot

@@ -1,6 +1,6 @@
 """The seed point: the last place where the pointer dwelt.
 
-The pointer's track is found as for the border (track.py): the sequence of clusters that explains most with the
+The pointer's track is found as for the border (strokes.py): the sequence of clusters that explains most with the
 least effort. Here, however, the pointer dwells instead of moving, and may be switched off on its way. So a cluster
 gains by light that is new at its place, and a jump costs as much as a blink of such light gains, or a little more.
 """
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
 from vb_fusion.observations import TIME_BIN, TREMOR, find_dropout, make_observations, merge_observations, time_bins
-from vb_fusion.track import find_best_steps, find_clusters, trace_track
+from vb_fusion.strokes import find_best_steps, find_clusters, trace_track
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long

@@ -102,6 +102,7 @@ class CameraFeed:
     def __init__(
         self, params: SpotDetectorNodeParams, image: str, mailbox: Mailbox, report: DetectorDiagnostics
     ) -> None:
+        self._camera = params.camera
         self.lens = LensFile(lens_path(params.settings, params.camera))
         self._frame = params.frame or f"{params.camera}_optical_frame"
         self._mailbox, self._report = mailbox, report
@@ -159,7 +160,7 @@ class CameraFeed:
     def _on_source_state(self, error: Optional[CodedError]) -> None:
         is_silent = error is not None
         if not is_silent:
-            rospy.loginfo("%s: reads %s", rospy.get_name(), printable(self._source.address))
+            rospy.loginfo("%s: reads %s", self._camera, printable(self._source.address))
             try:
                 self.set_params(self._source.params)  # a camera just opened has its own exposure and white balance
             except CodedError as refusal:

@@ -154,6 +154,7 @@ class CameraGeometry:
 
     Args:
         mobile: whether the camera moves.
+        transforms: tf's, shared by all cameras of the process.
         info, depth: sources of the lens (`InfoTopic`, `LensFile`) and of depth; None: the floor is taken as a plane.
         floor_projection: the camera's.
         robots: namespaces of the robots that the camera sees; "/" for a robot without one.
@@ -163,6 +164,7 @@ class CameraGeometry:
     def __init__(
         self,
         mobile: bool,
+        transforms: TransformLookup,
         info: Any,
         depth: Optional[DepthTopic],
         floor_projection: FloorProjection,
@@ -171,7 +173,7 @@ class CameraGeometry:
     ) -> None:
         self._mobile, self._info, self._depth = mobile, info, depth
         self._floor_projection, self._report = floor_projection, report
-        self._transforms = TransformLookup()
+        self._transforms = transforms
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
         self._pose: Optional[np.ndarray] = None
         self._of, self._looked_up = ("", (0, 0)), -math.inf  # frame and size at the last lookup, and its time [s]

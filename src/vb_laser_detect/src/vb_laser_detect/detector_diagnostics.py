@@ -31,7 +31,8 @@ class DetectorDiagnostics:
         /virtual_borders/notices (vb_msgs/NoticeArray): what keeps spots from being found or located
 
     Args:
-        camera: the camera's name.
+        source: the camera's namespace.
+        camera: its name.
         mailbox: of the detector's images.
         mobile: whether the camera is on a robot.
         own_source: whether the detector reads the camera directly, so that stamps are of this computer's clock.
@@ -40,7 +41,9 @@ class DetectorDiagnostics:
         focal: [px] focal length of the lens with which spots are located; 0 while it is not known.
     """
 
-    def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False) -> None:
+    def __init__(
+        self, source: str, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False
+    ) -> None:
         self._camera, self._mobile, self._own_source = camera, mobile, own_source
         self._frame_id, self.focal, self._mailbox = "", 0.0, mailbox
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
@@ -52,7 +55,7 @@ class DetectorDiagnostics:
         self._faults: Dict[str, Tuple[Notice, rospy.Time, bool]] = {}
         self._source_fault: Optional[Notice] = None  # an ERROR if it keeps images from coming
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
-        self._notices = NoticePublisher()
+        self._notices = NoticePublisher(source)
         self._timer = WakeTimer(1.0)
         Worker(self._timer, lambda _: self._publish())
 

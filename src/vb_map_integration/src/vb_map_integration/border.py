@@ -1,4 +1,4 @@
-"""The virtual border V = (P, s, delta) of the paper, Sect. 3.
+"""The virtual border V = (P, s, delta) of the paper, Sect. 3, and the error that refuses one.
 
 All code that draws, stores, checks or shows borders passes them on in this form.
 
@@ -12,13 +12,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
 from vb_core import geometry
+from vb_core.errors import CodedError
+from vb_core.notices import Notice, Severity
 from vb_core.zones import KEEP_OUT, ZONES, Zone
-from vb_map_integration.issues import IntegrationError
 from vb_map_integration.places.registration import Transform
 
 # more than a person draws: over three minutes without a pause, at 25 spots a second
@@ -31,6 +32,21 @@ MAX_COORDINATE = 1e6
 MAX_NAME = 200  # characters
 # [m/s] the highest value that a cell of the speed limit map can hold: 127 cm/s
 MAX_SPEED = 1.27
+
+
+def warning(code: str, **values: Any) -> Notice:
+    """Makes a warning: a border with this issue can still be added."""
+    return Notice.from_error(CodedError(code, **values), Severity.WARNING)
+
+
+class IntegrationError(CodedError):
+    """Raised when a border is refused. Nothing was changed.
+
+    Attributes:
+        warnings: those found before the error.
+    """
+
+    warnings: Tuple[Notice, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

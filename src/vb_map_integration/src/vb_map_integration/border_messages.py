@@ -12,8 +12,7 @@ from vb_msgs.msg import VirtualBorder as BorderMessage
 from vb_core.notices import Notice, Severity
 from vb_core.ros import messages
 from vb_core.zones import ZONES
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.issues import IntegrationError
+from vb_map_integration.border import IntegrationError, VirtualBorder
 
 # for each kind, whether the chain is closed; None: decided by the gap between its ends
 KINDS = {

@@ -17,10 +17,8 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid.region import Region, join_regions, apply_regions
-from vb_map_integration.integration import integrate
-from vb_map_integration.issues import IntegrationError
+from vb_map_integration.border import IntegrationError, VirtualBorder
+from vb_map_integration.integration import Integration, Region, apply_regions, integrate, join_regions
 from vb_map_integration.places.recognition import BorderLocation
 
 # verdict codes: the border waits for a person, or is not in force
@@ -135,6 +133,7 @@ def compute_in_force(
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderLocation],
     before: Optional[InForce] = None,
+    checked: Optional[Integration] = None,
 ) -> InForce:
     """Computes what is in force on a map.
 
@@ -144,22 +143,23 @@ def compute_in_force(
         locate: finds where a border is on the map.
         before: the previous result for the same map and the same `locate`: the verdicts of unchanged borders are taken
             from it.
+        checked: a border of them that was just integrated into this map, and need not be again.
     """
     earlier = before.verdicts if before else {}
     verdicts: Dict[str, Verdict] = {}
     for border in borders:
         verdict = earlier.get(border.id)
         is_same = verdict is not None and verdict.stored is border
-        verdicts[border.id] = verdict if is_same else _judge(border, locate(border), grid)
+        verdicts[border.id] = verdict if is_same else _judge(border, locate(border), grid, checked)
     return InForce(grid, verdicts)
 
 
-def _judge(stored: VirtualBorder, location: BorderLocation, grid: GridMap) -> Verdict:
+def _judge(stored: VirtualBorder, location: BorderLocation, grid: GridMap, checked: Optional[Integration]) -> Verdict:
     """Decides which region of a border is in force, and whether to ask a person; if in doubt, more is in force."""
     border = location.border
     if not border.enabled:
         return Verdict(stored, border)
-    current, error = _region(grid, border)
+    current, error = _find_region(grid, border, checked)
     if location.accepted is None:
         return Verdict(stored, border, "" if current else DOES_NOT_FIT, error, current, after=current)
     # a closed line or a wall closes off the same wherever it is, as the line alone decides
@@ -170,7 +170,7 @@ def _judge(stored: VirtualBorder, location: BorderLocation, grid: GridMap) -> Ve
     # they are the same object if the line alone decides: then there is nothing to compare
     if not why and before is not current and (before is None or before.iou(current) < _SAME_EFFECT):
         why = EFFECT
-    possible = [current, *(_region(grid, other)[0] for other in location.others)]
+    possible = [current, *(_find_region(grid, other, checked)[0] for other in location.others)]
     if not why:
         return Verdict(stored, border, region=join_regions(possible), after=current)
     region = _region_while_waiting(before, possible)
@@ -185,8 +185,11 @@ def _region_while_waiting(before: Optional[Region], possible: List[Optional[Regi
     return join_regions([before, *(one for one in possible if one is not None and one.area_m2 <= most)])
 
 
-def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
-    """Returns the region that a border restricts, or None and the code that says why there is none."""
+def _find_region(grid: GridMap, border: VirtualBorder, checked: Optional[Integration]) -> Tuple[Optional[Region], str]:
+    """Finds the region that a border restricts; else returns None and the code that says why there is none."""
+    # on its way to the frame of its place and back a border may have moved by a rounding error: then it is not the same
+    if checked and checked.prior is grid and checked.value == border.value and checked.border.same_area(border):
+        return checked, ""
     try:
         return integrate(grid, border), ""
     except IntegrationError as error:

@@ -25,10 +25,8 @@ import shapely
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid import curve, raster
-from vb_map_integration.grid.region import Region, apply_regions
-from vb_map_integration.issues import IntegrationError, warning
+from vb_map_integration.border import IntegrationError, VirtualBorder, warning
+from vb_map_integration.grid import raster, separating_curve
 
 # [m] length of a curve's end that gives its extension's direction: longer than hand tremor, shorter than a doorway
 EXTENSION_FIT_LENGTH = 0.3
@@ -47,16 +45,60 @@ _FILLED = 128
 
 
 @dataclass(frozen=True)
+class Region:
+    """Cells of the map that one border restricts.
+
+    Attributes:
+        window: the part of the map that contains it.
+        mask: (h, w) uint8 of that window, 0 or 255; obstacles are left out.
+        value: 0 .. 100, the occupancy that the cells are raised to.
+        over_unknown: whether unknown cells are raised too.
+        area_m2: [m^2].
+    """
+
+    window: raster.CellWindow
+    mask: np.ndarray = field(repr=False)
+    value: int
+    over_unknown: bool
+    area_m2: float
+
+    def outline(self, grid: GridMap) -> np.ndarray:
+        """Returns the outline (N, 2) [m] of its largest part, to about a cell; `grid` is the map that it is on."""
+        contours, _ = cv2.findContours(self.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        largest = cv2.approxPolyDP(max(contours, key=cv2.contourArea), 1.0, True)
+        rows, columns = self.window
+        return grid.grid_to_world(largest.reshape(-1, 2) + np.array([columns.start, rows.start], float))
+
+    def apply(self, cells: np.ndarray) -> None:
+        """Raises the cells (H, W) int8 of the map in place; none is lowered."""
+        part, level = cells[self.window], np.uint8(self.value)
+        if self.over_unknown:  # as int8, unknown is -1, the lowest value
+            np.maximum(part, np.bitwise_or(np.invert(self.mask), level).view(np.int8), out=part)
+        else:  # as uint8 it is 255, the highest value
+            as_bytes = part.view(np.uint8)
+            np.maximum(as_bytes, np.bitwise_and(self.mask, level), out=as_bytes)
+
+    def iou(self, other: Optional["Region"]) -> float:
+        """Returns the intersection over union of the two regions' cells, 0 .. 1."""
+        if other is None:
+            return 0.0
+        one, two, either = (cv2.countNonZero(region.mask) for region in (self, other, join_regions([self, other])))
+        return (one + two - either) / max(1, either)
+
+
+@dataclass(frozen=True)
 class Integration(Region):
     """A border integrated into a map.
 
     Attributes:
         prior: the map without the border; it is not changed.
+        border: the border.
         line: (M, 2) [m] map frame, the line in effect: for a curve, with its extensions.
         issues: warnings.
     """
 
     prior: GridMap = field(repr=False)
+    border: VirtualBorder
     line: np.ndarray
     issues: Tuple[Notice, ...]
 
@@ -71,6 +113,35 @@ class Integration(Region):
         cells = raster.filled(self.prior.shape, 0).view(bool)
         cells[self.window] = self.mask != 0
         return cells
+
+
+def apply_regions(grid: GridMap, regions: Sequence[Region]) -> GridMap:
+    """Returns the map with regions applied; their order does not matter, as none lowers a cell."""
+    if not regions:
+        return grid
+    cells = np.array(grid.data, order="C")
+    for region in regions:
+        region.apply(cells)
+    return grid.with_data(cells)
+
+
+def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
+    """Joins the regions that are not None into one, with the value of the first; returns None if there is none."""
+    regions = [one for one in possible if one is not None]
+    if len(regions) < 2:
+        return regions[0] if regions else None
+    window = tuple(
+        slice(min(one.window[axis].start for one in regions), max(one.window[axis].stop for one in regions))
+        for axis in (0, 1)
+    )
+    mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
+    for one in regions:
+        part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(one.window, window))
+        np.maximum(mask[part], one.mask, out=mask[part])
+    first = regions[0]
+    cell = max(one.area_m2 / max(1, cv2.countNonZero(one.mask)) for one in regions)
+    area = cell * cv2.countNonZero(mask)
+    return Region(window, mask, first.value, first.over_unknown, area)  # type: ignore[arg-type]
 
 
 def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Integration:
@@ -144,6 +215,7 @@ class _BorderOnGrid:
             over_unknown=border.closed is True and border.value >= OCCUPIED_THRESHOLD,
             area_m2=restricted * prior.resolution**2,
             prior=prior,
+            border=border,
             line=line,
             issues=tuple(self.issues),
         )
@@ -219,7 +291,7 @@ class _BorderOnGrid:
         # no fill may enter obstacles, unknown cells, or the frame round the map
         framed = raster.filled((prior.shape[0] + 2, prior.shape[1] + 2), 255)
         cv2.inRange(self.cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
-        cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.find_free_cell)
+        cut = separating_curve.separate(framed, self.points, fit, tolerance, self.seed, self.find_free_cell)
         line = prior.grid_to_world(cut.line)
         for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
             length = float(np.linalg.norm(line[index] - self.border.points[index]))

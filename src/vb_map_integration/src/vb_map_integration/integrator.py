@@ -15,12 +15,11 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.geojson import borders_to_geojson
-from vb_map_integration.grid.region import count_free_parts, apply_regions
-from vb_map_integration.in_force import InForce, Verdict, find_notices, compute_in_force
-from vb_map_integration.integration import Integration, integrate
-from vb_map_integration.issues import IntegrationError, warning
+from vb_map_integration.grid.free_parts import count_free_parts
+from vb_map_integration.in_force import InForce, Verdict, compute_in_force, find_notices
+from vb_map_integration.integration import Integration, apply_regions, integrate
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
@@ -160,7 +159,7 @@ class MapIntegrator:
         before = self.physical if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self.map_id = map_id
-        self._use(grid, recognition)
+        self._start_map(grid, recognition)
         if recognition.place:
             name = self._expected_name
             try:
@@ -172,20 +171,20 @@ class MapIntegrator:
                 self._place_notices = [Notice.from_error(error, Severity.WARNING)]
         return True
 
-    def _use(self, grid: GridMap, recognition: PlaceRecognition) -> None:
+    def _start_map(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._recognizer.start_map(grid, self.map_id, recognition)
         self._recognition, self._in_force = recognition, None
-        self._refresh(grid)
+        self._put_in_force(grid)
 
-    def _refresh(self, grid: GridMap) -> None:
-        """Puts in force the borders that the database has now."""
+    def _put_in_force(self, grid: GridMap, checked: Optional[Integration] = None) -> None:
+        """Puts in force the borders that the database has now; `checked` is one of them, just integrated."""
         borders = self._database.borders(self._recognition.place)
-        self._in_force = compute_in_force(grid, borders, self._recognizer.locate, self._in_force)
+        self._in_force = compute_in_force(grid, borders, self._recognizer.locate, self._in_force, checked)
         self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
-    def confirm(self, same: bool, name: str, map_id: str = "") -> None:
+    def confirm(self, same: bool, name: str, map_id: str = "") -> ChangeResult:
         """Adopts a person's answer about what the current map shows.
 
         Args:
@@ -213,12 +212,13 @@ class MapIntegrator:
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self.map_id, place, transform, name)
         waiting = self._waiting() if same else []
-        self._use(grid, PlaceRecognition(place, transform))
+        self._start_map(grid, PlaceRecognition(place, transform))
         if waiting:  # from now on, what these borders close off here counts as accepted
             accepted = [self._to_place_frame(one.border.replace(map_id=self.map_id)) for one in waiting]
             self._make_change(
                 tuple(BorderChange(one.stored.id, one.stored, new) for one, new in zip(waiting, accepted))
             )
+        return ChangeResult()  # which borders were accepted is no news
 
     def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> CheckResult:
         """Checks what adding a border, or replacing the one with the same id, would do; changes nothing.
@@ -268,6 +268,7 @@ class MapIntegrator:
             return ChangeResult((earlier,))
         self._check_revision(expected)
         new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
+        # again, even after a preview: the map, the borders or the robots may have changed since
         check = self.check(new, robot_positions)
         self._check_confirmed()
         self._keep_map()
@@ -303,13 +304,13 @@ class MapIntegrator:
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected: int = 0) -> ChangeResult:
         """Turns a border of any map on or off; raises CodedError."""
-        return self._adjust(border_id, now, expected, enabled=enabled)
+        return self._change_attributes(border_id, now, expected, enabled=enabled)
 
     def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> ChangeResult:
         """Renames a border of any map; raises CodedError."""
-        return self._adjust(border_id, now, expected, name=name)
+        return self._change_attributes(border_id, now, expected, name=name)
 
-    def _adjust(self, border_id: str, now: float, expected: int, **changes: Any) -> ChangeResult:
+    def _change_attributes(self, border_id: str, now: float, expected: int, **changes: Any) -> ChangeResult:
         self._check_revision(expected)
         place, before = self._database.find(border_id)
         after = before.replace(modified=now, **changes)
@@ -323,13 +324,13 @@ class MapIntegrator:
 
     def undo(self, request_id: str = "") -> ChangeResult:
         """Undoes the last change, only once per request id; raises CodedError "nothing_to_undo"."""
-        return self._step("undo", request_id)
+        return self._undo_or_redo("undo", request_id)
 
     def redo(self, request_id: str = "") -> ChangeResult:
         """Redoes the last undone change, only once per request id; raises CodedError "nothing_to_redo"."""
-        return self._step("redo", request_id)
+        return self._undo_or_redo("redo", request_id)
 
-    def _step(self, kind: str, request_id: str) -> ChangeResult:
+    def _undo_or_redo(self, kind: str, request_id: str) -> ChangeResult:
         earlier = self._database.find_border_of_request(request_id)
         if earlier:
             return ChangeResult((earlier,))
@@ -384,7 +385,7 @@ class MapIntegrator:
         self._database.commit(place, change, kind, request_id)
         ids, issues = tuple(entry.id for entry in change), ()
         if place == self._recognition.place:
-            self._refresh(physical)
+            self._put_in_force(physical, check.integration if check else None)
             verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(one.code, **one.values) for one in verdicts if one.code)
         return ChangeResult(ids, check.issues if check else issues)

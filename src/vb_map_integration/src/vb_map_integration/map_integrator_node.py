@@ -7,28 +7,13 @@ import threading
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, List, Tuple
 
 import numpy as np
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
+from vb_msgs import srv
 from vb_msgs.msg import VirtualBorderArray
-from vb_msgs.srv import (
-    AddBorder,
-    ConfirmMap,
-    ConfirmMapRequest,
-    ListBorders,
-    ListBordersResponse,
-    RemoveBorder,
-    RenameBorder,
-    SaveMap,
-    SaveMapResponse,
-    SetBorderEnabled,
-    UndoRedo,
-    UndoRedoRequest,
-    UndoRedoResponse,
-    UpdateBorder,
-)
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
@@ -39,13 +24,9 @@ from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.ros.transforms import TransformLookup
-from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.border_messages import border_from_message, message_from_border, messages_from_issues
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
-from vb_map_integration.issues import IntegrationError, warning
-
-# makes the change that a request asks for, given the time [s]
-ChangeHandler = Callable[[Any, float], Optional[ChangeResult]]
 
 
 @dataclass(frozen=True)
@@ -112,23 +93,18 @@ class MapIntegratorNode:
         self._speeds_out = latched(names.SPEED_LIMITS)
         self._had_speeds = False
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
-        integrator = self._integrator
-        changes: Tuple[Tuple[str, Any, ChangeHandler], ...] = (
-            (names.ADD_BORDER, AddBorder, self._add),
-            (names.UPDATE_BORDER, UpdateBorder, self._update),
-            (names.REMOVE_BORDER, RemoveBorder, lambda asked, _: integrator.remove(asked.id, asked.expected_revision)),
-            (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
-            (names.RENAME_BORDER, RenameBorder, self._rename),
-            (names.CONFIRM_MAP, ConfirmMap, self._confirm),
-            (names.UNDO_REDO, UndoRedo, self._undo_or_redo),
-        )
-        for name, service, change in changes:
-            rospy.Service(name, service, partial(self._change, service._response_class, change))
+        rospy.Service(names.PREVIEW_BORDER, PreviewBorderArray, self._preview)
+        rospy.Service(names.ADD_BORDER, srv.AddBorder, self._add)
+        rospy.Service(names.UPDATE_BORDER, srv.UpdateBorder, self._update)
+        rospy.Service(names.REMOVE_BORDER, srv.RemoveBorder, self._remove)
+        rospy.Service(names.SET_BORDER_ENABLED, srv.SetBorderEnabled, self._set_enabled)
+        rospy.Service(names.RENAME_BORDER, srv.RenameBorder, self._rename)
+        rospy.Service(names.CONFIRM_MAP, srv.ConfirmMap, self._confirm)
+        rospy.Service(names.UNDO_REDO, srv.UndoRedo, self._undo_or_redo)
         rospy.Service(names.UNDO, Trigger, lambda _: self._trigger(redo=False))
         rospy.Service(names.REDO, Trigger, lambda _: self._trigger(redo=True))
-        rospy.Service(names.PREVIEW_BORDER, PreviewBorderArray, self._preview)
-        rospy.Service(names.LIST_BORDERS, ListBorders, self._list)
-        rospy.Service(names.SAVE_MAP, SaveMap, self._save)
+        rospy.Service(names.LIST_BORDERS, srv.ListBorders, self._list)
+        rospy.Service(names.SAVE_MAP, srv.SaveMap, self._save)
         self._maps: node.Mailbox = node.Mailbox()
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
@@ -141,7 +117,7 @@ class MapIntegratorNode:
         with self._lock:
             self._integrator.close()
 
-    # ------------------------------------------------------------- map in, map out
+    # ------------------------------------------------------------- the physical map
     def _take_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
         try:
@@ -162,45 +138,46 @@ class MapIntegratorNode:
             )
             self._publish()
 
-    def _show_notices(self) -> None:
-        with self._lock:
-            self._notices.set([*self._map_notices, *self._integrator.notices])
+    # ------------------------------------------------------------- one border
+    def _preview(self, request: Any) -> Any:
+        """Checks a border as `_add` does, and changes nothing."""
+        response = PreviewBorderArrayResponse()
+        response.region.data = np.zeros(0, np.int8)
+        try:
+            border = self._read_border(request)
+            with self._lock:
+                check = self._integrator.check(border, self._robot_positions(border))
+        except CodedError as error:
+            return self._refused(response, error)
+        integration = check.integration
+        region = integration.prior.with_data(np.where(integration.restricted_cells, np.int8(100), np.int8(0)))
+        response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
+        response.area_m2, response.line = integration.area_m2, messages.points_from_array(integration.line)
+        response.free_parts = check.free_parts
+        response.success, response.code = True, "ok"
+        response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
+        return response
 
-    def _publish(self) -> None:
-        stamp = self._last_stamp = next_stamp(rospy.Time.now(), self._last_stamp)
-        self._show_notices()
-        self._borders_out.publish(self._array(stamp))
-        in_force = self._integrator.in_force
-        grids = [(self._map_out, in_force.map_with_borders)]
-        grids += [(out, self._integrator.map_with_borders_for(name)) for name, out in self._robot_maps.items()]
-        self._had_speeds |= bool(in_force.slow_zones)
-        if self._had_speeds:
-            grids.append((self._speeds_out, in_force.speed_limits))
-        for out, grid in grids:
-            out.publish(messages.message_from_grid(grid, stamp, names.MAP_FRAME))
+    def _add(self, request: srv.AddBorderRequest) -> srv.AddBorderResponse:
+        def add() -> ChangeResult:
+            border = self._read_border(request).replace(enabled=not request.disabled)
+            robots, now = self._robot_positions(border), rospy.get_time()
+            result = self._integrator.add(border, now, robots, request.expected_revision, request.request_id)
+            return ChangeResult(result.ids, result.issues + self._soft_issues(border))
 
-    def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
-        array = VirtualBorderArray()
-        array.header.stamp, array.header.frame_id = stamp, names.MAP_FRAME
-        array.revision = self._integrator.revision
-        array.map_id, array.map_name = self._integrator.map_id, self._integrator.map_name
-        array.needs_confirmation = self._integrator.needs_confirmation
-        array.available_commands = self._integrator.available_commands
-        array.code, array.message = "ok", ""
-        about_all = [notice for notice in self._integrator.notices if not notice.border_id]
-        if about_all:
-            asks = ("borders_unconfirmed", "borders_to_confirm")
-            worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
-            array.code, array.message = worst.code, worst.sentence()
-            array.values = messages.values_from_mapping(worst.values)
-        in_force = self._integrator.in_force
-        for border in self._integrator.borders:
-            status, outlines = in_force.status(border), in_force.outlines(border.id)
-            array.borders.append(message_from_border(border, in_force.area_m2(border.id), *status, outlines))
-        return array
+        return self._change(add, srv.AddBorderResponse())
 
-    # ------------------------------------------------------------- services
-    def _requested(self, request: Any) -> VirtualBorder:
+    def _update(self, request: srv.UpdateBorderRequest) -> srv.UpdateBorderResponse:
+        def update() -> ChangeResult:
+            border = self._read_border(request)
+            robots, now = self._robot_positions(border), rospy.get_time()
+            result = self._integrator.update(border, now, robots, request.expected_revision)
+            return ChangeResult(result.ids, result.issues + self._soft_issues(border))
+
+        return self._change(update, srv.UpdateBorderResponse())
+
+    def _read_border(self, request: Any) -> VirtualBorder:
+        """Reads the border of a request to preview, add or update one; raises IntegrationError if it is invalid."""
         frame = request.frame_id.lstrip("/")
         if frame and frame != names.MAP_FRAME:
             raise IntegrationError("unknown_frame", frame=frame, expected=names.MAP_FRAME)
@@ -228,6 +205,47 @@ class MapIntegratorNode:
         blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
         return (warning("soft_border_ignored", costmaps=", ".join(blind)),) if blind else ()
 
+    # ------------------------------------------------------------- other changes
+    def _remove(self, request: srv.RemoveBorderRequest) -> srv.RemoveBorderResponse:
+        remove = partial(self._integrator.remove, request.id, request.expected_revision)
+        return self._change(remove, srv.RemoveBorderResponse())
+
+    def _set_enabled(self, request: srv.SetBorderEnabledRequest) -> srv.SetBorderEnabledResponse:
+        change = request.id, request.enabled, rospy.get_time(), request.expected_revision
+        return self._change(partial(self._integrator.set_enabled, *change), srv.SetBorderEnabledResponse())
+
+    def _rename(self, request: srv.RenameBorderRequest) -> srv.RenameBorderResponse:
+        change = request.id, request.name, rospy.get_time(), request.expected_revision
+        return self._change(partial(self._integrator.rename, *change), srv.RenameBorderResponse())
+
+    def _confirm(self, request: srv.ConfirmMapRequest) -> srv.ConfirmMapResponse:
+        same = request.answer == srv.ConfirmMapRequest.SAME_PLACE
+        confirm = partial(self._integrator.confirm, same, request.name, request.map_id)
+        return self._change(confirm, srv.ConfirmMapResponse())
+
+    def _undo_or_redo(self, request: srv.UndoRedoRequest) -> srv.UndoRedoResponse:
+        step = self._integrator.redo if request.redo else self._integrator.undo
+        return self._change(partial(step, request.request_id), srv.UndoRedoResponse())
+
+    def _trigger(self, redo: bool) -> TriggerResponse:
+        answer = self._undo_or_redo(srv.UndoRedoRequest(redo=redo))
+        return TriggerResponse(answer.success, answer.message or answer.code)
+
+    def _change(self, change: Callable[[], ChangeResult], response: Any) -> Any:
+        """Makes a change, publishes the map with it, and fills in the response; if it is refused, only the response."""
+        try:
+            with self._lock:
+                result = change()
+                self._publish()
+                revision = self._integrator.revision
+        except CodedError as error:
+            return self._refused(response, error)
+        for issue in result.issues:
+            rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
+        rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(result.ids) or "the map's place")
+        issues = messages_from_issues(result.issues)
+        return _fill(response, success=True, code="ok", id="".join(result.ids[:1]), issues=issues, revision=revision)
+
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
         issues = [*getattr(error, "warnings", ()), Notice.from_error(error, Severity.ERROR)]
@@ -241,76 +259,53 @@ class MapIntegratorNode:
             issues=messages_from_issues(issues),
         )
 
-    def _change(self, response_class: Any, change: ChangeHandler, request: Any) -> Any:
-        """Makes a change, publishes the result, and answers the request."""
-        response = response_class()
-        try:
-            with self._lock:
-                outcome = change(request, rospy.Time.now().to_sec()) or ChangeResult()
-                self._publish()
-                revision = self._integrator.revision
-        except CodedError as error:
-            return self._refused(response, error)
-        for issue in outcome.issues:
-            rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
-        rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(outcome.ids) or "the map's place")
-        issues = messages_from_issues(outcome.issues)
-        return _fill(response, success=True, code="ok", id="".join(outcome.ids[:1]), issues=issues, revision=revision)
+    # ------------------------------------------------------------- what is published
+    def _publish(self) -> None:
+        stamp = self._last_stamp = next_stamp(rospy.Time.now(), self._last_stamp)
+        self._show_notices()
+        self._borders_out.publish(self._borders_message(stamp))
+        in_force = self._integrator.in_force
+        grids = [(self._map_out, in_force.map_with_borders)]
+        grids += [(out, self._integrator.map_with_borders_for(name)) for name, out in self._robot_maps.items()]
+        self._had_speeds |= bool(in_force.slow_zones)
+        if self._had_speeds:
+            grids.append((self._speeds_out, in_force.speed_limits))
+        for out, grid in grids:
+            out.publish(messages.message_from_grid(grid, stamp, names.MAP_FRAME))
 
-    def _undo_or_redo(self, request: Any, _now: float) -> ChangeResult:
-        step = self._integrator.redo if request.redo else self._integrator.undo
-        return step(request.request_id)
+    def _borders_message(self, stamp: rospy.Time) -> VirtualBorderArray:
+        array = VirtualBorderArray()
+        array.header.stamp, array.header.frame_id = stamp, names.MAP_FRAME
+        array.revision = self._integrator.revision
+        array.map_id, array.map_name = self._integrator.map_id, self._integrator.map_name
+        array.needs_confirmation = self._integrator.needs_confirmation
+        array.available_commands = self._integrator.available_commands
+        array.code, array.message = "ok", ""
+        about_all = [notice for notice in self._integrator.notices if not notice.border_id]
+        if about_all:
+            asks = ("borders_unconfirmed", "borders_to_confirm")
+            worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
+            array.code, array.message = worst.code, worst.sentence()
+            array.values = messages.values_from_mapping(worst.values)
+        in_force = self._integrator.in_force
+        for border in self._integrator.borders:
+            status, outlines = in_force.status(border), in_force.outlines(border.id)
+            array.borders.append(message_from_border(border, in_force.area_m2(border.id), *status, outlines))
+        return array
 
-    def _trigger(self, redo: bool) -> TriggerResponse:
-        answer = self._change(UndoRedoResponse, self._undo_or_redo, UndoRedoRequest(redo=redo))
-        return TriggerResponse(answer.success, answer.message or answer.code)
+    def _show_notices(self) -> None:
+        with self._lock:
+            self._notices.set([*self._map_notices, *self._integrator.notices])
 
-    def _add(self, request: Any, now: float) -> ChangeResult:
-        border = self._requested(request).replace(enabled=not request.disabled)
-        positions = self._robot_positions(border)
-        outcome = self._integrator.add(border, now, positions, request.expected_revision, request.request_id)
-        return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
-
-    def _update(self, request: Any, now: float) -> ChangeResult:
-        border = self._requested(request)
-        outcome = self._integrator.update(border, now, self._robot_positions(border), request.expected_revision)
-        return ChangeResult(outcome.ids, outcome.issues + self._soft_issues(border))
-
-    def _enable(self, request: Any, now: float) -> ChangeResult:
-        return self._integrator.set_enabled(request.id, request.enabled, now, request.expected_revision)
-
-    def _rename(self, request: Any, now: float) -> ChangeResult:
-        return self._integrator.rename(request.id, request.name, now, request.expected_revision)
-
-    def _confirm(self, request: Any, _now: float) -> None:
-        self._integrator.confirm(request.answer == ConfirmMapRequest.SAME_PLACE, request.name, request.map_id)
-
-    def _preview(self, request: Any) -> Any:
-        response = PreviewBorderArrayResponse()
-        response.region.data = np.zeros(0, np.int8)
-        try:
-            border = self._requested(request)
-            with self._lock:
-                check = self._integrator.check(border, self._robot_positions(border))
-        except CodedError as error:
-            return self._refused(response, error)
-        integration = check.integration
-        region = integration.prior.with_data(np.where(integration.restricted_cells, np.int8(100), np.int8(0)))
-        response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
-        response.area_m2, response.line = integration.area_m2, messages.points_from_array(integration.line)
-        response.free_parts = check.free_parts
-        response.success, response.code = True, "ok"
-        response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
-        return response
-
-    def _list(self, _request: Any) -> ListBordersResponse:
+    # ------------------------------------------------------------- lists and files
+    def _list(self, _request: Any) -> srv.ListBordersResponse:
         with self._lock:
             if not self._integrator.has_map:
-                return ListBordersResponse()
-            return ListBordersResponse(self._array(rospy.Time.now()))
+                return srv.ListBordersResponse()
+            return srv.ListBordersResponse(self._borders_message(rospy.Time.now()))
 
-    def _save(self, request: Any) -> SaveMapResponse:
-        response = SaveMapResponse()
+    def _save(self, request: Any) -> srv.SaveMapResponse:
+        response = srv.SaveMapResponse()
         name = request.name or f"map-{rospy.Time.now().to_nsec() // 10**6}"
         try:
             with self._lock:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any, Deque, Dict, Optional
 
 from vb_core.errors import CodedError
-from vb_core.limiter import Limiter
+from vb_core.rate_limiter import Limiter
 from vb_core.sentences import spelled_out
 from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from vb_core.grid_layers import Window, clearance_grid, sample
 from vb_core.grid_map import GridMap
-from vb_robot.grid_paths import ShortestPaths
+from vb_robot.shortest_paths import ShortestPaths
 
 STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation

@@ -28,7 +28,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.graph import find_commanders
+from vb_core.ros.master import find_commanders
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.services import call
@@ -40,7 +40,7 @@ from vb_robot.driving.arbiter import Arbiter, DriveCommand
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
-from vb_robot.inputs import RUNNING, message_class, subscribe_map, subscribe_spots
+from vb_robot.subscriptions import RUNNING, message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice

@@ -12,16 +12,16 @@ import numpy as np
 import rosgraph
 import rospy
 
-from vb_core import names, offer
+from vb_core import names, lab_offer
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.graph import read_graph
+from vb_core.ros.master import read_graph
 from vb_core.ros.messages import array_from_points, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_core.ros.robots import connections_from_message
+from vb_core.ros.robot_status import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
@@ -38,12 +38,12 @@ from vb_msgs.msg import (
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
-from vb_robot.dispatching.drawing import DrawingState
+from vb_robot.dispatching.drawing_state import DrawingState
 from vb_robot.driving.safety import limit_around
-from vb_robot.inputs import keep_out_borders_for, subscribe_map, subscribe_spots
+from vb_robot.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.wiring import within
-from vb_robot.spots import Sighting
+from vb_robot.monitoring.navigation_wiring import within
+from vb_robot.spot_sightings import Sighting
 
 PERIOD = 0.2  # [s] between checks of poses and speed limits
 DISPATCH_PERIOD = 0.25  # [s] between decisions which robot looks from where: the spot moves 0.1 m at most meanwhile
@@ -113,7 +113,7 @@ class RobotMonitorNode:
         self._speed_limits: Optional[GridMap] = None
         self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None: not known yet
         self._cameras: Dict[str, None] = {}
-        self._offer = offer.offer(offer.Connections())
+        self._offer = lab_offer.offer(lab_offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
         self._logged: Tuple[Any, ...] = ()
         self._started = self._published_at = rospy.get_time()
@@ -312,7 +312,7 @@ class RobotMonitorNode:
                 self._published, self._published_at = (message.robots, message.cameras), now
                 message.header.stamp = rospy.Time.from_sec(now)
                 self._status.publish(message)
-            self._offer = offer.offer(connections_from_message(message))
+            self._offer = lab_offer.offer(connections_from_message(message))
             faults = self._lasting(self._offer.notices(), now)
             self._log(now)
             notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]

@@ -31,11 +31,11 @@ from vb_core.parameters import Parameters, param
 from vb_core.sentences import spelled_out
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
-from vb_core.vocabulary import ANSWERS, COMMANDS, QUESTIONS, STATES, State, normalize
+from vb_core.vocabulary import COMMANDS, QUESTIONS, STATES, State
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, RESUME, SAVE, STOP
 from vb_core.vocabulary import REDO, UNDO
-from vb_voice_wizard.dialogue.answers import Answer
+from vb_voice_wizard.dialogue.command_answers import Answer
 
 # [s] without a spot in Border or Seed: by then a person has begun, perhaps with a laser that no camera sees
 UNSEEN_AFTER = 10.0
@@ -136,24 +136,23 @@ class Interaction:
         now: float,
         uncertain: bool = False,
         doubtful_border: bool = False,
+        confirms: bool = False,
         identity: str = "",
         seen_stop: str = "",
     ) -> Answer:
         """Carries out a command and returns the answer; never raises, and never ignores a command.
 
         Args:
-            name: one of COMMANDS, or of ANSWERS to the question whether one was meant; anything else is answered with
-                "unknown_command".
+            name: one of COMMANDS; anything else is answered with "unknown_command".
             source: who sends it, for the record.
             now: [s].
             uncertain: whether it may have been misheard.
             doubtful_border: whether the preview of what would be saved has issues.
+            confirms: whether it answers the question whether this command was meant: the person said one of ANSWERS.
             identity: the id of a stop; "": it gets one.
             seen_stop: number of the newest stop that the sender knew of; a command that is older than a stop is void.
         """
         self.advance(now)
-        said = normalize(name)
-        name = ANSWERS.get(said, said)
         if name == STOP:
             return self._stop(identity or new_id(), source)
         void = bool(seen_stop) and seen_stop != self.latch.number
@@ -166,7 +165,7 @@ class Interaction:
             if self.state != DEFAULT:
                 self._note(source)
             # before any question: nobody should have to confirm a command that is refused anyway
-            answer = self._check(name, seen_stop) or self._ask(said, name, source, uncertain, doubtful_border)
+            answer = self._check(name, seen_stop) or self._ask(name, source, uncertain, doubtful_border, confirms)
             if answer is None or answer.code not in QUESTIONS:
                 self.question = Question()
         return self._answered(name, source, answer or self._apply(name, source, seen_stop))
@@ -207,11 +206,11 @@ class Interaction:
     def _stopped_since(name: str) -> Answer:
         return Answer(False, "stopped_since", {"command": spelled_out(name)})
 
-    def _ask(self, said: str, name: str, source: str, uncertain: bool, doubtful_border: bool) -> Optional[Answer]:
+    def _ask(self, name: str, source: str, uncertain: bool, doubtful_border: bool, confirms: bool) -> Optional[Answer]:
         """Returns the question whether this command is meant, or None if that was answered or need not be asked."""
-        if self.question[:2] == (name, source) and (said in ANSWERS or not uncertain):
+        if self.question[:2] == (name, source) and (confirms or not uncertain):
             return None
-        if said in ANSWERS:
+        if confirms:
             return Answer(False, "nothing_asked", {"command": spelled_out(name)})
         matters = {
             ALWAYS: True,

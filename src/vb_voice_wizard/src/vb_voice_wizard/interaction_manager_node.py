@@ -32,10 +32,9 @@ from vb_msgs.msg import (
 )
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
+from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
+from vb_voice_wizard.dialogue.borders import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices, Previewer
 from vb_voice_wizard.interaction import Interaction, InteractionParams
-from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
-from vb_voice_wizard.dialogue.answers import Answer, AnswerCache
-from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: robots stop half a second after the last state, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
@@ -171,13 +170,13 @@ class InteractionManagerNode:
 
     # ------------------------------------------------------------------ commands
     def _on_command(self, order: CommandRequest) -> CommandResponse:
-        command = normalize(order.command)
+        said = normalize(order.command)
+        command = ANSWERS.get(said, said)  # "yes, save" means "save"
         if command == STOP:
             answer = self._stop_robots(order.id, order.source)
         else:
-            meant = ANSWERS.get(command, command)
-            answer = self._answer_cache.answer_once(order.id, lambda: self._run_command(meant, order))
-        rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", command, answer.message, answer.code)
+            answer = self._answer_cache.answer_once(order.id, lambda: self._run_command(command, said, order))
+        rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", said, answer.message, answer.code)
         return CommandResponse(
             success=answer.success, code=answer.code, message=answer.message, values=values_from_mapping(answer.values)
         )
@@ -192,16 +191,17 @@ class InteractionManagerNode:
         # robots have stopped; the answer waits for the disk, so that no restart undoes what was answered
         return answer if self._latch.store() else Answer(True, "stop_not_stored")
 
-    def _run_command(self, command: str, order: CommandRequest) -> Answer:
+    def _run_command(self, command: str, said: str, order: CommandRequest) -> Answer:
+        """Carries out the command that was meant by what a person said."""
         with self._lock:
             interaction, now = self._interaction, rospy.get_time()
             if not order.expires.is_zero() and now > order.expires.to_sec():
                 # only the person who gave it is told
-                answer = Answer(False, "expired", {"command": spelled_out(normalize(order.command))})
+                answer = Answer(False, "expired", {"command": spelled_out(said)})
             else:
                 doubtful = self._preview.has_warning(interaction.interaction_id)
                 answer = interaction.command(
-                    order.command, order.source, now, order.uncertain, doubtful, seen_stop=order.seen_stop
+                    command, order.source, now, order.uncertain, doubtful, said in ANSWERS, seen_stop=order.seen_stop
                 )
             pending = interaction.pending if answer.success and COMMANDS[command].carried_out_elsewhere else ""
             interaction_id = interaction.interaction_id

@@ -6,7 +6,7 @@ against what else sounds like this command: two words are hardly ever heard by m
 enough to accept a command, but not to be certain of it: one that would move a robot, change the map or lose a drawing
 is then asked about, and confirmed with another phrase, "yes, save" (interaction.py). Talk and then a shouted *stop*
 are one utterance: so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
-Nothing is trained here; bench/voice/recognition.py measures the results.
+Nothing is trained here; bench/voice/command_recognition.py measures the results.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
 

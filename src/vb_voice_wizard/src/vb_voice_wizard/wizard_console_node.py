@@ -25,7 +25,7 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
+from vb_voice_wizard.wizard_console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
 
 _PERIOD = 0.2  # [s] between two updates: an operator cannot follow more
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second

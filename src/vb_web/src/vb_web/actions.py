@@ -22,8 +22,8 @@ from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_core.vocabulary import REDO, UNDO
 from vb_web.action_requests import Request
-from vb_web.ros_view import apply_draft, issues_section, region_uri
-from vb_web.view import answer, refusal, rounded
+from vb_web.page_messages import apply_draft, issues_section, region_uri
+from vb_web.page_view import answer, refusal, rounded
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _TIMEOUT = 20.0

@@ -17,7 +17,7 @@ from vb_core.image_format import PixelReader
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import decode
 from vb_core.ros.transforms import TransformLookup
-from vb_web import images
+from vb_web import page_images
 
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
 _FLOOR_LIFETIME = 5.0  # [s] for which every browser that asks gets the same image, if all cameras are in it
@@ -63,7 +63,7 @@ class CameraImages:
         if detector is None:
             return None
         try:
-            return images.encode_jpeg(
+            return page_images.encode_jpeg(
                 to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT))
             )
         except rospy.ROSException:
@@ -75,12 +75,12 @@ class CameraImages:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
-                self._floor = images.draw_floor(grid, views).data if grid is not None and views else None
+                self._floor = page_images.draw_floor(grid, views).data if grid is not None and views else None
                 # with a camera missing, it is made anew next time: that camera may be starting
                 self._floor_at = time.monotonic() if len(views) == len(self._cameras) else -1e9
             return self._floor
 
-    def _view(self, camera: str) -> Optional[images.CeilingImage]:
+    def _view(self, camera: str) -> Optional[page_images.CeilingImage]:
         try:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
             image = to_bgr(rospy.wait_for_message(f"/{camera}/{self._topic}", self._kind, timeout=_IMAGE_TIMEOUT))
@@ -89,4 +89,4 @@ class CameraImages:
         except (rospy.ROSException, CodedError) as error:
             rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's image is without camera {camera}: {error}")
             return None
-        return images.CeilingImage(image, model.scaled_to(image.shape[1], image.shape[0]), pose)
+        return page_images.CeilingImage(image, model.scaled_to(image.shape[1], image.shape[0]), pose)

@@ -18,19 +18,20 @@ from vb_core import names
 from vb_core.border_changes import border_changes
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.offer import Offer
+from vb_core.lab_offer import Offer
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener
-from vb_core.ros.robots import OfferListener
+from vb_core.ros.robot_status import OfferListener
 from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
-from vb_web import access, images, ros_view
+from vb_web import page_images, page_messages
+from vb_web.access_control import Sessions, is_loopback, load_codes
 from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
 from vb_web.action_requests import Bounds
 from vb_web.server import PageParams, PageServer, addresses
-from vb_web.view import View, coarse_age, mark_borders, rounded
+from vb_web.page_view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
@@ -72,7 +73,7 @@ class PageNode:
         self._params = params
         self._lock = threading.Lock()
         self._showing = threading.Lock()
-        self._view, self._images = View(), images.ImageCache()
+        self._view, self._images = View(), page_images.ImageCache()
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
         self._borders: Optional[VirtualBorderArray] = None  # None: not known yet
@@ -113,12 +114,12 @@ class PageNode:
     def _serve(self) -> None:
         """Starts the server and logs where the page is."""
         params = self._params
-        local = access.is_loopback(params.address)
+        local = is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
         secrets = [codes, *(codes.with_name(name) for name in (_SESSIONS, "page.key"))]
         node.keep_private(*([] if local else secrets))
-        self._codes = None if local else access.load_codes(codes)
-        sessions = None if self._codes is None else access.Sessions(self._codes, codes.with_name(_SESSIONS), _warn)
+        self._codes = None if local else load_codes(codes)
+        sessions = None if self._codes is None else Sessions(self._codes, codes.with_name(_SESSIONS), _warn)
         self._server = PageServer(
             params,
             sessions,
@@ -180,13 +181,13 @@ class PageNode:
         if prior is None:
             return
         self._grid = prior
-        base = images.draw_map(prior)
+        base = page_images.draw_map(prior)
         self._images.put("map", base)
         restricted = None
         if posterior is not None and posterior.same_geometry(prior):
-            restricted = images.draw_restricted(prior, posterior)
+            restricted = page_images.draw_restricted(prior, posterior)
             self._images.put("restricted", restricted)
-        self._view.put("map", images.map_section(prior, base, restricted, bool(self._params.cameras)))
+        self._view.put("map", page_images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
     def _show_robots(self) -> None:
         """Shows what is connected; when that is no longer known, browsers get a null offer."""
@@ -197,8 +198,8 @@ class PageNode:
             # Stop does not vanish from under a finger while a driver is being restarted
             self._stoppable = self._stoppable or "stop" in found.commands
             stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
-            self._view.put("offer", ros_view.offer_section(found, message, stop))
-            self._view.put("drives", ros_view.drives_section(message))
+            self._view.put("offer", page_messages.offer_section(found, message, stop))
+            self._view.put("drives", page_messages.drives_section(message))
         elif changed:
             self._view.put("offer", None)
             self._view.put("drives", {})
@@ -216,14 +217,14 @@ class PageNode:
         with self._showing:
             if self._borders is None:
                 return
-            section = ros_view.borders_section(self._borders, self._offer)
+            section = page_messages.borders_section(self._borders, self._offer)
             self._marks = mark_borders(self._marks, [border["id"] for border in section["list"]])
             for border in section["list"]:
                 border["mark"] = self._marks[border["id"]]
             self._view.put("borders", section)
 
     def _on_state(self, message: InteractionState) -> None:
-        section = ros_view.state_section(message)
+        section = page_messages.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
         self._idle = section["name"] == DEFAULT.name
@@ -242,13 +243,13 @@ class PageNode:
         self._answered = answered
 
     def _on_progress(self, message: BorderProgress) -> None:
-        self._view.put("progress", None if self._idle else ros_view.progress_section(message))
+        self._view.put("progress", None if self._idle else page_messages.progress_section(message))
 
     def _on_preview(self, message: BorderPreview) -> None:
-        self._view.put("preview", ros_view.preview_section(message))
+        self._view.put("preview", page_messages.preview_section(message))
 
     def _on_spot(self, message: LaserSpot) -> None:
-        entry = ros_view.spot_entry(message)
+        entry = page_messages.spot_entry(message)
         if entry is not None and message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             # the stamp distinguishes a spot at rest from a repeated message
             self._spots[message.camera] = [*entry, rounded(message.header.stamp.to_sec(), 3)]
@@ -257,16 +258,16 @@ class PageNode:
             self._view.put("spots", dict(self._spots))
 
     def _show_notices(self) -> None:
-        self._view.put("notices", ros_view.notices_section(self._notices.current()[:30]))
+        self._view.put("notices", page_messages.notices_section(self._notices.current()[:30]))
 
     def _on_detector(self, message: DetectorStatus) -> None:
         publisher = message._connection_header.get("callerid", "")
         with self._lock:
-            self._detectors[message.camera] = (time.monotonic(), publisher, ros_view.detector_entry(message))
+            self._detectors[message.camera] = (time.monotonic(), publisher, page_messages.detector_entry(message))
 
     def _on_driver(self, message: DriverState) -> None:
         with self._lock:
-            self._drivers[message.robot] = (time.monotonic(), ros_view.driver_entry(message))
+            self._drivers[message.robot] = (time.monotonic(), page_messages.driver_entry(message))
 
     def _detector_nodes(self) -> Dict[str, str]:
         with self._lock:

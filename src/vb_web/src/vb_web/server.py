@@ -1,4 +1,4 @@
-"""The web server: its thread, its connections' places, and the pools that carry out requests; `handlers` answers them.
+"""The web server: its thread, its connections' places, and the pools that carry out requests; `request_handlers` answers them.
 
 An attacker must not keep an operator from a *stop*. So connections have places by role (`access.ConnectionSlots`), slow work is
 done apart from quick work and one piece at a time for each person, and a connection that reads or writes too slowly is
@@ -26,12 +26,12 @@ from tornado.netutil import bind_sockets
 
 from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError, ParameterError
-from vb_core.limiter import Limiter
+from vb_core.rate_limiter import Limiter
 from vb_core.parameters import Parameters, param
-from vb_web import access, action_requests, handlers
-from vb_web.access import ConnectionSlots, Role, Sessions
-from vb_web.images import ImageCache
-from vb_web.view import View, as_message, refusal
+from vb_web import access_control, action_requests, request_handlers
+from vb_web.access_control import ConnectionSlots, Role, Sessions
+from vb_web.page_images import ImageCache
+from vb_web.page_view import View, as_message, refusal
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -70,7 +70,7 @@ class PageParams(Parameters):
         Raises:
             ParameterError: if there is only one of the two: a person who made one does not want http.
         """
-        if access.is_loopback(self.address):
+        if access_control.is_loopback(self.address):
             return None
         files = tuple(Path(self.codes_file).expanduser().with_name(name) for name in ("page.crt", "page.key"))
         there = [path.exists() for path in files]
@@ -179,7 +179,7 @@ class PageServer:
             page=self,
             ssl_options=context,
             max_header_size=16384,
-            max_body_size=handlers.MAX_BODY,
+            max_body_size=request_handlers.MAX_BODY,
             idle_connection_timeout=_PATIENCE,
             body_timeout=_PATIENCE,
         )
@@ -197,7 +197,7 @@ class PageServer:
 
     def _application(self) -> web.Application:
         return web.Application(
-            handlers.routes(self),
+            request_handlers.routes(self),
             log_function=lambda _handler: None,
             websocket_max_message_size=action_requests.MAX_BYTES,
             websocket_ping_interval=15,

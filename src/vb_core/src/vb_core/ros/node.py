@@ -203,10 +203,14 @@ class Mailbox(Queue[T]):
     """A queue of one item: the newest wins, and the one it replaces counts as dropped. Closing it empties it.
 
     A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
+
+    Args:
+        on_filled: called when an item arrives in the empty mailbox, for a worker that serves several of them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_filled: Callable[[], Any] = lambda: None) -> None:
         super().__init__(1)
+        self._on_filled = on_filled
         self.received = 0
         self.dropped = 0
 
@@ -214,9 +218,13 @@ class Mailbox(Queue[T]):
         """Stores an item, in place of one that is still there."""
         with self._condition:
             self.received += 1
-            self.dropped += len(self._items)
+            replaced = len(self._items)
+            self.dropped += replaced
             self._items.clear()
-            return super().put(item)
+            super().put(item)
+        if not replaced:
+            self._on_filled()
+        return True
 
     def wait_until_taken(self) -> None:
         """Waits until the item is taken or the mailbox closed: for a source that can wait."""

@@ -77,12 +77,16 @@ class NoticeListener:
 
 
 class NoticePublisher:
-    """Publishes this node's notices on /virtual_borders/notices, at once and again every second.
+    """Publishes notices on /virtual_borders/notices, at once and again every second.
 
     Warnings and errors are also logged, once while they hold: roslaunch's terminal shows only the log.
+
+    Args:
+        source: whose notices they are, if they are not the whole node's.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, source: str = "") -> None:
+        self._source = source or rospy.get_name()
         self._lock = threading.Lock()
         self._notices: List[Notice] = []
         self._logged: Dict[Tuple[Any, ...], float] = {}  # [s] of wall time when each held last
@@ -92,7 +96,7 @@ class NoticePublisher:
         self._publish()
 
     def set(self, notices: Iterable[Notice]) -> None:
-        """Replaces this node's notices; if none changes, nothing is sent before the next repetition."""
+        """Replaces this source's notices; if none changes, nothing is sent before the next repetition."""
         notices = list(notices)
         with self._lock:
             if notices == self._notices:
@@ -107,13 +111,13 @@ class NoticePublisher:
 
     def _publish(self) -> None:
         with self._lock:
-            message = NoticeArray(source=rospy.get_name(), notices=[message_from_notice(n) for n in self._notices])
+            message = NoticeArray(source=self._source, notices=[message_from_notice(n) for n in self._notices])
             new = self._find_new()
         message.header.stamp = rospy.Time.now()
         self._publisher.publish(message)
         for notice in new:
             log = rospy.logerr if notice.severity is Severity.ERROR else rospy.logwarn
-            log("%s: %s [%s]", rospy.get_name(), notice.sentence(), notice.code)
+            log("%s: %s [%s]", self._source, notice.sentence(), notice.code)
 
     def _find_new(self) -> List[Notice]:
         """Returns the warnings and errors that did not hold within LOG_PERIOD: an intermittent one is logged once."""

@@ -1,6 +1,6 @@
 """Answers a study's questions by rules that are written down before it is run; the answers make up its published page.
 
-The text between two marks in a Markdown page is replaced by the answers, their tables, and every run that was not
+They replace the text between two marks in a Markdown page, together with their tables and every run that was not
 completed. No figure is copied by hand, and a test finds a page that does not match its rows.
 """
 
@@ -12,11 +12,11 @@ from typing import Any, Dict, List
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_evaluation import statistics
-from vb_evaluation.report import effect_sizes, paper
-from vb_evaluation.report.blocks import Grid
-from vb_evaluation.report.data import StudyResults, read_study, select
-from vb_evaluation.report.page import SECTIONS
-from vb_evaluation.report.paper import METHODS
+from vb_evaluation.report import effect_sizes, paper_results
+from vb_evaluation.report.page_blocks import Table
+from vb_evaluation.report.study_files import StudyResults, read_study, select
+from vb_evaluation.report.html_page import SECTIONS
+from vb_evaluation.report.paper_results import METHODS
 
 BEGIN, END = "<!-- what follows is written by study_kit report --page -->", "<!-- end of what is written -->"
 # titles of the report's tables that are written, in this order
@@ -42,48 +42,48 @@ def answers(study: StudyResults) -> List[str]:
     """
     if len(study.methods) < 2:
         raise CodedError("no_comparison", "the answers compare two methods, and the study has runs of only one")
-    made = [block for _, _, section in SECTIONS for block in section(study) if isinstance(block, Grid)]
-    grids = {grid.name: grid for grid in made if grid.rows}
+    tables = [block for _, _, section in SECTIONS for block in section(study) if isinstance(block, Table)]
+    tables = {table.name: table for table in tables if table.rows}
     revisions = sorted(set(study.runs["revision"])) if "revision" in study.runs else [study.meta.get("revision", "?")]
-    found = [
+    parts = [
         f"{study.runs.participant.nunique()} people, {len(study.runs)} runs, seed {study.meta.get('seed', '?')}, revision "
         f"{' and '.join(revisions)}.",
-        "\n".join(f"{number}. {words}." for number, words in enumerate(_answers(study, grids), 1)),
+        "\n".join(f"{number}. {words}." for number, words in enumerate(_answers(study, tables), 1)),
     ]
     for name, title in TABLES.items():
-        if name in grids:
-            found += [". ".join(filter(None, (f"**{title}**", grids[name].words))), grids[name].markdown()]
-    return found
+        if name in tables:
+            parts += [". ".join(filter(None, (f"**{title}**", tables[name].words))), tables[name].markdown()]
+    return parts
 
 
-def _answers(study: StudyResults, grids: Dict[str, Grid]) -> List[str]:
-    faster = [row["speedup"].low > 1.0 for row in grids["summary"].rows]
-    *accuracy, completed = grids["not_worse"].rows
+def _answers(study: StudyResults, tables: Dict[str, Table]) -> List[str]:
+    faster = [row["speedup"].low > 1.0 for row in tables["summary"].rows]
+    *accuracy, completed = tables["not_worse"].rows
     exact = all(row["reading"] == "not worse" for row in accuracy)
-    found = [
+    sentences = [
         f"**Faster?** {'Yes' if all(faster) else 'Not shown'}: in {sum(faster)} of {len(faster)} scenarios the speed-up's "
         "interval is above 1",
         f"**Not less exact?** {'Yes' if exact else 'Not shown'}: {_counts(accuracy)}",
         f"**Completed as often?** {completed['reading'].capitalize()}: a difference of {completed['gain']} points",
     ]
-    if "beside_the_paper" in grids:
-        found.append(
-            f"**The paper's people?** {_counts(grids['beside_the_paper'].rows)}; better is disagreement as well"
+    if "beside_the_paper" in tables:
+        sentences.append(
+            f"**The paper's people?** {_counts(tables['beside_the_paper'].rows)}; better is disagreement as well"
         )
         effects = "; ".join(_effect(study, key) for key in EFFECTS if key in study.scenarios)
-        found += [f"**The paper's effects on accuracy?** {effects}"] if effects else []
+        sentences += [f"**The paper's effects on accuracy?** {effects}"] if effects else []
     if study.runs.pointed_right.notna().any():
-        there = select(study.runs, method=METHODS[0], outcome="saved", pointed_right=1)
-        share = statistics.proportion(int((there.seed_is_right == 0).sum()), len(there)).scaled(100.0)
-        found.append(
-            f"**The side that people pointed at?** Of {len(there)} borders that the network robot system saved for people who "
+        saved = select(study.runs, method=METHODS[0], outcome="saved", pointed_right=1)
+        share = statistics.proportion(int((saved.seed_is_right == 0).sum()), len(saved)).scaled(100.0)
+        sentences.append(
+            f"**The side that people pointed at?** Of {len(saved)} borders that the network robot system saved for people who "
             f"pointed at the right side, {share.text(1)} % restrict the other one"
         )
-    if "worlds" in grids:
-        whole = [row for row in grids["worlds"].rows if row["worlds"] == "all"]
-        shares = (f"{row['conclusion']} in {row['holds'].text(0)} % of {row['n']}" for row in whole)
-        found.append(f"**In plausible worlds?** {'; '.join(shares)}")
-    return found
+    if "worlds" in tables:
+        all_worlds = [row for row in tables["worlds"].rows if row["worlds"] == "all"]
+        shares = (f"{row['conclusion']} in {row['holds'].text(0)} % of {row['n']}" for row in all_worlds)
+        sentences.append(f"**In plausible worlds?** {'; '.join(shares)}")
+    return sentences
 
 
 def _counts(rows: List[Dict[str, Any]]) -> str:
@@ -92,11 +92,11 @@ def _counts(rows: List[Dict[str, Any]]) -> str:
 
 
 def _effect(study: StudyResults, scenario: str) -> str:
-    here = effect_sizes.shift(select(study.runs, scenario=scenario), "jaccard", METHODS, True)
-    again = here.low <= EFFECTS[scenario] <= here.high and not here.low <= 0.0 <= here.high
+    difference = effect_sizes.shift(select(study.runs, scenario=scenario), "jaccard", METHODS, True)
+    is_found = difference.low <= EFFECTS[scenario] <= difference.high and not difference.low <= 0.0 <= difference.high
     return (
-        f"{paper.scenario_title(scenario)} {statistics.format_number(EFFECTS[scenario], 3)} there, {here.text(3)} here: "
-        f"{'found' if again else 'not found'} again"
+        f"{paper_results.scenario_title(scenario)} {statistics.format_number(EFFECTS[scenario], 3)} there, {difference.text(3)} here: "
+        f"{'found' if is_found else 'not found'} again"
     )
 
 

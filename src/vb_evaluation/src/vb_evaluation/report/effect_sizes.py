@@ -8,8 +8,8 @@ import numpy as np
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report.blocks import Block, Grid, columns
-from vb_evaluation.report.data import StudyResults, known, pairs, select
+from vb_evaluation.report.page_blocks import Block, Table, columns
+from vb_evaluation.report.study_files import StudyResults, known, pairs, select
 from vb_evaluation.statistics import Interval
 
 
@@ -23,8 +23,8 @@ def shift(
     """Computes the Hodges-Lehmann difference, without an interval where there are too few pairs for one of 90 %."""
     first, second = pairs(table, column, methods, completed)
     # 0.3 - 0.1 and 0.4 - 0.2 are a tie that floating point does not see
-    found = statistics.hodges_lehmann(np.round(first - second, 9), confidence)
-    return found if found.confidence >= 0.89 else Interval(found.estimate)
+    interval = statistics.hodges_lehmann(np.round(first - second, 9), confidence)
+    return interval if interval.confidence >= 0.89 else Interval(interval.estimate)
 
 
 def ratio(table: pandas.DataFrame, methods: Tuple[str, str]) -> Interval:
@@ -58,19 +58,19 @@ def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool
         "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Holm: corrected over this table."
     )
     heads = columns(*keys, shift=f"Difference {f'[{unit}]' if unit else ''}")
-    return [Grid(f"test_{column}", heads, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
+    return [Table(f"test_{column}", heads, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
 
 
-def wilcoxon_row(found: statistics.PairedComparison) -> dict:
+def wilcoxon_row(comparison: statistics.PairedComparison) -> dict:
     """Returns the cells of a Wilcoxon test's row."""
     return {
-        "n": found.n,
-        "z": found.test.z,
-        "p": statistics.format_p(found.test.p_exact),
-        "p_value": found.test.p_exact,
-        "r": found.r,
-        "rank_biserial": found.rank_biserial,
-        "shift": found.shift,
+        "n": comparison.n,
+        "z": comparison.test.z,
+        "p": statistics.format_p(comparison.test.p_exact),
+        "p_value": comparison.test.p_exact,
+        "r": comparison.r,
+        "rank_biserial": comparison.rank_biserial,
+        "shift": comparison.shift,
     }
 
 

@@ -8,42 +8,43 @@ from typing import Any, Dict, List
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report import effect_sizes, maps, paper
-from vb_evaluation.report.blocks import Block, Figure, Grid, columns
-from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs
+from vb_evaluation.report import effect_sizes, map_figures, paper_results
+from vb_evaluation.report.page_blocks import Block, Figure, Table, columns
+from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 # measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
 # that the paper calls not notable in practice
 MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
 POINTS = 10  # margin of completeness [percentage points]
-_WHY = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
+_EXPLANATIONS = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
 def summary_section(study: StudyResults) -> List[Block]:
     """Reports the method's effects with their intervals; with people, also without runs that had help or a problem."""
     if len(study.methods) < 2:
         return []
-    names = [paper.method_title(method).lower() for method in study.comparison]
+    names = [paper_results.method_title(method).lower() for method in study.comparison]
     words = (
         f"Differences are {names[0]} minus {names[1]}, paired by participant: Hodges-Lehmann estimate and 95 % interval "
         "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. Completed: of all runs, "
         "Newcombe's interval. [?]: too few pairs."
     )
     blocks = [_summary("summary", study, study.runs, words), *not_worse_blocks(study)]
-    alone = study.runs[~((study.runs.helped > 0) | (study.runs.problems > 0))]
-    if len(alone) < len(study.runs):
-        words = f"The same without the {len(study.runs) - len(alone)} runs with help or a problem of the system."
-        blocks.append(_summary("summary_without_help", study, alone, words))
+    unaided = study.runs[~((study.runs.helped > 0) | (study.runs.problems > 0))]
+    if len(unaided) < len(study.runs):
+        words = f"The same without the {len(study.runs) - len(unaided)} runs with help or a problem of the system."
+        blocks.append(_summary("summary_without_help", study, unaided, words))
     return blocks
 
 
-def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str) -> Grid:
+def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str) -> Table:
     both = study.comparison
     rows = [
         {
             "scenario": title,
             "pairs": len(pairs(here, "time_total_s", both)[0]),
+            "accuracy_pairs": len(pairs(here, "error_mean_cm", both, True)[0]),
             "error": effect_sizes.shift(here, "error_mean_cm", both, True),
             "time": effect_sizes.shift(here, "time_total_s", both),
             "speedup": effect_sizes.ratio(here, both),
@@ -52,15 +53,16 @@ def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str)
         }
         for title, here in study.by_scenario(runs)
     ]
-    keys = ("scenario", "pairs", "error", "time", "speedup", "jaccard", "completed")
+    keys = ("scenario", "pairs", "accuracy_pairs", "error", "time", "speedup", "jaccard", "completed")
     heads = columns(
         *keys,
+        accuracy_pairs="Pairs, accuracy",
         error="Mean boundary error [cm]",
         time="Time [s]",
         jaccard="Jaccard index",
         completed="Completed [points]",
     )
-    return Grid(name, heads, rows, {"error": 1, "time": 1, "jaccard": 3, "completed": 0}, words=words)
+    return Table(name, heads, rows, {"error": 1, "time": 1, "jaccard": 3, "completed": 0}, words=words)
 
 
 def not_worse_blocks(study: StudyResults) -> List[Block]:
@@ -74,14 +76,14 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
                 {
                     "scenario": title,
                     "measure": words,
-                    **_beside_margin(gain, margin, digits),
+                    **_compare_with_margin(gain, margin, digits),
                     "n": len(first),
                     "p_value": statistics.noninferiority_p(sign * (first - second), margin),
                 }
             )
     for column in MARGINS if study.people else ():
         effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column][0]])
-    points = _beside_margin(effect_sizes.completed_more(study.runs, study.comparison, 0.9), POINTS, 0)
+    points = _compare_with_margin(effect_sizes.completed_more(study.runs, study.comparison, 0.9), POINTS, 0)
     rows.append({"scenario": "all", "measure": "completed [points]", **points, "n": ""})
     keys = ["scenario", "measure", "gain", "margin", "reading", "equivalent", "n", *(["holm"] if study.people else [])]
     words = (
@@ -90,10 +92,10 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
         + " Completed: a person's runs count as independent."
         * study.people
     )
-    return [Grid("not_worse", columns(*keys, gain="Gain [90 %]"), rows, words=words)]
+    return [Table("not_worse", columns(*keys, gain="Gain [90 %]"), rows, words=words)]
 
 
-def _beside_margin(gain: statistics.Interval, margin: float, digits: int) -> Dict[str, str]:
+def _compare_with_margin(gain: statistics.Interval, margin: float, digits: int) -> Dict[str, str]:
     """Compares the 90 % interval of a gain with a margin."""
     not_worse = gain.low > -margin
     return {
@@ -123,7 +125,7 @@ def error_section(study: StudyResults) -> List[Block]:
             "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
             "over runs with bootstrap intervals."
         ),
-        Grid("error", heads, rows, {key: 1 for key in (*ERRORS, "worst")}),
+        Table("error", heads, rows, {key: 1 for key in (*ERRORS, "worst")}),
         *effect_sizes.wilcoxon_blocks(study, "error_mean_cm", "cm", True),
     ]
 
@@ -146,7 +148,7 @@ def time_section(study: StudyResults) -> List[Block]:
             "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
             "attempts that were cancelled included (paper, Sect. 5.5)."
         ),
-        Grid("time", heads, study.rows(measure), {key: 1 for key in (*STATES, "total")}),
+        Table("time", heads, study.rows(measure), {key: 1 for key in (*STATES, "total")}),
         *effect_sizes.wilcoxon_blocks(study, "time_total_s", "s", False),
     ]
 
@@ -160,11 +162,11 @@ def accuracy_section(study: StudyResults) -> List[Block]:
         return {"median": statistics.median(done), "least": least, "paper": published, "runs": len(done)}
 
     rows = study.rows(measure, completed=1)
-    images, notes = maps.representatives(study)
+    images, notes = map_figures.representatives(study)
     heads = columns("scenario", "method", "median", "least", "paper", "runs", least="Smallest")
     blocks: List[Block] = [
         "Restricted cells against those that were asked for, over completed runs.",
-        Grid("accuracy", heads, rows, {"median": 3, "least": 3, "paper": 3}),
+        Table("accuracy", heads, rows, {"median": 3, "least": 3, "paper": 3}),
         *effect_sizes.wilcoxon_blocks(study, "jaccard", "", True),
     ]
     if images:
@@ -182,9 +184,9 @@ def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
 
     def measure(runs: pandas.DataFrame, _: float, published: float) -> Dict[str, Any]:
-        done = known(runs, "completed")
-        share = statistics.proportion(int(done.sum()), len(done)).scaled(100.0)
-        return {"completed": f"{int(done.sum())} of {len(done)}", "share": share, "paper": 100 * published}
+        completed = known(runs, "completed")
+        share = statistics.proportion(int(completed.sum()), len(completed)).scaled(100.0)
+        return {"completed": f"{int(completed.sum())} of {len(completed)}", "share": share, "paper": 100 * published}
 
     heads = columns("scenario", "method", "completed", "share", "paper", share="Share [%]", paper="Paper [%]")
     return [
@@ -193,51 +195,51 @@ def completeness_section(study: StudyResults) -> List[Block]:
             + ", and that nobody who judged them said otherwise of" * study.people
             + "; Wilson's 95 % intervals."
         ),
-        Grid("completeness", heads, study.rows(measure), {"share": 0, "paper": 1}),
-        *_who_completed(study),
-        *_what_became(study),
+        Table("completeness", heads, study.rows(measure), {"share": 0, "paper": 1}),
+        *_count_who_completed(study),
+        *_count_outcomes(study),
     ]
 
 
-def _who_completed(study: StudyResults) -> List[Block]:
+def _count_who_completed(study: StudyResults) -> List[Block]:
     """Counts, for each scenario, who completed it with which method."""
     if len(study.methods) < 2:
         return []
     rows: List[Dict[str, Any]] = []
     for title, here in study.by_scenario():
-        found = statistics.compare_completed(*pairs(here, "completed", study.comparison))
-        rows.append({"scenario": title, **found, "p": statistics.format_p(found["p"]), "p_value": found["p"]})
-    titles = [f"Only {paper.method_title(method).lower()}" for method in study.comparison]
+        counts = statistics.compare_completed(*pairs(here, "completed", study.comparison))
+        rows.append({"scenario": title, **counts, "p": statistics.format_p(counts["p"]), "p_value": counts["p"]})
+    titles = [f"Only {paper_results.method_title(method).lower()}" for method in study.comparison]
     if study.people:
         effect_sizes.add_holm(rows)
     keys = ("scenario", "both", "first", "second", "neither", *(("p", "holm") if study.people else ()))
     titles = dict(zip(("first", "second"), titles), both="With both", neither="With neither")
     heads = columns(*keys, **titles, p="p (McNemar, exact)")
-    return [Grid("who_completed", heads, rows)]
+    return [Table("who_completed", heads, rows)]
 
 
-def _what_became(study: StudyResults) -> List[Block]:
+def _count_outcomes(study: StudyResults) -> List[Block]:
     """Counts the outcomes, and the help and problems that the experimenter noted; lists the runs not completed."""
     if "outcome" not in study.runs:
         return []
-    there = list(dict.fromkeys(study.runs.outcome))
+    outcomes = list(dict.fromkeys(study.runs.outcome))
 
     def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
-        counts = {name: int((runs.outcome == name).sum()) for name in there}
+        counts = {name: int((runs.outcome == name).sum()) for name in outcomes}
         return {**counts, **{name: int((runs[name] > 0).sum()) for name in ("helped", "problems")}}
 
-    keys = ("scenario", "method", *there, *(("helped", "problems") if study.people else ()))
+    keys = ("scenario", "method", *outcomes, *(("helped", "problems") if study.people else ()))
     heads = columns(*keys, helped="With help", problems="With a problem of the system")
     failed = study.runs[study.runs.completed == 0]
-    why = [name for name in _WHY if name in failed and failed[name].notna().any()]
-    listed = [
+    explanations = [name for name in _EXPLANATIONS if name in failed and failed[name].notna().any()]
+    failures = [
         {
             "participant": row["participant"],
             "scenario": study.scenario_title(row["scenario"]),
-            "method": paper.method_title(row["method"]),
-            **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in why},
+            "method": paper_results.method_title(row["method"]),
+            **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in explanations},
         }
         for row in failed.to_dict("records")
     ]
-    names = columns("participant", "scenario", "method", *why, participant="Person")
-    return [Grid("outcomes", heads, study.rows(measure)), Grid("not_completed", names, listed)]
+    heads_of_failures = columns("participant", "scenario", "method", *explanations, participant="Person")
+    return [Table("outcomes", heads, study.rows(measure)), Table("not_completed", heads_of_failures, failures)]

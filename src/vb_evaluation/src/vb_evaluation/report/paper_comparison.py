@@ -6,10 +6,10 @@ import math
 from typing import Any, Dict, Iterator, List, Tuple
 
 from vb_evaluation import statistics
-from vb_evaluation.report import effect_sizes, paper
-from vb_evaluation.report.blocks import Block, Grid, columns
-from vb_evaluation.report.data import StudyResults, known, pairs, select
-from vb_evaluation.report.paper import METHODS, PAPER
+from vb_evaluation.report import effect_sizes, paper_results
+from vb_evaluation.report.page_blocks import Block, Table, columns
+from vb_evaluation.report.study_files import StudyResults, known, pairs, select
+from vb_evaluation.report.paper_results import METHODS, PAPER
 from vb_evaluation.statistics import Interval
 
 
@@ -34,13 +34,13 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
         difference="Here minus paper",
     )
     return [
-        f"{paper.CITATION}. It measured 15 people in a real lab.",
+        f"{paper_results.CITATION}. It measured 15 people in a real lab.",
         (
             "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
             "people do better than real people is wrong in that figure, too. "
             f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
         ),
-        Grid("beside_the_paper", heads, rows),
+        Table("beside_the_paper", heads, rows),
     ]
 
 
@@ -54,7 +54,7 @@ def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, I
         with_nrs, alone = pairs(here, "time_border_s", METHODS)
         yield "Border state shorter by [s]", published.border_gain_s, statistics.mean(alone - with_nrs), 1, 1.0
     for method in METHODS:
-        title, runs = paper.method_title(method).lower(), select(here, method=method)
+        title, runs = paper_results.method_title(method).lower(), select(here, method=method)
         done = select(runs, completed=1)
         yield f"Jaccard index, {title}", published.jaccard[method], statistics.median(known(done, "jaccard")), 3, 1e-3
         if scenario == "corner" and here.jaccard_enclosed.notna().any():

@@ -17,8 +17,8 @@ import numpy as np
 import pandas
 
 from vb_core.errors import CodedError
-from vb_evaluation.report.data import read_sheet, yes_or_no
-from vb_evaluation.report.paper import METHODS
+from vb_evaluation.report.study_files import read_sheet, yes_or_no
+from vb_evaluation.report.paper_results import METHODS
 
 STATEMENTS = (
     ("I had problems to define the virtual borders", "1 = big problems, 5 = no problems"),
@@ -89,7 +89,7 @@ def read(path: Path) -> Questionnaire:
         )
     if not len(sheet):
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
-    number = {
+    numbers = {
         column: [
             _answer(text, f"{path}, line {line}: {column}", most)
             for line, text in sheet.get(column, pandas.Series(dtype=str)).items()
@@ -102,17 +102,17 @@ def read(path: Path) -> Questionnaire:
     answers = []
     for words, items, middle in parts:
         pairs = np.array(
-            [np.mean([number[f"{item}_{method}"] for item in items], axis=0) - middle for method in METHODS]
+            [np.mean([numbers[f"{item}_{method}"] for item in items], axis=0) - middle for method in METHODS]
         )
         pairs = pairs[:, np.isfinite(pairs).all(axis=0)]
         if pairs.shape[1] or not middle:
             answers.append(Answers(words, *pairs))
-    said = [
+    helped = [
         yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire")
         for line, text in sheet.helped.items()
         if text
     ]
-    return Questionnaire(answers, sum(said), len(said))
+    return Questionnaire(answers, sum(helped), len(helped))
 
 
 def _answer(text: str, where: str, most: int) -> float:

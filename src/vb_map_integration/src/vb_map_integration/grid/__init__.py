@@ -1,1 +1,1 @@
-"""Borders on the cells of a map: sides, regions, the map with borders, and whether borders split the free floor."""
+"""Borders on the cells of a map: polygons, chains, separating curves, and whether borders split the free floor."""

@@ -12,7 +12,7 @@ from typing import Tuple
 
 import numpy as np
 
-from vb_map_integration.issues import IntegrationError
+from vb_map_integration.border import IntegrationError
 
 # rows and columns of a part of a map
 CellWindow = Tuple[slice, slice]

@@ -16,10 +16,8 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid.region import Region
-from vb_map_integration.integration import integrate
-from vb_map_integration.issues import IntegrationError
+from vb_map_integration.border import IntegrationError, VirtualBorder
+from vb_map_integration.integration import Region, integrate
 from vb_map_integration.places.local_fit import fit_locally
 from vb_map_integration.places.registration import IDENTITY, Registration, Transform, WallMap, measure, register
 from vb_map_integration.storage.database import Database, KnownMap

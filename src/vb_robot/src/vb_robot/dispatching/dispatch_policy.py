@@ -16,7 +16,7 @@ from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
 from vb_core.geometry import Pose, pose_distance
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
-from vb_robot.spots import LOST_TIMEOUT
+from vb_robot.spot_sightings import LOST_TIMEOUT
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
 LOST_INTERVAL = 0.5  # [s] the same while no camera sees the spot; UNFIT_TIMEOUT does not apply then

@@ -14,9 +14,9 @@ from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
-from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.floor_view import FloorView
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.wiring import within
+from vb_robot.monitoring.navigation_wiring import within
 
 MARK = "-looks-"  # in the ids of goals, so that those of a process that died are recognised
 OUTCOMES = {

@@ -16,8 +16,8 @@ from vb_core import geometry
 from vb_core.grid_layers import clearance_grid, sample
 from vb_core.geometry import Pose
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
-from vb_robot.dispatching.drawing import DrawingState
-from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.drawing_state import DrawingState
+from vb_robot.dispatching.floor_view import FloorView
 
 # [m] to the point that the camera looks at: nearer, it leaves the image; farther, the spot is small
 MIN_DISTANCE, MAX_DISTANCE = (0.8, 1.5)

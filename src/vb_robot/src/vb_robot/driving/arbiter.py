@@ -23,7 +23,7 @@ from vb_robot.driving.escape import Escape
 from vb_robot.driving.gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, Gate
 from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
-from vb_robot.spots import Sighting, Sightings
+from vb_robot.spot_sightings import Sighting, Sightings
 
 # [s] for which each new listener is sent zeros: a base may still hold the last command of a driver that died
 START_ZEROS = 3.0

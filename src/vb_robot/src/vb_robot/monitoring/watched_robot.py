@@ -23,11 +23,11 @@ from vb_core.ros.messages import array_from_points, message_from_pose2d, points_
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.gate import OTHER_PUBLISHER
-from vb_robot.inputs import RUNNING
-from vb_robot.monitoring import wiring
-from vb_robot.monitoring.goals import GoalChecker, KnownBorder, is_inside, quoted
-from vb_robot.monitoring.navigation_limits import PlannerSpeed
-from vb_robot.monitoring.wiring import Wiring, within
+from vb_robot.subscriptions import RUNNING
+from vb_robot.monitoring import navigation_wiring
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, quoted
+from vb_robot.monitoring.planner_speed import PlannerSpeed
+from vb_robot.monitoring.navigation_wiring import Wiring, within
 
 DRIVER_SILENCE = 3.0  # [s] after which a driver counts as gone: it reports twice a second
 NAVIGATION_SILENCE = 2.0  # [s] after which navigation counts as gone: it sends its status five times a second
@@ -101,13 +101,13 @@ class WatchedRobot:
 
     def look(self, graph: Any) -> None:
         """Updates its wiring from the ROS graph and its navigation's parameters."""
-        node = wiring.find_move_base(graph, self.name)
+        node = navigation_wiring.find_move_base(graph, self.name)
         parameters = rospy.get_param(node, {}) if node else {}
-        seen = wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
+        seen = navigation_wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
         if (seen.move_base, seen.planner) != (self.wiring.move_base, self.wiring.planner):
             if self.speed is not None:
                 self.speed.close()
-            names_of = wiring.PLANNERS.get(seen.planner)
+            names_of = navigation_wiring.PLANNERS.get(seen.planner)
             self.speed = PlannerSpeed(f"{seen.move_base}/{seen.planner}", names_of) if names_of else None
         if seen.path != self.wiring.path:
             if self._path_subscriber is not None:

@@ -21,7 +21,7 @@ from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_msgs.msg import LabState
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.cameras.view import View
+from vb_sim.cameras.camera_view import View
 from vb_sim.lab_history import History, Snapshot, snapshot_from_message
 
 _REPORT_PERIOD = 60.0  # [s]

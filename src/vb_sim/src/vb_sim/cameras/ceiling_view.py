@@ -13,14 +13,14 @@ from typing import Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_sim.cameras import pixels
-from vb_sim.cameras.view import Body, View
+from vb_sim.cameras import pixel_formats
+from vb_sim.cameras.camera_view import Body, View
 from vb_sim.lab_history import Snapshot
 from vb_sim.models import Models
 from vb_sim.room import bodies
 from vb_sim.room.floor_texture import FloorTexture
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
-from vb_sim.room.spot import SpotImage
+from vb_sim.room.laser_spot import SpotImage
 from vb_sim.room.world import CeilingCamera
 
 # moving things are drawn at half the resolution: a Bayer pattern resolves colour no better
@@ -120,7 +120,7 @@ class CeilingView(View):
         return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
 
     def _noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
-        clean = np.ascontiguousarray(pixels.encode(background, self.encoding))
+        clean = np.ascontiguousarray(pixel_formats.encode(background, self.encoding))
         values = clean.astype(np.float32)
         values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
         sigma = self._noise.sigma(values).astype(np.float32)
@@ -204,7 +204,7 @@ class CeilingView(View):
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
         # a shadow alone keeps more than that
         solid = cv2.inRange(keep, 0, 126)
-        pattern = pixels.encode_doubled(color, self.encoding)
+        pattern = pixel_formats.encode_doubled(color, self.encoding)
         darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
         cv2.copyTo(darker, solid, pattern)
         if pattern.ndim == 3:

@@ -12,8 +12,8 @@ from vb_core.grid_map import GridMap
 from vb_core.geometry import Pose, to_map
 from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.costmap import Costmap
-from vb_sim.robot.follower import Follower, Motion
-from vb_sim.robot.planner import Planner
+from vb_sim.robot.path_follower import Follower, Motion
+from vb_sim.robot.path_planner import Planner
 
 # names and figures are move_base's where it has them
 _PLANNER_PERIOD = 1.0  # [s] after which the plan is renewed while driving; a new map renews it at once

@@ -1,1 +1,1 @@
-"""Answers, services and previews behind the interaction's commands."""
+"""Answers, borders and previews behind the interaction's commands."""

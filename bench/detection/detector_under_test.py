@@ -1,0 +1,143 @@
+"""A spot detector of this or another version, wired as in the node, and its score on labelled frames.
+
+Only this module knows the detector's interface, and only this one decides which of its spots are right.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+
+import numpy as np
+
+from bench.harness import import_from
+from vb_evaluation.statistics import proportion
+
+Place = Tuple[float, float]
+
+
+class LabeledFrame(NamedTuple):
+    """One image of a clip or scene.
+
+    Attributes:
+        image: as a driver sends it, in `encoding`.
+        spots: positions of the spots in it, (u, v) [px] unless stated otherwise.
+        unclear: positions that count neither way: a pulse's first or last light, unlabelled pulses, half-hidden spots.
+        geometry: makes its `ImageGeometry` with a version's module `projection`; None if it is unknown.
+        shots: in a clip, the shot that each of the spots belongs to.
+    """
+
+    stamp: float
+    image: np.ndarray
+    spots: Sequence[Place]
+    unclear: Sequence[Place] = ()
+    geometry: Optional[Callable[[Any], Any]] = None
+    shots: Sequence[int] = ()
+    encoding: str = "bgr8"
+
+
+class Finder:
+    """Searches images with a detector.
+
+    Args:
+        role: "stationary" or "mobile".
+        source: folder `src` of another version; None: this one.
+        judge: a classifier instead of the one that comes with the package.
+        changes: parameters that differ from the role's.
+    """
+
+    def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
+        names = "vb_laser_detect.detector", "vb_core.image_format", "vb_laser_detect.detection.projection"
+        module, images, self._projection = import_from(source, *names)
+        params = module.DetectorParams.mobile if role == "mobile" else module.DetectorParams
+        self._detector = module.SpotDetector(params(**changes), judge)
+        self._reader = images.PixelReader()
+
+    def find(self, frame: LabeledFrame) -> List[Any]:
+        """Searches an image; returns spots, also those of earlier images that are confirmed only now."""
+        geometry = frame.geometry(self._projection) if frame.geometry else None
+        return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry).spots
+
+
+class Count:
+    """Scores a detector on the frames of one clip or scene.
+
+    Args:
+        reach: a spot nearer than this to one of the frame's is right.
+        place_of: returns a detected spot's position in the frames' coordinates.
+        recalls: whether spots of earlier images, confirmed only now, count too.
+
+    Attributes:
+        found: (stamp, index) of each of the frames' spots that was found.
+        errors: distances of the right spots from the frames'.
+        false: (frame number, u, v [px]) of the others; `fringe` of them are at unclear positions.
+    """
+
+    def __init__(
+        self,
+        finder: Finder,
+        reach: float,
+        place_of: Callable[[Any], Sequence[float]] = lambda spot: (spot.u, spot.v),
+        recalls: bool = True,
+    ) -> None:
+        self._finder, self._reach, self._place_of, self._recalls = finder, reach, place_of, recalls
+        self._frames: Dict[float, Tuple[int, LabeledFrame]] = {}
+        self.found: Set[Tuple[float, int]] = set()
+        self.false: List[Tuple[int, float, float]] = []
+        self.fringe, self.errors = 0, []
+
+    def look(self, frame: LabeledFrame) -> None:
+        """Searches a frame and counts."""
+        self._frames[frame.stamp] = len(self._frames), frame._replace(image=None, geometry=None)
+        for spot in self._finder.find(frame):
+            if spot.stamp != frame.stamp and not self._recalls:
+                continue
+            (number, truth), place = self._frames[spot.stamp], self._place_of(spot)
+            apart, near = ([math.dist(place, one) for one in some] for some in (truth.spots, truth.unclear))
+            if min(apart, default=math.inf) < self._reach:
+                self.found.add((spot.stamp, int(np.argmin(apart))))
+                self.errors.append(min(apart))
+            else:
+                self.false.append((number, round(spot.u, 1), round(spot.v, 1)))
+                self.fringe += min(near, default=math.inf) < self._reach
+
+    def missed(self) -> List[Tuple[int, int, int]]:
+        """Lists frame number and position of each spot that was not found."""
+        return [
+            (number, round(place[0]), round(place[1]))
+            for stamp, (number, frame) in self._frames.items()
+            for which, place in enumerate(frame.spots)
+            if (stamp, which) not in self.found
+        ]
+
+    def sums(self) -> Dict[str, int]:
+        """Returns the counts that can be added up over clips."""
+        frames = [frame for _, frame in self._frames.values()]
+        of_found = ((self._frames[stamp][1].shots, which) for stamp, which in self.found)
+        return {
+            "frames": len(frames),
+            "labels": sum(len(frame.spots) for frame in frames),
+            "found": len(self.found),
+            "shots": len({shot for frame in frames for shot in frame.shots}),
+            "shots_found": len({shots[which] for shots, which in of_found if shots}),
+            "false": len(self.false),
+            "false_off_fringe": len(self.false) - self.fringe,
+        }
+
+
+def figures(counts: Sequence[Count], unit: str = "px") -> Dict[str, Any]:
+    """Computes the figures of one count, or of several together."""
+    sums: Dict[str, int] = {key: sum(one.sums()[key] for one in counts) for key in counts[0].sums()}
+    errors = [error for one in counts for error in one.errors] or [math.nan]
+    wrong = sum(len({number for number, *_ in one.false}) for one in counts)  # images with a false spot
+    recall, false = proportion(sums["found"], sums["labels"]), proportion(wrong, sums["frames"]).scaled(1e3)
+    return {
+        **sums,
+        "recall": sums["found"] / max(1, sums["labels"]),
+        "recall_95": f"{recall.low:.3f} to {recall.high:.3f}",
+        "false_per_1000": 1e3 * sums["false"] / sums["frames"] if sums["frames"] else math.nan,
+        "false_95": f"{false.low:.2f} to {false.high:.2f}",
+        f"median_error_{unit}": float(np.median(errors)),
+        f"p95_error_{unit}": float(np.percentile(errors, 95)),
+    }

@@ -1,0 +1,162 @@
+"""Rooms in which more changes than robots, participant and laser: light, sun, reflections, other people.
+
+`disturbed` makes a simulated camera's view show a `DisturbedSnapshot` with all that changes in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, List, Tuple, Type
+
+import cv2
+import numpy as np
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel, pixels_of
+from vb_sim.cameras.camera_view import Body
+from vb_sim.cameras.pixel_formats import apply_color_filters
+from vb_sim.lab_history import Snapshot
+from vb_sim.room.bodies import SHIRT, SHOES, BodyParts, person_key, person_pieces
+
+_SHIFT = 4
+
+
+@dataclass(frozen=True)
+class Bystander:
+    """A person who stands or walks in the room without a laser pointer.
+
+    Attributes:
+        pose: (x, y, yaw) [m, m, rad].
+        shirt, shoes: rgb.
+    """
+
+    pose: Tuple[float, float, float]
+    shirt: Tuple[int, int, int] = SHIRT
+    shoes: Tuple[int, int, int] = SHOES
+
+    def pieces(self) -> BodyParts:
+        """Builds this person's pieces; clothes differ by colour."""
+        pieces = person_pieces(self.pose, None, 0.0)
+        colors = pieces.colors.copy()
+        tints = np.mean(colors / SHIRT, axis=1, keepdims=True)
+        of_shirt = np.isclose(tints * SHIRT, colors, rtol=1e-5, atol=1.0).all(axis=1)
+        colors[of_shirt] = np.floor(np.minimum(255.0, tints * self.shirt))[of_shirt]
+        colors[(pieces.colors == SHOES).all(axis=1)] = self.shoes
+        return replace(pieces, colors=colors)
+
+    def key(self) -> Tuple:
+        """Returns the same key for people who look the same."""
+        return (self.shirt, self.shoes, *person_key(self.pose, None))
+
+
+@dataclass(frozen=True)
+class Glint:
+    """The reflection of a lamp on something shiny: white, small, and as bright as the sensor can measure.
+
+    Attributes:
+        position: (x, y, z) [m], map frame.
+        diameter: [m] over which it falls to 1/e^2.
+        brightness: [grey levels] of its middle at the reference exposure, may exceed 255.
+    """
+
+    position: Tuple[float, float, float]
+    diameter: float = 0.012
+    brightness: float = 400.0
+
+
+@dataclass(frozen=True)
+class SceneConditions:
+    """The state of a room at one time; by default nothing is unusual.
+
+    Attributes:
+        light: of the room's lamps, as a multiple of what the world is drawn with; a laser stays as it is.
+        exposure: of the camera, as a multiple of the drawn one; it brightens a laser too.
+        sun: (x, y) [m] corners of the sun's patch on the floor, none without sun.
+        sun_gain: how much brighter the floor is in the sun.
+    """
+
+    light: float = 1.0
+    exposure: float = 1.0
+    sun: Tuple[Tuple[float, float], ...] = ()
+    sun_gain: float = 1.8
+    glints: Tuple[Glint, ...] = ()
+    bystanders: Tuple[Bystander, ...] = ()
+
+
+@dataclass(frozen=True)
+class DisturbedSnapshot(Snapshot):
+    """A snapshot, and what else changes in the room."""
+
+    around: SceneConditions = SceneConditions()
+
+
+def disturbed(kind: Type[Any]) -> Type[Any]:
+    """Derives, from a class of views, one that also shows disturbances."""
+
+    class Disturbed(kind):
+        def _bodies(self, snapshot: DisturbedSnapshot) -> List[Body]:
+            return super()._bodies(snapshot) + [
+                Body(f"bystander {index}", other.key(), other.pieces, other.pose, 0.26)
+                for index, other in enumerate(snapshot.around.bystanders)
+            ]
+
+        def _add_light(self, image: np.ndarray, snapshot: DisturbedSnapshot, _exposure: float = 1.0) -> None:
+            around, pose = snapshot.around, self.camera_pose(snapshot)
+            if around != SceneConditions():
+                self._before_change(image, (slice(None), slice(None)))
+                relight(image, around, self.model, pose)
+            super()._add_light(image, snapshot, around.exposure)
+            for glint in around.glints:
+                add_glint(image, glint, self.model, pose, self.encoding, around.exposure)
+
+    return Disturbed
+
+
+def relight(image: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
+    """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
+    if around.sun:
+        outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
+        seen = pixels_of(camera, T_map_optical, np.column_stack([outline, np.zeros(len(outline))]))
+        # a lens model is meaningless far outside the image
+        _brighten(image, np.clip(seen, -2.0 * camera.width, 3.0 * camera.width), around.sun_gain)
+    gain = around.light * around.exposure
+    if gain != 1.0:
+        cv2.convertScaleAbs(image, image, alpha=gain)
+
+
+def _brighten(image: np.ndarray, outline: np.ndarray, gain: float) -> None:
+    height, width = image.shape[:2]
+    outline = outline[np.isfinite(outline).all(axis=1)]
+    if len(outline) < 3:
+        return
+    low = np.clip(np.floor(outline.min(axis=0)).astype(int) - 4, 0, (width, height))
+    high = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 5, 0, (width, height))
+    if (high <= low).any():
+        return
+    mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.float32)
+    cv2.fillPoly(mask, [np.round((outline - low) * (1 << _SHIFT)).astype(np.int32)], gain - 1.0, cv2.LINE_8, _SHIFT)
+    # the sun is not a point: its shadows have soft edges
+    mask = 1.0 + cv2.GaussianBlur(mask, (0, 0), 1.5)
+    part = image[low[1] : high[1], low[0] : high[0]]
+    part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
+
+
+def add_glint(
+    image: np.ndarray, glint: Glint, camera: CameraModel, T_map_optical: np.ndarray, encoding: str, exposure: float
+) -> None:
+    """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place, if the camera sees it."""
+    T = geometry.invert(T_map_optical)
+    in_camera = T[:3, :3] @ np.array(glint.position) + T[:3, 3]
+    if in_camera[2] < 0.1:
+        return
+    middle = camera.project(in_camera[None])[0]
+    sigma = math.hypot(0.25 * glint.diameter * camera.focal_px / in_camera[2], 0.75)
+    low = np.maximum(np.floor(middle - 4.0 * sigma).astype(int), 0)
+    high = np.minimum(np.ceil(middle + 4.0 * sigma).astype(int) + 1, (camera.width, camera.height))
+    if (high <= low).any():
+        return
+    u, v = (np.arange(low[axis], high[axis]) - middle[axis] for axis in (0, 1))
+    light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
+    part = image[low[1] : high[1], low[0] : high[0]]
+    part[...] = np.minimum(part + apply_color_filters(light, np.ones(3), encoding, low[0], low[1]) + 0.5, 255.0)

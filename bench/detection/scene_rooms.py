@@ -1,0 +1,68 @@
+"""Rooms of rendered scenes: variants of the simulated lab, each drawn once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, List, Sequence, Tuple
+
+from bench.detection.scene_disturbances import disturbed
+from bench.detection.scene_motions import Place
+from bench.harness import TOP
+from vb_sim.cameras.ceiling_view import CeilingView
+from vb_sim.cameras.robot_view import RobotView
+from vb_sim.models import Models
+from vb_sim.room.floor_texture import FloorTexture, render_floor
+from vb_sim.room.mesh import world_mesh
+from vb_sim.room.world import FloorPatch, World, load_world
+
+
+def lab(**changes: Any) -> World:
+    """Returns the lab with these changes."""
+    return replace(load_world(str(TOP / "src/vb_sim/worlds/lab.yaml")), **changes)
+
+
+def tiles(room: World, color: Sequence[int], contrast: float = 0.06) -> World:
+    """Returns the lab with another floor and nothing on it."""
+    return lab(floor=replace(room.floor, kind="tiles", color=color, contrast=contrast), patches=(), lights=())
+
+
+def with_camera(world: World, **changes: Any) -> World:
+    """Returns the world with changes to the ceiling camera that is used."""
+    return replace(world, cameras=tuple(replace(c, **changes) if c.name == "green" else c for c in world.cameras))
+
+
+def printed(world: World, places: Sequence[Place], colors: Sequence[Sequence[int]], size: float = 0.018) -> World:
+    """Returns a room with printed dots [m] on the floor."""
+    dots = (
+        {"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0}
+        for (x, y), color in zip(places, colors)
+    )
+    return replace(world, patches=world.patches + tuple(map(FloorPatch.from_mapping, dots)))
+
+
+class Rooms:
+    """Draws each room once: most scenes play in the same one."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self._views: List[Tuple[World, str, Any]] = []
+        self._floors: List[Tuple[World, FloorTexture]] = []
+
+    def view(self, world: World, camera: str) -> Any:
+        """Returns a ceiling camera's view, or with an empty name that of the robot's camera."""
+        for known, name, view in self._views:
+            if known is world and name == camera:
+                return view
+        floor = next((floor for known, floor in self._floors if _same_floor(known, world)), None)
+        if floor is None:
+            floor = render_floor(world, self.seed)
+            self._floors.append((world, floor))
+        mesh, radii = world_mesh(world), world.robot_radii()
+        kind, whose = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
+        view = disturbed(kind)(whose, radii, floor, mesh, Models(), self.seed)
+        self._views.append((world, camera, view))
+        return view
+
+
+def _same_floor(a: World, b: World) -> bool:
+    return all(getattr(a, part) == getattr(b, part) for part in "room floor walls furniture patches lights".split())

@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""Measures how many 1080p motion JPEG cameras, whose streams the detectors read themselves, this computer can handle.
+
+    python3 bench/lab/camera_load.py --cameras 1 6 12 24            from a local HTTP server
+    python3 bench/lab/camera_load.py --cameras 24 --files           from video files, which wait for their detector
+
+Fusion and page run too. Each camera begins elsewhere in the clip of camera_clip.py, so that at any time a quarter of
+them see the spot: there is one pointer, and of 24 cameras no more than that see one place. Images are stamped on
+arrival: a real camera's exposure, readout and network come on top.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Dict, List, Optional
+
+import cv2
+import numpy as np
+import psutil
+import rosnode
+import rospy
+import tf2_ros
+import yaml
+
+from bench.harness import TOP, Table, arguments, quantiles
+from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
+from bench.lab.page_nodes import node_process, start, wait
+from vb_core import names
+from vb_core.ros.messages import message_from_transform
+from vb_evaluation.child_processes import Child
+from vb_laser_detect.camera.camera_files import save_lens
+from vb_msgs.msg import DetectorStatus, LaserSpot
+
+WARM_S = 6.0  # detectors learn the floor
+
+
+class Running:
+    """Fusion, page and the detectors of some cameras: their processor time, and how late spots come.
+
+    Args:
+        addresses: which each detector reads.
+    """
+
+    def __init__(self, stack: ExitStack, folder: Path, addresses: List[str]) -> None:
+        self.cameras, self.status = [f"c{number}" for number in range(len(addresses))], {}
+        self._children: List[Child] = []
+        self._delays: List[float] = []
+        for topic, kind, handle in (
+            (names.SPOTS, LaserSpot, lambda m: self._delays.append(time.time() - m.header.stamp.to_sec())),
+            (names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m})),
+        ):
+            rospy.Subscriber(topic, kind, handle, queue_size=1000)
+        self._poses = tf2_ros.StaticTransformBroadcaster()
+        self._poses.sendTransform(
+            [
+                message_from_transform(scene().pose, names.MAP_FRAME, f"{name}_optical_frame", rospy.Time.now())
+                for name in self.cameras
+            ]
+        )
+        for number, name in enumerate(self.cameras):
+            save_lens(folder / "lenses" / f"{name}.yaml", name, scene().model)
+            (folder / "detectors").mkdir(exist_ok=True)
+            (folder / "detectors" / f"{name}.yaml").write_text(yaml.safe_dump({"source": addresses[number]}))
+        configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in self.cameras)
+        for number, command in enumerate(
+            (
+                ["rosrun", "vb_fusion", "border_fusion"],
+                ["roslaunch", str(TOP / "launch/parts/detectors.launch"), f"cameras:={' '.join(self.cameras)}", f"configs:={configs}",
+                 f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw"],
+            )
+        ):  # fmt: skip
+            self._children.append(Child(command, folder / f"{number}.txt"))
+            stack.callback(self._children[-1].stop, 30.0)
+
+    def watch(self, seconds: float, others: Dict[str, psutil.Process]) -> Dict[str, float]:
+        """Watches for some seconds; returns a row: shares, costs [ms, cores] and delays [ms]."""
+        wait(
+            lambda: len(self.status) == len(self.cameras) and all(one.processed for one in self.status.values()),
+            lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
+            180.0,
+        )
+        time.sleep(WARM_S)
+        nodes = [name for name in rosnode.get_node_names() if name.startswith("/spot_detectors")]
+        processes = {**{name: node_process(name) for name in nodes}, **others}
+        used, began, before = self._read_times(processes), time.monotonic(), dict(self.status)
+        self._delays.clear()
+        time.sleep(seconds)
+        # detectors report their counts once a second
+        wait(lambda: all(self.status[one].header.stamp > before[one].header.stamp for one in before), "news of each")
+        after, delays, lasted = dict(self.status), list(self._delays), time.monotonic() - began
+        cores = {name: (now - used[name]) / lasted for name, now in self._read_times(processes).items()}
+        searched, received, spans = (
+            np.array([read(after[name]) - read(before[name]) for name in self.cameras])
+            for read in (lambda m: m.processed, lambda m: m.received, lambda m: m.header.stamp.to_sec())
+        )
+        return {
+            "images_per_s": float((searched / spans).sum()),
+            "searched_share": float(searched.sum() / received.sum()),
+            "worst_camera": float((searched / received).min()),
+            "ms_per_image": 1e3 * sum(cores.pop(name) for name in nodes) / float((searched / spans).sum()),
+            **quantiles(delays),
+            **{f"{name}_cores": taken for name, taken in cores.items()},
+        }
+
+    @staticmethod
+    def _read_times(processes: Dict[str, psutil.Process]) -> Dict[str, float]:
+        return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
+
+
+def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs: List[bytes]) -> None:
+    """Measures one number of cameras, and adds a row to a table."""
+    others: Dict[str, psutil.Process] = {}
+    with ExitStack() as stack:
+        _, folder = start(stack)
+        if files:
+            quarters = write_files(jpegs, folder)
+            addresses = [quarters[4 * number // count] for number in range(count)]
+        else:
+            address, others["server"] = serving(stack, jpegs)
+            addresses = [f"{address}?{FRAMES * number // count}" for number in range(count)]
+        running = Running(stack, folder, addresses)
+        others.update({"fusion": node_process("/border_fusion"), "page": node_process()})
+        Table(csv).add(cameras=count, source="files" if files else "http", **running.watch(seconds, others))
+
+
+def main() -> int:
+    parser = arguments(__doc__)
+    parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
+    parser.add_argument("--files", action="store_true", help="play video files instead of the server's streams")
+    parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
+    given = parser.parse_args()
+    # a shell starts background jobs with interrupts ignored, and the nodes would ignore them too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    cv2.setNumThreads(1)
+    jpegs, failed = clip(), 0
+    for count in given.cameras:  # each in a separate process: a node cannot be started twice in one
+        work = (given.csv, count, given.files, given.seconds, jpegs)
+        child = multiprocessing.get_context("fork").Process(target=measure, args=work)
+        child.start()
+        child.join()
+        failed += child.exitcode != 0
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""The nodes that the page needs, over a ROS master of their own; for page_under_attack.py and camera_load.py."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import tempfile
+import xmlrpc.client
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Callable, Tuple, Union
+
+import psutil
+import rosgraph
+import rospy
+
+from bench.harness import TOP
+from vb_core import names
+from vb_evaluation.observer import wait_until
+from vb_evaluation.child_processes import Child, free_port
+
+LAUNCH = """<launch>
+  <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>
+  <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
+    <param name="database_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
+  <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
+    <param name="log_file" value="{state}/i.jsonl"/><param name="stop_file" value="{state}/robots.stop"/></node>
+  <node pkg="vb_web" type="page" name="page" output="log">
+    <param name="port" value="{port}"/>
+    <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
+</launch>"""
+# as docs/how-to/use-the-page.md has it
+CERTIFICATE = (
+    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
+    " -keyout page.key -out page.crt"
+)
+
+
+def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
+    """Waits for a condition; if it does not hold in time, ends the bench and says what was waited for."""
+    if not wait_until(condition, seconds):
+        raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
+
+
+def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
+    """Starts roscore and nodes; returns (page's port, state folder). `network`: with codes and https, as towards phones."""
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
+    master, port = free_port(), free_port()
+    os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{master}", "ROS_LOG_DIR": str(folder / "log")})
+    launch = folder / "bench.launch"
+    address = "0.0.0.0" if network else "127.0.0.1"
+    launch.write_text(LAUNCH.format(top=TOP, state=folder, port=port, address=address))
+    if network:
+        subprocess.run(CERTIFICATE.split(), cwd=str(folder), check=True, stderr=subprocess.DEVNULL)
+    stack.callback(Child(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
+    wait(rosgraph.is_master_online, "the master")
+    rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+    wait(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, "the page")
+    rospy.wait_for_service(names.COMMAND, 60)
+    return port, folder
+
+
+def node_process(name: str = "/page") -> psutil.Process:
+    """Finds a node's process."""
+    wait(lambda: rospy.get_master().lookupNode(name)[0] == 1, f"{name} at the master")
+    uri = rospy.get_master().lookupNode(name)[2]
+    return psutil.Process(xmlrpc.client.ServerProxy(uri).getPid("/bench")[2])

@@ -1,0 +1,163 @@
+"""The running lab of drives.py: move_base and AMCL as shipped, borders, goals, and the robot's true motion."""
+
+import math
+import os
+import tempfile
+import time
+from collections import Counter, deque
+from pathlib import Path
+
+import numpy as np
+import rosgraph
+import rospy
+import yaml
+from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped
+from move_base_msgs.msg import RecoveryStatus
+from nav_msgs.msg import Path as PathMessage
+from std_msgs.msg import Float64
+
+from bench.harness import TOP
+from bench.lab.page_nodes import wait
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.geometry import chain_length
+from vb_core.grid_map import distance_to
+from vb_core.ros import messages
+from vb_core.ros.services import call
+from vb_evaluation.move_base_goals import GoalRunner
+from vb_evaluation.observer import Observer, wait_until
+from vb_evaluation.child_processes import free_port, roslaunch
+from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
+from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
+from vb_sim.room.world import load_world
+
+WORLDS = TOP / "src" / "vb_sim" / "worlds"
+LIMIT_S = 120.0  # [s] of simulated time for one goal: 10 m at the slower robot's 0.2 m/s, twice
+FASTEST = 4.0  # simulated seconds per real second: more than two slow cores can do
+SLOW = 0.5  # simulated seconds per real second while a border is put in front of the robot
+STILL = 0.1  # [m] a robot that moves less counts as standing
+
+
+class Lab:
+    """The running lab: borders, goals, and the robot's true motion."""
+
+    def __init__(self, robot: str, start, seed: int) -> None:
+        state = Path(tempfile.mkdtemp(prefix="drives_"))
+        like = WORLDS / ("burger.yaml" if robot == "turtlebot3_burger" else "lab.yaml")
+        robots = yaml.safe_load(like.read_text())["robots"]
+        robots[0]["start"] = [float(value) for value in start]
+        path = state / "world.yaml"
+        path.write_text(yaml.safe_dump({"name": like.stem, "like": str(WORLDS / "lab.yaml"), "robots": robots}))
+        self.world = load_world(str(path))
+        self.radius = self.world.robots[0].radius
+        port, launch = free_port(), TOP / "bench" / "robots" / "drives.launch"
+        os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_LOG_DIR": str(state / "log")})
+        arguments = {"world": path, "state": state, "robot_type": robot, "amcl": True, "seed": seed}
+        arguments.update(zip(("x", "y", "yaw"), self.world.robots[0].start_pose()))
+        self.child = roslaunch([launch], state / "roslaunch.txt", port, **arguments)
+        wait(rosgraph.is_master_online, "the master")
+        # until then this node would use wall time
+        wait(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")
+        rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+        self.observer = Observer()
+        self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
+        self.set_slow(False)
+        self.runner = GoalRunner()
+        observer = self.observer
+        wait(lambda: observer.posterior is not None and observer.lab is not None, f"maps, see {state}")
+        self._truth, self._off, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
+        self._stood, self._still = (0.0, 0.0, 0.0), 0.0  # since when [s] and where; a drive's longest stand [s]
+        self.plan = np.zeros((0, 2))
+        self._participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1, latch=True)
+        self._subscribers = [
+            rospy.Subscriber("/move_base/NavfnROS/plan", PathMessage, self._on_plan),
+            rospy.Subscriber("/move_base/recovery_status", RecoveryStatus, self._on_recovery),
+            rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
+            rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
+            rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver),
+        ]
+
+    def _on_lab(self, message) -> None:
+        pose, now = message.robot_poses[0], message.header.stamp.to_sec()
+        self._truth.append((now, pose.x, pose.y))
+        if math.dist(self._stood[1:], (pose.x, pose.y)) > STILL:
+            self._stood = now, pose.x, pose.y
+        self._still = max(self._still, now - self._stood[0])
+
+    def _on_plan(self, message) -> None:
+        if len(message.poses) > 1:
+            self.plan = messages.array_from_points([entry.pose.position for entry in message.poses])
+
+    def _on_recovery(self, _message) -> None:
+        self._recoveries += 1
+
+    def _on_amcl(self, message) -> None:
+        stamp, place = message.header.stamp.to_sec(), message.pose.pose.position
+        truth = min(list(self._truth), key=lambda entry: abs(entry[0] - stamp), default=None)
+        if truth is not None and abs(truth[0] - stamp) < 0.05:
+            self._off = max(self._off, math.dist((place.x, place.y), truth[1:]))
+
+    def _on_driver(self, message) -> None:
+        self._codes[message.code] += 1
+
+    def set_slow(self, held: bool) -> None:
+        """Lets simulated time run slowly, or as fast as it may."""
+        self._pace.publish(SLOW if held else FASTEST)
+
+    def drive(self, goal):
+        """Sends the robot to a goal; returns the outcome, and the row of results that all drives have."""
+        self._codes.clear()
+        self._recoveries, self._still, self._off, began = 0, 0.0, 0.0, time.monotonic()
+        self._stood = (rospy.get_time(), *self.pose()[:2])
+        driven = self.runner.drive((goal[0], goal[1], math.radians(goal[2])), LIMIT_S)
+        return driven, {
+            "goal": goal,
+            "outcome": driven.outcome,
+            "false_reports": driven.false_reports,
+            "length_m": round(chain_length(driven.path), 2),
+            "seconds": round(driven.seconds, 1),
+            "wall_s": round(time.monotonic() - began, 1),
+            "localized_m": round(self._off, 3),
+            "late": sum(n for code, n in self._codes.items() if code.endswith("_lost") or code == "clock_stopped"),
+            "uncertain": self._codes["pose_uncertain"],
+            "recoveries": self._recoveries,
+            "still_s": round(self._still, 1),
+            "entered_m": round(self.entered(driven.path), 3),
+        }
+
+    def pose(self):
+        pose = self.observer.lab.robot_poses[0]
+        return pose.x, pose.y, pose.theta
+
+    def put_box(self, place) -> None:
+        """Puts a round obstacle that scanners see and no map has at a point (2,) [m]; None removes it."""
+        x, y = (0.0, 0.0) if place is None else place
+        state = ParticipantState(laser=Point(), person_present=place is not None, person=Pose2D(x, y, 0.0), doing="box")
+        state.header.stamp = rospy.Time.now()
+        self._participant.publish(state)
+
+    def add(self, points, seed, closed) -> str:
+        kind = VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE
+        *places, inside = messages.points_from_array(np.array([*points, seed]))
+        border = VirtualBorder(name="drive", kind=kind, occupancy=1.0, enabled=True, points=places, seed=inside)
+        before = self.observer.posterior
+        reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="bench"), "map_integrator")
+        if not reply.success:
+            raise CodedError(reply.code, reply.message)
+        wait_until(lambda: self.observer.posterior is not before, 10.0)
+        return reply.id
+
+    def remove(self, border: str) -> None:
+        before = self.observer.posterior
+        call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border), "map_integrator")
+        wait_until(lambda: self.observer.posterior is not before, 10.0)
+
+    def entered(self, path) -> float:
+        """Returns how deep [m] the footprint entered the restricted area, beyond 1.5 cells; 0 or less is fine."""
+        prior, posterior = self.observer.prior, self.observer.posterior
+        restricted = posterior.data > np.maximum(prior.data, 0)
+        if not len(path) or not restricted.any():
+            return -math.inf
+        cells = prior.world_to_cell(path)
+        gap = distance_to(restricted)[cells[:, 0], cells[:, 1]] * prior.resolution
+        return float(self.radius - gap.min() - 1.5 * prior.resolution)

@@ -1,0 +1,132 @@
+"""Judges whether a lab is ready, from what its nodes report and what no node can know. No ROS.
+
+Each fault belongs to one node, which reports it in a notice as long as it lasts: a detector reports that its camera is
+silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders. check_lab
+repeats these notices. This module checks what shows only from outside: a node that does not run, topics that do not
+match, a map that was read wrongly.
+"""
+
+from __future__ import annotations
+
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from vb_core import sentences
+from vb_core.node_graph import NodeGraph
+from vb_core.notices import Notice, Severity
+
+MIN_DISK_MB = 500  # room for a day of logs and recordings
+MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead
+_IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
+_HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
+
+
+def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], measured: bool, rate: float) -> Notice:
+    """Checks how a camera's images reach its detector; the detector itself reports whether they are usable.
+
+    Args:
+        parameters: its detector's; empty if the camera is on a robot.
+        measured: whether somebody has measured a source's delay, even if that is 0.
+        rate: [1/s] searched images per second.
+    """
+    source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
+    topic = "" if source or not parameters else f"/{(parameters.get('image') or f'{name}/image_raw').strip('/')}"
+    topic += "/compressed" if topic and parameters.get("image_transport") == "compressed" else ""
+    publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
+    others = sorted(
+        other
+        for other, nodes in graph.publishers.items()
+        if nodes and other.startswith(beside) and graph.types.get(other) == _IMAGES[0]
+    )
+
+    def line(severity: Severity, code: str, **values: str) -> Notice:
+        return Notice(code, severity, camera=name, values={"camera": name, "topic": topic, **values})
+
+    if topic and not publishers and others:
+        shown = {"others": ", ".join(others), "image": others[0].strip("/")}
+        return line(Severity.ERROR, "lab_camera_other_topic", **shown)
+    if topic and not publishers:
+        return line(Severity.ERROR, "lab_camera_no_publisher")
+    if len(publishers) > 1:
+        return line(Severity.ERROR, "lab_camera_many_publishers", nodes=", ".join(publishers))
+    if "://" in source and not (delay or measured):
+        return line(Severity.WARNING, "lab_camera_no_delay")
+    code = "lab_camera_ok_delay" if source else "lab_camera_ok"
+    return line(Severity.INFO, code, rate=f"{rate:.1f}", delay=f"{delay:g}")
+
+
+def check_robot(
+    name: str, keeps_margin: bool, scan_topic: str, scan_deg: Optional[float], clears_plans: bool
+) -> List[Notice]:
+    """Checks the scanner of a lab's own robot, and the costmaps and parameters of its navigation.
+
+    Args:
+        name: "" for the only robot.
+        keeps_margin: whether it plans on the driver's keep_out; True also without a driver or borders to plan round.
+        scan_deg: [deg] what its scan covers; 0: no scan arrived, None: it has no scanner, or no driver that needs it.
+        clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
+    """
+
+    def line(severity: Severity, code: str, **values: str) -> Notice:
+        return Notice(code, severity, robot=name, values={"robot": sentences.robot_value(name), **values})
+
+    faults = []
+    if not keeps_margin:
+        faults.append(line(Severity.WARNING, "lab_robot_without_margin"))
+    if scan_deg == 0.0:
+        faults.append(line(Severity.WARNING, "lab_robot_no_scan", topic=scan_topic))
+    elif scan_deg is not None and scan_deg < MIN_SCAN_DEG:
+        faults.append(line(Severity.WARNING, "lab_robot_narrow_scan", degrees=f"{scan_deg:.0f}"))
+    if clears_plans:
+        faults.append(line(Severity.ERROR, "lab_robot_clears_plans"))
+    return faults
+
+
+def check_map(
+    size: Optional[Tuple[float, float]], publishers: Sequence[str], with_borders: bool, file: str, all_known: bool
+) -> List[Notice]:
+    """Checks whether there is one physical map, and one with the borders.
+
+    Args:
+        size: (width, height) [m] of /map; None: no map arrived.
+        publishers: nodes that publish /map.
+        with_borders: whether there is /virtual_borders/map.
+        file: the map file that the lab was given, or "".
+        all_known: see `is_all_known`.
+    """
+    if size is None:
+        return [Notice("lab_map_not_served" if file else "lab_map_missing", Severity.ERROR, values={"file": file})]
+    lines = []
+    if len(publishers) > 1:
+        lines.append(Notice("lab_map_many_publishers", Severity.ERROR, values={"nodes": ", ".join(publishers)}))
+    if not with_borders:
+        lines.append(Notice("lab_map_without_borders", Severity.ERROR))
+    if all_known:
+        lines.append(Notice("lab_map_all_known", Severity.WARNING))
+    values = {"width": f"{size[0]:.1f}", "height": f"{size[1]:.1f}"}
+    return lines or [Notice("lab_map_ok", Severity.INFO, values=values)]
+
+
+def is_all_known(cells: np.ndarray) -> bool:
+    """Returns whether a map (H, W) int8 has hardly any unknown cell although free floor reaches its edge.
+
+    No robot records such a map: its unknown cells were read as free, as pixels of 205 are with a free_thresh of 0.25.
+    """
+    edges = np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])
+    return bool((edges == 0).any()) and float((cells < 0).mean()) < _HARDLY_ANY
+
+
+def check_nodes(missing: Sequence[str]) -> List[Notice]:
+    """Checks whether the nodes that belong to the lab are running; `missing` names those that are not."""
+    if not missing:
+        return [Notice("lab_node_ok", Severity.INFO)]
+    return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing]
+
+
+def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
+    """Checks whether the folder of borders and records has room and is writable."""
+    code = "lab_disk_ok" if free_mb >= MIN_DISK_MB else "lab_disk_full"
+    code = code if writable else "lab_disk_read_only"
+    state = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
+    return Notice(code, state, values={"folder": folder, "free": f"{free_mb:.0f}"})

@@ -1,0 +1,58 @@
+"""Reads from robot_monitor's messages what is connected; page, display, hub and check_lab derive the offer from it."""
+
+from __future__ import annotations
+
+from typing import Callable, Optional, Tuple
+
+import rospy
+
+from vb_core import names
+from vb_core.lab_offer import ConnectedRobot, Connections, Offer, offer
+from vb_msgs.msg import RobotStatus, RobotStatusArray
+
+_SILENCE = 4.0  # [s] ROS time; robot_monitor publishes every second
+
+
+def robot_from_status(message: RobotStatus) -> ConnectedRobot:
+    """Converts the message about one robot."""
+    return ConnectedRobot(
+        name=message.robot,
+        navigation=bool(message.move_base),
+        plans_round_borders=message.plans_round_borders,
+        driver=message.driver,
+        localized=message.localized,
+        obeys_stop=message.obeys_stop,
+        obeys_speed=message.obeys_speed,
+        maps=tuple(message.maps),
+        missing_maps=tuple(message.missing_maps),
+        unheard=tuple(message.unheard),
+    )
+
+
+def connections_from_message(message: RobotStatusArray) -> Connections:
+    """Converts the message about a whole lab."""
+    return Connections(tuple(map(robot_from_status, message.robots)), bool(message.cameras), message.interaction)
+
+
+class OfferListener:
+    """Keeps the offer made from robot_monitor's newest message, until robot_monitor falls silent.
+
+    Args:
+        on_message: called from rospy's thread after each message.
+    """
+
+    def __init__(self, on_message: Callable[[], None] = lambda: None) -> None:
+        self._on_message = on_message
+        self._newest: Optional[Tuple[float, RobotStatusArray, Offer]] = None  # with the time [s] when it came
+        rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
+
+    def current(self) -> Optional[Tuple[RobotStatusArray, Offer]]:
+        """Returns the newest message and the offer made from it; None if it is too old, or there was none."""
+        newest = self._newest
+        if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
+            return None
+        return newest[1:]
+
+    def _on_robots(self, message: RobotStatusArray) -> None:
+        self._newest = (rospy.get_time(), message, offer(connections_from_message(message)))
+        self._on_message()

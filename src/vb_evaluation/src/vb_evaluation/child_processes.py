@@ -1,0 +1,91 @@
+"""Child processes of a script: a roslaunch with its own master.
+
+The kernel ends a child when its parent ends, however that happens. No handler has to run, so that neither SIGTERM nor
+SIGKILL leaves a roslaunch behind; roslaunch then ends its nodes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import signal
+import socket
+import subprocess
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence
+
+_PORTS = range(20000, 32768)  # below Linux's ephemeral ports
+
+
+def free_port(wanted: int = 0) -> int:
+    """Finds an unused TCP port on loopback: the wanted one if it is free.
+
+    Any other port lies outside the ephemeral range, so that no connection takes it before its server listens.
+    """
+    while True:
+        port = wanted or secrets.choice(_PORTS)
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections in TIME_WAIT do not count
+            with contextlib.suppress(OSError):
+                probe.bind(("127.0.0.1", port))
+                return port
+        wanted = 0
+
+
+def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
+    """Starts a command that gets SIGTERM when the calling thread ends; `options` are Popen's.
+
+    Its own children get no signal: it has to end them itself, as roslaunch does.
+    """
+    return subprocess.Popen(["setpriv", "--pdeathsig", "TERM", *command], **options)
+
+
+class Child:
+    """A child process in its own group, so that everything it started ends with it; see `spawn`."""
+
+    def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
+        self.log = log
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with open(str(log), "w") as output:
+            self._process = spawn(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=env,
+                start_new_session=True,
+            )
+
+    @property
+    def running(self) -> bool:
+        """Returns whether the process has not ended yet."""
+        return self._process.poll() is None
+
+    def tail(self, lines: int = 8) -> str:
+        """Returns the last lines that the process wrote."""
+        return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+
+    def stop(self, timeout: float = 12.0) -> None:
+        """Interrupts the process; if it does not end in time, terminates and then kills its group."""
+        for sign, seconds in ((signal.SIGINT, timeout), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
+            if not self.running:
+                return
+            try:
+                # roslaunch ends its nodes itself when interrupted; only later signals go to the whole group
+                target = os.kill if sign == signal.SIGINT else os.killpg
+                target(self._process.pid, sign)
+            except ProcessLookupError:
+                return
+            try:
+                self._process.wait(seconds)
+            except subprocess.TimeoutExpired:
+                continue
+
+
+def roslaunch(
+    files: Sequence[Path], log: Path, port: int = 0, env: Optional[Dict[str, str]] = None, **arguments: Any
+) -> Child:
+    """Starts launch files with these arguments, under a master of their own if a port is given."""
+    words = [f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in arguments.items()]
+    return Child(["roslaunch", *(["-p", str(port)] if port else []), *map(str, files), *words], log, env)

@@ -1,0 +1,247 @@
+"""Replaces threading, time and queue in modules of nodes while they run within one process."""
+
+from __future__ import annotations
+
+import contextlib
+import queue as real_queue
+import sys
+import threading as real_threading
+import time as real_time
+from collections import deque
+from functools import partial
+from types import FunctionType
+from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Tuple
+
+import greenlet
+
+from vb_evaluation.in_process_ros.scheduler import Scheduler, Task
+
+_LIBRARIES = ("tf2_ros", "actionlib", "dynamic_reconfigure")
+_REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
+
+
+def _ns(seconds: Optional[float]) -> Optional[int]:
+    # not 0, which would be no wait at all: see MIN_TIMEOUT_NS
+    return None if seconds is None or seconds < 0 else max(int(round(seconds * 1e9)), 1)
+
+
+class StandIns:
+    """Stand-ins for the three modules, as far as nodes use them; all other names are the real ones.
+
+    Args:
+        scheduler: provides time and tasks.
+
+    Attributes:
+        modules: the stand-ins, by module name.
+        restore: restores the modules' original contents.
+    """
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self.modules, self._undone = _modules(scheduler), contextlib.ExitStack()
+        self.restore = self._undone.close
+
+    def replace(self) -> None:
+        """Puts the stand-ins into all modules of nodes that have been imported so far."""
+        for name, module in list(sys.modules.items()):
+            package = name.split(".")[0]
+            if package not in _LIBRARIES and (not package.startswith("vb_") or package == "vb_evaluation"):
+                continue
+            for attribute, real in _REAL.items():
+                if module is not None and module.__dict__.get(attribute) is real:
+                    setattr(module, attribute, self.modules[attribute])
+                    self._undone.callback(setattr, module, attribute, real)
+
+
+class _Module:
+    """A module some of whose names are replaced."""
+
+    def __init__(self, real: Any, **names: Any) -> None:
+        self._real = real
+        self.__dict__.update(names)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+
+def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
+    def seconds() -> float:
+        return scheduler.now_ns * 1e-9
+
+    lock = partial(Lock, scheduler)
+    locks: Dict[str, Any] = {"_allocate_lock": lock, "Lock": lock, "RLock": partial(Lock, scheduler, True)}
+    for kind in (real_threading.Condition, real_threading.Event):
+        locks[kind.__name__] = _copy_class(kind, **locks, _time=seconds)
+    threading = _Module(real_threading, **locks, Thread=partial(Thread, scheduler, locks["Event"]))
+    clocks: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
+    return {
+        "threading": threading,
+        "time": _Module(
+            real_time,
+            **clocks,
+            time_ns=lambda: scheduler.now_ns,
+            sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))),
+        ),
+        "queue": _Module(real_queue, Queue=_copy_class(real_queue.Queue, threading=threading, time=seconds)),
+    }
+
+
+def _copy_class(kind: type, **others: Any) -> type:
+    """Copies a standard-library class; the copy's methods use `others` instead of their module's locks and clock."""
+    namespace = {**vars(sys.modules[kind.__module__]), **others}
+    members = {name: value for name, value in vars(kind).items() if name not in ("__dict__", "__weakref__")}
+    for name, value in members.items():
+        if isinstance(value, FunctionType):
+            members[name] = FunctionType(value.__code__, namespace, name, value.__defaults__)
+    return type(kind.__name__, kind.__bases__, members)
+
+
+class WaitQueue:
+    """A first-in, first-out queue of waiting tasks, from which locks are built.
+
+    Tasks take turns and yield only where they wait, so that nothing else needs protection.
+    """
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._scheduler = scheduler
+        self._tasks: Deque[Task] = deque()
+
+    def wait(self, timeout_ns: Optional[int] = None) -> bool:
+        """Suspends the current task; returns whether it was woken within a time [ns]."""
+        task = greenlet.getcurrent()
+        self._tasks.append(task)
+        try:
+            return self._scheduler.wait(timeout_ns)
+        finally:
+            # otherwise `wake` would wake a task that no longer waits, and the next in line would wait for ever
+            if task in self._tasks:
+                self._tasks.remove(task)
+
+    def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
+        """Waits until a condition holds or a time [ns] has passed; returns whether it holds. Checks at each wake-up."""
+        end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
+        while not predicate() and (end is None or self._scheduler.now_ns < end):
+            self.wait(None if end is None else end - self._scheduler.now_ns)
+        return bool(predicate())
+
+    def wake(self) -> None:
+        """Wakes the task that has waited longest."""
+        if self._tasks:
+            self._scheduler.wake(self._tasks.popleft())
+
+
+class Lock:
+    """Replaces threading.Lock or, if `reentrant`, RLock; Python's own conditions, events and queues are built on it."""
+
+    def __init__(self, scheduler: Scheduler, reentrant: bool = False) -> None:
+        self._waiting, self._reentrant = WaitQueue(scheduler), reentrant
+        self._holder: Any = None
+        self._depth = 0
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        """Acquires the lock, waiting until it is free."""
+        current = greenlet.getcurrent()
+        if self._reentrant and self._holder is current:
+            self._depth += 1
+            return True
+        # almost always free: one task runs at a time
+        if self._holder is not None and not self._waiting.wait_for(
+            lambda: self._holder is None, _ns(timeout) if blocking else 0
+        ):
+            return False
+        self._holder, self._depth = current, 1
+        return True
+
+    def release(self) -> None:
+        """Releases the lock to the task that has waited longest."""
+        self._depth -= 1
+        if self._depth <= 0:
+            self._holder = None
+            self._waiting.wake()
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: Any) -> None:
+        self.release()
+
+    # ------------------------------------------------------------- what threading.Condition asks of a lock
+    def _is_owned(self) -> bool:
+        return self._holder is greenlet.getcurrent()
+
+    def _release_save(self) -> int:
+        depth, self._depth = self._depth, 1
+        self.release()
+        return depth
+
+    def _acquire_restore(self, depth: int) -> None:
+        self.acquire()
+        self._depth = depth
+
+
+class Thread(real_threading.Thread):
+    """Replaces threading.Thread by a task."""
+
+    def __init__(self, scheduler: Scheduler, event_class: Any, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._scheduler, self._ended = scheduler, event_class()
+        self._task: Optional[Task] = None
+
+    def start(self) -> None:
+        """Starts the thread."""
+        self._task = self._scheduler.spawn(self._run_and_tell)
+
+    def _run_and_tell(self) -> None:
+        try:
+            self.run()
+        finally:
+            self._ended.set()
+
+    def join(self, timeout: Optional[float] = None) -> None:
+        """Waits until the thread has ended."""
+        if not self._scheduler.closed:
+            self._ended.wait(timeout)
+
+    def is_alive(self) -> bool:
+        """Returns whether the thread has started and not ended."""
+        return self._task is not None and not self._ended.is_set()
+
+
+@contextlib.contextmanager
+def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
+    """Replaces attributes of modules or classes, and restores them at the end."""
+    with contextlib.ExitStack() as restore:
+        for target, names in targets.items():
+            for name, value in names.items():
+                restore.callback(setattr, target, name, getattr(target, name))
+                setattr(target, name, value)
+        yield
+
+
+def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> Dict[str, Callable[..., Any]]:
+    """Returns stand-ins for a ROS master proxy's methods; a real master, if there is one, knows another graph.
+
+    Args:
+        topics: by name, with `publishers` and `subscribers`; services: by name. All of them know their `node`.
+    """
+
+    def system_state(_master: Any) -> List[List[Tuple[str, List[str]]]]:
+        publishers = {name: topic.publishers for name, topic in topics.items()}
+        subscribers = {name: topic.subscribers for name, topic in topics.items()}
+        offered = {name: [service] for name, service in services.items()}
+        return [
+            [(name, [user.node.name for user in users]) for name, users in by_name.items() if users]
+            for by_name in (publishers, subscribers, offered)
+        ]
+
+    def topic_types(_master: Any) -> List[Tuple[str, str]]:
+        return [(name, topic.publishers[0].type) for name, topic in topics.items() if topic.publishers]
+
+    def no_address(*_: Any) -> str:  # is_gone takes this for "there"; tf2_ros looks up a debugging service
+        return ""
+
+    return {
+        "getSystemState": system_state,
+        "getTopicTypes": topic_types,
+        "lookupNode": no_address,
+        "lookupService": no_address,
+    }

@@ -1,0 +1,98 @@
+"""Writes the report: one page without external resources, and each of its tables as CSV.
+
+Sections come in order of importance: how far the border is from the intended one, then time, then the paper's
+Jaccard index; every figure comes with its limits. For simulated people, effects have intervals but no p: as
+their number is arbitrary, any effect can be made significant. For real people, the paper's tests are reported too.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Callable, List, Tuple
+
+import jinja2
+from markupsafe import Markup
+
+from vb_core.errors import CodedError
+from vb_evaluation.report import participants, outcomes, paper_comparison, plausible_worlds
+from vb_evaluation.report.page_blocks import Block, Table
+from vb_evaluation.report.study_files import StudyResults, read_study, write_table
+
+PAGE, TABLES = "report.html", "tables"
+# id, title, and the function that makes the blocks; a section without blocks is left out
+SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
+    ("summary", "Findings", outcomes.summary_section),
+    ("error", "Boundary error", outcomes.error_section),
+    ("time", "Interaction time", outcomes.time_section),
+    ("accuracy", "Jaccard index", outcomes.accuracy_section),
+    ("completeness", "Completeness", outcomes.completeness_section),
+    ("paper", "Beside the paper", paper_comparison.paper_comparison_section),
+    ("worlds", "Plausible worlds", plausible_worlds.plausible_worlds_section),
+    ("experience", "People and their experience", participants.participants_section),
+    ("runs", "The runs", participants.runs_section),
+)
+
+
+def write_report(folder: Path) -> Path:
+    """Writes report.html and tables/*.csv into a study's folder; the page omits what the folder lacks.
+
+    Returns:
+        The page.
+
+    Raises:
+        CodedError: "bad_study" naming the file, and the line or column; "cannot_write_into".
+    """
+    study, here = read_study(folder), Path(__file__).parent
+    sections = [(name, title, make(study)) for name, title, make in SECTIONS]
+    sections = [section for section in sections if section[2]]
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+    )
+    text = environment.get_template("report.html.j2").render(
+        title=f"Drawing virtual borders: the study with {'people' if study.people else 'simulated people'}",
+        notices=notices(study),
+        sections=sections,
+        css=Markup((here / "report.css").read_text(encoding="utf-8")),
+    )
+    try:
+        (study.folder / PAGE).write_text(text, encoding="utf-8")
+        (study.folder / TABLES).mkdir(exist_ok=True)
+        for old in (study.folder / TABLES).glob("*.csv"):
+            old.unlink()
+        for table in (block for _, _, blocks in sections for block in blocks if isinstance(block, Table)):
+            rows = [table.plain(row) for row in table.rows]
+            if rows:
+                write_table(
+                    study.folder / TABLES / f"{table.name}.csv", max((list(row) for row in rows), key=len), rows
+                )
+    except OSError as error:
+        raise CodedError("cannot_write_into", folder=str(study.folder), reason=error.strerror) from None
+    return study.folder / PAGE
+
+
+def notices(study: StudyResults) -> List[str]:
+    """Returns what readers must know before any figure."""
+    people = study.runs.participant.nunique()
+    sentences = [
+        f"{people} people, {len(study.runs)} runs."
+        if study.people
+        else (
+            f"This is a simulation: {people} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
+            "from the assumptions in config/assumptions.yaml; they predict nothing about people, and user experience is not examined."
+        )
+    ]
+    facts = [
+        f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)
+    ]
+    if facts:
+        sentences.append("Made by: " + "; ".join(facts))
+    if study.meta.get("deviating"):
+        sentences.append(
+            f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them."
+        )
+    if study.missing:
+        sentences.append(
+            f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "
+            "differences the participants who have both."
+        )
+    return sentences

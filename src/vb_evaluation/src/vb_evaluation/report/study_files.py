@@ -1,0 +1,247 @@
+"""Reads the files in a study's folder as pandas tables. Only runs.csv must be there; nothing here knows a simulator.
+
+A table's index is the line number in its file. Measures are numbers, nan where unknown; everything else is text.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+import pandas
+
+from vb_core.errors import CodedError
+from vb_evaluation.metrics import ERRORS
+from vb_evaluation.report import paper_results
+
+RUNS, WORLDS = "runs.csv", "worlds.csv"
+DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
+SHEETS = ("questionnaire.csv", "demographics.csv")  # filled in by people
+STATES = ("guide", "border", "seed")
+TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
+KEY = ("participant", "scenario", "method", "seed")
+# the paper's measures come first and in this order: other programs read them
+REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
+MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
+# by file, the columns that identify a row besides KEY
+CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), WORLDS: ("draw",)}
+BASELINE = "robot_only"
+_FURTHER = ("jaccard_enclosed", "too_bright", "helped", "problems", "seed_is_right", "pointed_right")
+_FLAGS = {
+    **dict.fromkeys(("yes", "y", "1", "true", "ja"), True),
+    **dict.fromkeys(("no", "n", "0", "false", "nein"), False),
+}
+
+
+# measures the runs of one scenario with one method; also gets the paper's Jaccard index and completeness, or nan
+Measure = Callable[[pandas.DataFrame, float, float], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class StudyResults:
+    """A study's folder, read and checked.
+
+    Attributes:
+        tables: by file name; runs.csv is always among them.
+        meta: study.json, empty if there is none.
+    """
+
+    folder: Path
+    tables: Mapping[str, pandas.DataFrame]
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def runs(self) -> pandas.DataFrame:
+        """One row per run."""
+        return self.tables[RUNS]
+
+    @property
+    def people(self) -> bool:
+        """Returns whether people took part."""
+        return bool(self.meta.get("people", False))
+
+    def scenario_title(self, key: str) -> str:
+        """Returns a scenario's name for people, as study.json or else the paper has it."""
+        return str((self.meta.get("scenarios") or {}).get(key) or paper_results.scenario_title(key))
+
+    @property
+    def scenarios(self) -> List[str]:
+        """The scenarios in runs.csv: the paper's in its order, then the others as in study.json."""
+        # each participant has another order, so the rows' order means nothing
+        order = list(dict.fromkeys([*paper_results.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
+        return sorted(self.runs.scenario.unique(), key=order.index)
+
+    @property
+    def methods(self) -> List[str]:
+        """The methods in runs.csv; the baseline comes last."""
+        return sorted(self.runs.method.unique(), key=lambda name: (name == BASELINE, name != "nrs", name))
+
+    @property
+    def comparison(self) -> Tuple[str, str]:
+        """The (method, baseline) to compare; the same one twice if there is no other."""
+        return self.methods[0], self.methods[-1]
+
+    def by_scenario(self, runs: Optional[pandas.DataFrame] = None) -> Iterator[Tuple[str, pandas.DataFrame]]:
+        """Yields each scenario's title and its runs among `runs`, by default all."""
+        for scenario in self.scenarios:
+            yield self.scenario_title(scenario), select(self.runs if runs is None else runs, scenario=scenario)
+
+    def rows(self, measure: Measure, **where: object) -> List[Dict[str, Any]]:
+        """Makes a table's rows, one for each scenario and method: both titles, and the measures of its runs.
+
+        Args:
+            where: only the runs with these values are measured.
+        """
+        return [
+            {
+                "scenario": self.scenario_title(scenario),
+                "method": paper_results.method_title(method),
+                **measure(
+                    select(self.runs, scenario=scenario, method=method, **where),
+                    *paper_results.published(scenario, method),
+                ),
+            }
+            for scenario in self.scenarios
+            for method in self.methods
+        ]
+
+    @property
+    def missing(self) -> List[str]:
+        """The runs that a participant lacks and others have, in words."""
+        present = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
+        return [
+            f"{person}, {self.scenario_title(scenario)}, {paper_results.method_title(method)}"
+            for person in self.runs.participant.unique()
+            for scenario in self.scenarios
+            for method in self.methods
+            if (person, scenario, method) not in present
+        ]
+
+
+def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
+    """Returns the rows whose columns have these values."""
+    return table[np.logical_and.reduce([table[column] == value for column, value in where.items()])] if where else table
+
+
+def known(table: pandas.DataFrame, column: str) -> np.ndarray:
+    """Returns the known numbers of a column, (N,)."""
+    return table[column].dropna().to_numpy()
+
+
+def pairs(
+    table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Returns two (N,) samples of a column, one for each method, paired by participant: means over each one's rows.
+
+    Args:
+        completed: uses only completed runs.
+    """
+    rows = table[table[column].notna() & ((table.completed == 1) | (not completed))]
+    wide = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
+    wide = wide.reindex(index=rows.participant.unique(), columns=list(methods)).dropna()
+    return wide[methods[0]].to_numpy(float), wide[methods[1]].to_numpy(float)
+
+
+def read_study(folder: Path) -> StudyResults:
+    """Reads a study.
+
+    Raises:
+        CodedError: "bad_study" naming the file, and the line or column.
+    """
+    folder = Path(folder)
+    if not (folder / RUNS).is_file():
+        raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
+    tables = {
+        name: read_table(folder / name, conditions)
+        for name, conditions in CONDITIONS.items()
+        if (folder / name).is_file()
+    }
+    tables = {name: table for name, table in tables.items() if len(table) or name == RUNS}
+    runs = tables[RUNS]
+    planned = runs["as_planned"] != "0" if "as_planned" in runs else np.ones(len(runs), bool)
+    tables[RUNS] = runs[planned]
+    if not len(tables[RUNS]):
+        raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
+    return StudyResults(folder, tables, {**read_meta(folder / META), "deviating": len(runs) - len(tables[RUNS])})
+
+
+def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:
+    """Reads a CSV file with a header as text, with commas or semicolons, as spreadsheets write it; skips empty rows.
+
+    Raises:
+        CodedError: `code` if it cannot be read or a column is missing.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+        head = text.split("\n", 1)[0]
+        sheet = pandas.read_csv(
+            io.StringIO(text),
+            sep=";" if head.count(";") > head.count(",") else ",",
+            dtype=str,
+            keep_default_na=False,
+            skip_blank_lines=False,
+            index_col=False,
+        )
+    except (OSError, ValueError) as error:
+        raise CodedError(code, f"cannot read {path}: {error}") from None
+    missing = [column for column in required if column not in sheet]
+    if missing:
+        raise CodedError(code, f"{path}: the column {missing[0]} is missing; there are {', '.join(sheet.columns)}")
+    sheet = sheet.fillna("").apply(lambda column: column.str.strip())
+    sheet.index += 2
+    return sheet[(sheet != "").any(axis=1)]
+
+
+def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
+    """Reads a study's CSV file; measures that it lacks are unknown.
+
+    Args:
+        conditions: columns that it must have too, a number in every row.
+
+    Raises:
+        CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
+    """
+    table = read_sheet(path, (*REQUIRED, *conditions))
+    for column in (*MEASURES, *_FURTHER, *conditions):
+        text = table.get(column, pandas.Series("", table.index))
+        numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(
+            float
+        )
+        wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _FURTHER)
+        if wrong.any():
+            raise CodedError(
+                "bad_study", f"{path}, line {wrong.idxmax()}: {column}: expected a number, got {text[wrong].iloc[0]!r}"
+            )
+        table[column] = numbers
+    table["completed"] = table.completed.where(table.completed.isna() | (table.completed == 0), 1.0)
+    return table
+
+
+def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
+    """Parses a person's yes or no; None if the cell is empty."""
+    if text and text.lower() not in _FLAGS:
+        raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
+    return _FLAGS.get(text.lower())
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], mode: str = "w") -> None:
+    """Writes a CSV file with a header; inverse of `read_sheet`. `mode` is that of `open`: "x" overwrites nothing."""
+    table = pandas.DataFrame(list(rows), columns=list(columns), dtype=object)
+    table.to_csv(path, index=False, lineterminator="\n", mode=mode)
+
+
+def read_meta(path: Path) -> Dict[str, Any]:
+    """Reads study.json; empty if there is none."""
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise CodedError("bad_study", f"cannot read {path}: {error}") from None
+    if not isinstance(found, dict):
+        raise CodedError("bad_study", f"{path}: expected keys and values")
+    return found

@@ -1,0 +1,186 @@
+"""Carries out the runs of a study, and can be interrupted at any time.
+
+Every run depends on its job and the configuration alone: one worker gets both, and returns the row and the map.
+Neither the number of workers nor their order nor an interruption therefore changes a row.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import os
+import platform
+import sys
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+
+import joblib
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically
+from vb_core.grid_map import FREE, GridMap
+from vb_core.map_files import read_map, write_map
+from vb_evaluation.metrics import restricted_cells
+from vb_evaluation.provenance import repository_top, revision
+from vb_evaluation.report.study_files import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
+from vb_evaluation.report.map_figures import write_truths
+from vb_evaluation.simulated_study import assumptions
+from vb_evaluation.simulated_study.config import Study, study_from_mapping
+from vb_evaluation.simulated_study.run_plan import Job
+from vb_evaluation.simulated_study.run_measures import COLUMNS, measure
+from vb_sim.room import floor_plan
+
+AREAS, ROWS = "areas.npz", "rows"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A worker's result: a row, and the map of a main run; or the program's error."""
+
+    job: Job
+    row: Optional[Dict[str, Any]] = None
+    grid: Optional[GridMap] = None
+    fault: str = ""
+
+
+def columns(file: str) -> Tuple[str, ...]:
+    """Lists the columns of one of a study's CSV files; what was varied comes first, where readers look for it."""
+    order = ("order", "map") if file == RUNS else ()
+    return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
+
+
+def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1) -> int:
+    """Carries out the remaining runs; returns how many failed because of a fault in the program.
+
+    Raises:
+        CodedError: "other_study".
+        KeyboardInterrupt: after printing what is done.
+    """
+    facts = describe(study)
+    open_folder(folder, configuration(study), facts)
+    world = study.world
+    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
+    write_truths(folder, floor_plan.physical_map(world), truths)
+    if any(job.file == WORLDS for job in jobs):
+        worlds = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
+        write_table(
+            folder / DRAWS, ["draw", *worlds[0]], [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
+        )
+    remaining = [job for job in jobs if not _row(folder, job).exists()]
+    if len(remaining) < len(jobs):
+        console.print(f"{len(jobs) - len(remaining)} of {len(jobs)} runs are done already")
+    failed = 0
+    parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
+    try:
+        outcomes = parallel(joblib.delayed(_work)(study.document, study.sources, job) for job in remaining)
+        for outcome in track(outcomes, "study", len(remaining), console=console):
+            job = outcome.job
+            if outcome.row is None:
+                failed += 1
+                console.print(f"failed: {job.name}: {outcome.fault}", markup=False)
+                continue
+            if outcome.grid is not None and outcome.row.get("map"):
+                write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
+            row = {**outcome.row, "revision": facts["revision"]}
+            write_atomically(_row(folder, job), json.dumps(row, default=lambda value: value.item()).encode())
+    except KeyboardInterrupt:
+        done = sum(_row(folder, job).exists() for job in jobs)
+        console.print(
+            f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there"
+        )
+        raise
+    finally:
+        for file in dict.fromkeys(job.file for job in jobs):
+            paths = sorted((folder / ROWS).glob(f"{Path(file).stem}_*.json"))
+            write_table(folder / file, columns(file), [json.loads(path.read_text()) for path in paths])
+        pack_areas(folder)
+    return failed
+
+
+def _row(folder: Path, job: Job) -> Path:
+    """Returns the file of a run's row; it exists only once the run is done, so that nothing is ever half written."""
+    return folder / ROWS / f"{job.name}.json"
+
+
+def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
+    """Carries out one run of the study that a document and the files named in it describe."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    try:
+        # only running needs ROS: reading a study does not
+        from vb_evaluation.simulated_study.live_run import run
+
+        study = study_from_mapping(document, sources)
+        ended = run(study.changed(job.changes) if job.changes else study, job)
+        row = {**job.columns(study.design.seed), **measure(ended)}
+        if job.file != RUNS:
+            return Outcome(job, row)
+        name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
+        return Outcome(job, {**row, "order": job.order, "map": "" if ended.seed is None else name}, ended.posterior)
+    except Exception as error:
+        return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
+
+
+# ---------------------------------------------------------------- metadata of the runs
+def open_folder(folder: Path, configuration: str, facts: Mapping[str, Any]) -> None:
+    """Makes sure that a folder's contents belong to a configuration, and records which.
+
+    Args:
+        configuration: the study's hash.
+        facts: for study.json.
+
+    Raises:
+        CodedError: "other_study".
+    """
+    present = read_meta(folder / META).get("configuration", "unknown")
+    if present != configuration and ((folder / META).exists() or (folder / RUNS).exists()):
+        raise CodedError(
+            "other_study",
+            f"{folder} holds runs of another configuration or program ({present}, this is {configuration}): "
+            "they cannot be mixed. Delete it, or let OUT=folder put the new ones elsewhere",
+        )
+    document = {**facts, "configuration": configuration}
+    write_atomically(folder / META, (json.dumps(document, indent=2, sort_keys=True, default=str) + "\n").encode())
+
+
+def configuration(study: Study) -> str:
+    """Returns a hash of configuration and program, without its tests: rows with different hashes must not be mixed.
+
+    It does not depend on which of the study's runs are asked for.
+    """
+    digest = hashlib.sha256(study.hash.encode())
+    for folder in ("src", "launch", "robots"):
+        for path in sorted((repository_top() / folder).rglob("*")):
+            if path.suffix in (".py", ".yaml", ".json", ".msg", ".srv", ".launch") and "test" not in path.parts:
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def describe(study: Study) -> Dict[str, Any]:
+    """Returns facts that a study's rows lack: what it is, and what produced it."""
+    return {
+        "seed": study.design.seed,
+        "world": study.world.name,
+        "robot_start": study.world.robots[0].start_pose(),
+        "scenarios": {key: study.world.scenario(key).title for key in study.design.scenarios},
+        "revision": revision(),
+        "command": " ".join(["python3 -m vb_evaluation.simulated_study", *sys.argv[1:]]),
+        "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}",
+        "date": datetime.date.today().isoformat(),
+    }
+
+
+def pack_areas(folder: Path) -> None:
+    """Writes areas.npz: the free floor, each ground truth, and each main run's restricted cells, (H, W) bool by name.
+
+    It is small enough to publish beside the rows, so that others can recompute every index without this program.
+    """
+    physical = read_map(folder / "maps" / "physical.yaml")
+    map_files = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")
+    areas = {path.stem: restricted_cells(physical, read_map(path)) for path in map_files}
+    np.savez_compressed(folder / AREAS, floor=physical.data == FREE, **areas)

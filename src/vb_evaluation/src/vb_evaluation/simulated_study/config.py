@@ -1,0 +1,192 @@
+"""Reads and checks a study's configuration, one YAML file."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+
+import numpy as np
+import rospkg
+
+from vb_core.errors import CodedError, ParameterError
+from vb_core.parameters import Parameters, param
+from vb_evaluation.provenance import repository_top
+from vb_evaluation.simulated_study.person_traits import DISTRIBUTIONS, Streams, Traits, draw, draw_traits
+from vb_sim.models import Models, read_document
+from vb_sim.room.world import World, world_from_mapping
+
+
+# the ceiling cameras that a method uses: the paper's uses all of them, its baseline none
+METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
+    "nrs": lambda world: tuple(camera.name for camera in world.cameras),
+    "robot_only": lambda world: (),
+}
+PACKAGE = Path(rospkg.RosPack().get_path("vb_evaluation"))
+DEFAULT = PACKAGE / "config" / "study.yaml"
+
+
+@dataclass(frozen=True)
+class Design(Parameters):
+    """The study's size: participants, scenarios, methods and worlds."""
+
+    seed: int = param(1, low=0)
+    participants: int = param(10, low=1, high=300)  # exact tests of more take minutes
+    scenarios: list = param(["room", "carpet", "corner"])
+    methods: list = param(["nrs", "robot_only"])
+    worlds: int = param(20, low=0, high=100000)
+
+
+@dataclass(frozen=True)
+class Timing(Parameters):
+    """The delays of processors and network in the live system, which a run in one process lacks."""
+
+    command_s: float = param(0.04, "s", low=0.0, high=5.0)
+    save_s: float = param(0.4, "s", low=0.0, high=10.0)
+    spot_s: float = param(0.02, "s", low=0.0, high=1.0)
+    extraction_s: float = param(0.06, "s", low=0.0, high=5.0)
+    idle_every: int = param(5, low=1, high=25)
+    time_limit_s: float = param(400.0, "s", above=0.0)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A configuration, ready to run. Made by `load`.
+
+    Attributes:
+        document: the YAML document with all defaults filled in; what is hashed.
+        sources: YAML documents of the files that it names, by their name in the document; do not change them.
+        models: of sensors, robot and people; traits in which people differ are drawn by `traits`.
+    """
+
+    document: Mapping[str, Any]
+    sources: Mapping[str, Any]
+    design: Design
+    timing: Timing
+    world: World
+    models: Models
+
+    def traits(self, participant: int) -> Traits:
+        """Draws a participant, numbered from 1."""
+        return draw_traits(self.document["participants"], self.models.participant, self.streams(participant))
+
+    def marks(self, participant: int, scenario: str) -> Tuple[float, float, float]:
+        """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map.
+
+        They are laid anew for each participant, so that intervals over participants include this variation; both
+        methods have the same marks.
+        """
+        settings = self.document.get("marks") or {}
+        rng = self.streams(participant)(f"marks {scenario}")
+        dx, dy, turn = (draw(f"marks/{key}", settings.get(key, 0.0), rng) for key in ("offset", "offset", "turn"))
+        return dx, dy, math.radians(turn)
+
+    def streams(self, participant: int) -> Streams:
+        """Returns the random generators of one participant, by name."""
+        return lambda name: np.random.default_rng([self.design.seed, participant, zlib.crc32(name.encode())])
+
+    def run_seed(self, participant: int) -> int:
+        """Returns the seed of the simulated lab's nodes for one participant's runs."""
+        return self.design.seed * 1000 + participant
+
+    @property
+    def hash(self) -> str:
+        """Identifies the configuration: the same for the same content of all files."""
+        text = json.dumps([self.document, self.sources], sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+    def changed(self, changes: Mapping[str, Any]) -> "Study":
+        """Returns the same study with other values.
+
+        Args:
+            changes: new values by key, such as "design/seed", "timing/save_s", "participants/traits/tremor",
+                "models/optics/exposure_ms" or "world/cameras".
+
+        Raises:
+            ParameterError: names the key that is wrong.
+        """
+        document, files = copy.deepcopy(dict(self.document)), copy.deepcopy(dict(self.sources))
+        for key, value in changes.items():
+            head, _, rest = key.partition("/")
+            _set(files[head] if head in files else document, rest if head in files else key, value)
+        return study_from_mapping(document, files)
+
+
+def _set(document: Any, path: str, value: Any) -> None:
+    *parents, last = path.split("/")
+    for name in parents:
+        document = document[int(name)] if isinstance(document, list) else document.setdefault(name, {})
+    document[int(last) if isinstance(document, list) else last] = value
+
+
+def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
+    """Reads a study's configuration; what the file omits is as in config/study.yaml.
+
+    Args:
+        seed: instead of the file's.
+
+    Raises:
+        CodedError: "no_study" or "bad_study" if the file is missing or malformed.
+        ParameterError: names the key that is wrong.
+    """
+    document = _read(DEFAULT)
+    folder = DEFAULT.parent
+    if path is not None:
+        folder = Path(path).resolve().parent
+        document = _merge(document, _read(path))
+    if seed is not None:
+        document.setdefault("design", {})["seed"] = seed
+    return study_from_mapping(
+        document, {name: _read(_find_file(str(document.pop(name)), folder)) for name in ("world", "models")}
+    )
+
+
+def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
+    """Builds and checks the study that a document and the files named in it describe; see `Study`."""
+    known = ("design", "timing", "participants", "marks")
+    for key in document:
+        if key not in known:
+            raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known)}")
+    design = Design.from_mapping(document.get("design"), "design")
+    world = world_from_mapping(sources["world"])
+    for key in design.scenarios:
+        world.scenario(key)
+    for key in design.methods:
+        if key not in METHODS:
+            raise ParameterError("design/methods", f"'{key}' is unknown; known are {', '.join(METHODS)}")
+    timing = Timing.from_mapping(document.get("timing"), "timing")
+    study = Study(document, sources, design, timing, world, Models.from_mapping(sources["models"]))
+    study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
+    study.marks(1, "")
+    return study
+
+
+def _read(path: Path) -> Dict[str, Any]:
+    document = read_document(path, "study")
+    if document is None:
+        return {}
+    if not isinstance(document, dict):
+        raise CodedError("bad_study", f"expected keys and values at the top of '{path}'")
+    return document
+
+
+def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Dict[str, Any]:
+    """Merges sections key by key; replaces a distribution, a list or a number as a whole."""
+    merged = dict(base)
+    for key, value in changes.items():
+        nested = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not DISTRIBUTIONS & set(value)
+        merged[key] = _merge(base[key], value) if nested else value
+    return merged
+
+
+def _find_file(name: str, folder: Path) -> Path:
+    """Finds a file beside the configuration, in the current folder, in the repository or in vb_sim."""
+    for path in (folder / name, Path(name), repository_top() / name, repository_top() / "src" / "vb_sim" / name):
+        if path.is_file():
+            return path
+    raise CodedError("no_file", f"'{name}' is neither beside the configuration nor in the repository")

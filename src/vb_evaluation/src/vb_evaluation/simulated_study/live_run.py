@@ -1,0 +1,206 @@
+"""Carries out one run (participant, scenario, method) with the live system's own nodes (vb_evaluation/in_process_ros)."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+import numpy as np
+import rospy
+from nav_msgs.msg import OccupancyGrid
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.ros import commands, parameters
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+from vb_evaluation.provenance import repository_top
+from vb_evaluation.simulated_study.config import METHODS, Study
+from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
+from vb_evaluation.simulated_study.person_traits import Traits
+from vb_evaluation.simulated_study.run_plan import Job
+from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
+from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
+from vb_evaluation.in_process_ros.scheduler import Scheduler
+from vb_evaluation.in_process_ros.threading_stand_in import replaced
+from vb_fusion import extraction
+from vb_msgs.msg import LaserSpot, VirtualBorderArray
+from vb_sim.room import floor_plan
+from vb_sim.robot.costmap import Costmap
+from vb_sim.person.hand import perceive_border
+from vb_sim.simulated_lab import Lab
+from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
+from vb_sim.person.walking import distance_to_chain
+from vb_sim.map_server_node import MapServerNode
+from vb_sim.participant_node import ParticipantNode, ParticipantParams
+from vb_sim.robot.path_planner import Planner
+from vb_sim.room.world import Scenario, World
+
+OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
+START_NS = 1_000_000_000_000  # keeps every timestamp away from zero, which would mean none
+WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
+# no other node depends on what these publish or store
+OMITTED = ("display_markers", "feedback", "camera_poses")
+_LONGEST_END_NS = 600 * 10**9
+LAUNCH = "launch/simulation.launch"
+
+
+class LiveRun:
+    """A lab with one participant, and the live system in it; its attributes are complete once `run` has ended.
+
+    Attributes:
+        scenario: as this person sees it, by `personal_scenario`.
+        truth: (H, W) bool, the cells to restrict.
+        prior, posterior: the map without and with borders.
+        seed: (x, y) [m] of the border that was saved; None if none was.
+        spots: every spot that a camera reported.
+        script: the person's actions and intention; an idle one until the person has come.
+        records: the interaction manager's log of all interactions of the run, cancelled ones included.
+        too_bright: whether a ceiling camera was too bright, by the lab's own check, before anybody came.
+    """
+
+    def __init__(self, study: Study, job: Job) -> None:
+        self._study, self._job = study, job
+        self._traits = study.traits(job.participant)
+        self._world = study.world
+        self._seed = study.run_seed(job.participant)
+        self.prior = self.posterior = floor_plan.physical_map(self._world)
+        marks, scenario = study.marks(job.participant, job.scenario), self._world.scenario(job.scenario)
+        self.scenario = personal_scenario(self._world, scenario, self._traits, self.prior, marks)
+        self.truth = floor_plan.ground_truth(self._world, self.scenario)
+        self.lab = Lab(self._world, study.models, self._seed)
+        self.too_bright = False
+        self.seed: Optional[Tuple[float, float]] = None
+        self.spots: List[LaserSpot] = []
+        self.records: List[Dict[str, Any]] = []
+        nobody = SimpleNamespace(seed=self.scenario.seed, tries=0)
+        self.script: Any = SimpleNamespace(outcome="", reason="", person=nobody)
+        self._cache = _kept_cache()
+
+    def _watch(self) -> None:
+        """Subscribes to the topics from which a run is measured."""
+        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self.spots.append)
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        self.posterior = grid_from_message(message)
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        for border in message.borders:
+            self.seed = (border.seed.x, border.seed.y)
+
+    def run(self) -> LiveRun:
+        """Runs until the person is done, or time is up."""
+        self._cache.enter(self._world, replace(self._study.models, body=self._traits.body))
+        timing = self._study.timing
+        scheduler = Scheduler(START_NS)
+        graph = Graph(
+            scheduler,
+            {names.COMMAND: timing.command_s, names.GET_DRAWN_BORDER: timing.save_s, names.SPOTS: timing.spot_s},
+        )
+        cameras = METHODS[self._job.method](self._world)
+        arguments = {
+            "world": "study",
+            "cameras": " ".join(cameras) or "none",
+            "method": self._job.method,
+            "robots": " ".join(filter(None, (robot.namespace.strip("/") for robot in self._world.robots))),
+            "rviz": "false",
+            "page": "false",
+            "state": "",
+        }
+        lab_nodes = self._lab_nodes(cameras)
+        import_nodes(repository_top() / LAUNCH, arguments, (*OMITTED, *lab_nodes))
+        extract = extraction.extract_border
+
+        def delayed_extraction(*drawn: Any, **seen: Any) -> Any:
+            try:
+                return extract(*drawn, **seen)
+            finally:
+                scheduler.wait(int(timing.extraction_s * 1e9))
+
+        with tempfile.TemporaryDirectory() as state, graph.installed(), replaced(
+            {extraction: {"extract_border": delayed_extraction}}
+        ):
+            graph.start(Node("/study", {}), self._watch)
+            start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, OMITTED, lab_nodes)
+            graph.start(Node("/participant", {}), self._bring_participant)
+            until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
+            scheduler.run(lambda: self.script.outcome != "", until)
+            # a saved border arrives; an unfinished interaction is cancelled, so that its time is in the log
+            ended: List[bool] = []
+            graph.start(Node("/study", {}), lambda: ended.append(self._end()))
+            scheduler.run(lambda: bool(ended), scheduler.now_ns + _LONGEST_END_NS)
+            log = Path(state) / "interactions.jsonl"
+            self.records += map(json.loads, log.read_text(encoding="utf-8").splitlines() if log.exists() else ())
+        return self
+
+    def _end(self) -> bool:
+        if self.script.outcome != "saved":
+            with contextlib.suppress(CodedError):
+                commands.send(commands.make_request("cancel", "study", 5.0))
+        rospy.rostime.wallsleep(0.5)
+        return True
+
+    def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
+        """Returns, by type of node, what runs instead of the simulated lab's scripts."""
+        idle_every = self._study.timing.idle_every
+
+        def ceiling_cameras() -> None:
+            shown = [self._world.camera(name) for name in cameras]
+            self.too_bright = StudyCeilingCameras(self._cache, shown, self._seed, idle_every).too_bright
+
+        def robot_camera() -> None:
+            name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
+            robot = self._world.robot(name) if name else self._world.robots[0]
+            StudyRobotCamera(self._cache, robot, self._seed, prefix, idle_every)
+
+        return {
+            "lab_simulator": lambda: LabSimulatorNode(self.lab, parameters.read(LabSimulatorParams)),
+            "ceiling_cameras": ceiling_cameras,
+            "robot_camera": robot_camera,
+            "map_server": lambda: MapServerNode(self.prior),
+        }
+
+    def _bring_participant(self) -> None:
+        rospy.rostime.wallsleep(WARM_UP_TIME)
+        params = ParticipantParams(method=self._job.method, seed=self._seed, scenario=self.scenario.key)
+        self.script = ParticipantNode(self._world, self.scenario, self._traits.model, params)._script
+
+
+def personal_scenario(
+    world: World, scenario: Scenario, traits: Traits, grid: GridMap, marks: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Scenario:
+    """Returns the scenario as this person sees it: the border by the marks on the floor, and where the person stands.
+
+    The person's position is near the common one, on free floor, off the border. The ground truth stays the map's.
+
+    Args:
+        marks: (dx, dy) [m], turn [rad] by which the marks are off the map.
+    """
+    meant = perceive_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
+    scenario = replace(scenario, border=meant)
+    planner = Planner(Costmap(grid, traits.model.body_radius))
+    line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
+    for share in (1.0, 0.75, 0.5, 0.25):
+        place = scenario.stand + share * np.array(traits.stand_offset)
+        if planner.is_traversable(place) and distance_to_chain(place, line) >= OFF_THE_LINE:
+            return replace(scenario, stand=place)
+    return scenario
+
+
+@lru_cache(maxsize=1)
+def _kept_cache() -> RenderCache:
+    """Returns what a process keeps from one run to the next."""
+    return RenderCache()
+
+
+def run(study: Study, job: Job) -> LiveRun:
+    """Carries out one run; the result depends on the arguments alone, not on earlier runs."""
+    return LiveRun(study, job).run()

@@ -1,5 +1,0 @@
-"""The paper's experiment with simulated participants, run by one command (paper, Sect. 5).
-
-`config` reads the configuration, `people` draws the participants, `plan` lists the runs; `runner` carries out one run
-with the live system's own nodes; `campaign` carries out all of them and writes the CSV files.
-"""

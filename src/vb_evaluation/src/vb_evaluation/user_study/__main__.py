@@ -1,0 +1,137 @@
+"""Plans, runs, measures and reports a study with people; docs/how-to/run-a-study.md shows how."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import sys
+from pathlib import Path
+from typing import Any, Callable, Iterable, Iterator, List, Optional
+
+from vb_core.errors import CodedError
+from vb_core.map_files import read_map
+from vb_evaluation import statistics
+from vb_evaluation.user_study import blind_judging, conduct, forms, recording_measures, privacy, protocol
+from vb_evaluation.report import answers
+from vb_evaluation.report.html_page import write_report
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Runs a command and prints its output; returns 0 if it worked, 2 and one line on stderr if not."""
+    given = _parser().parse_args(arguments)
+    try:
+        for line in given.run(given):
+            print(line)
+    except CodedError as error:
+        print(f"study_kit: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _path(text: str) -> Path:
+    return Path(text).expanduser()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="study_kit", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    def command(name: str, run: Callable[[argparse.Namespace], Iterable[Any]], words: str) -> Callable[..., Any]:
+        sub = commands.add_parser(name, help=words)
+        sub.set_defaults(run=run)
+        return sub.add_argument
+
+    argument = command("power", _power, "say how many participants are needed, by the size of the effect")
+    argument("--tests", type=int, default=3, help="in a family, for instance one for each scenario")
+    argument = command("plan", _plan, "draw the order of methods and scenarios and write an empty protocol")
+    argument("--participants", type=int, default=15)
+    argument("--scenarios", nargs="+", default=["room", "carpet", "corner"])
+    argument("--methods", nargs="+", default=["nrs", "robot_only"])
+    argument("--seed", type=int, help="of the order; default: drawn, so that nobody can foresee it")
+    argument("--out", type=_path, default=Path("protocol.csv"))
+    argument = command(
+        "forms",
+        lambda given: forms.write(given.folder),
+        "write information, consent, demographics and questionnaire to be printed",
+    )
+    argument("folder", type=_path)
+    argument = command("run", _run, "do a participant's next run: starts the system in the planned condition")
+    argument("participant")
+    argument("--protocol", type=_path, default=Path("protocol.csv"))
+    argument("--again", action="store_true", help="do the last run again, in another folder")
+    argument = command("measure", _measure, "compute the measures of all recordings and the report")
+    argument("protocol", type=_path)
+    argument("--ground-truth", type=_path, required=True, help="folder of <scenario>.png")
+    argument("--map", type=_path, help="map_server's YAML of the physical map; default: the first recording's")
+    argument("--out", type=_path, default=Path("out/study_people"))
+    argument = command("report", _report, "write the report of a study's folder")
+    argument("folder", type=_path)
+    argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
+    argument = command(
+        "judge",
+        lambda given: [blind_judging.write(given.study or given.results.parent, given.results)],
+        "write pictures of what was drawn, for somebody who does not know the method",
+    )
+    argument("results", type=_path)
+    argument("--study", type=_path, help="the protocol's folder; default: the one that holds the results")
+    argument = command(
+        "export",
+        lambda given: privacy.export(given.results, given.out),
+        "write a copy without anything that tells who somebody is",
+    )
+    argument("results", type=_path)
+    argument("--out", type=_path, required=True)
+    argument = command("delete", _delete, "delete a participant's recordings and answers for good")
+    argument("participant")
+    argument("--protocol", type=_path, default=Path("protocol.csv"))
+    return parser
+
+
+def _power(given: argparse.Namespace) -> Iterator[Any]:
+    yield (
+        f"pairs for a power of {statistics.POWER:.0%} of a two-sided Wilcoxon test, alpha {statistics.ALPHA} in a family of "
+        f"{given.tests}, by the effect d_z (mean difference over the differences' standard deviation):"
+    )
+    for effect in (0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5):
+        yield f"  {effect:.1f}: {statistics.people_needed(effect, given.tests)}"
+
+
+def _report(given: argparse.Namespace) -> Iterator[Any]:
+    yield write_report(given.folder)
+    if given.page:
+        answers.write_page(given.folder, given.page)
+
+
+def _delete(given: argparse.Namespace) -> Iterator[Any]:
+    yield from (f"deleted: {words}" for words in privacy.delete(given.protocol, given.participant))
+    yield "measure the study again: its results still contain the participant"
+
+
+def _plan(given: argparse.Namespace) -> Iterator[Any]:
+    seed = secrets.randbelow(10**9) if given.seed is None else given.seed
+    protocol.write(given.out, protocol.plan(given.participants, given.scenarios, given.methods, seed))
+    conduct.write_template(given.out.parent)
+    yield given.out
+
+
+def _run(given: argparse.Namespace) -> Iterator[Any]:
+    planned = conduct.next_run(given.protocol, given.participant, given.again)
+    run = conduct.conduct_run(planned, conduct.roslaunch, conduct.read_keys(), print)
+    if planned.last:
+        yield f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html"
+    if "ended" not in run:
+        raise CodedError("unfinished", f"the run was not ended: {planned.folder} is kept, --again does the run again")
+    yield planned.folder
+
+
+def _measure(given: argparse.Namespace) -> Iterator[Any]:
+    physical = read_map(given.map) if given.map else None
+    for note in recording_measures.measure(given.protocol, given.ground_truth, given.out, physical):
+        yield f"look at this: {note}"
+    yield write_report(given.out)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""Blind judging: somebody who knows neither participant nor method says which runs were completed.
+
+<study>/judging/NNN.png, judgements.csv    for the judge: what was drawn, in random order, under random numbers
+<study>/judging_key.csv                    which number is which run; the judge does not get it
+"""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+from typing import Dict, List
+
+from vb_core.errors import CodedError
+from vb_core.map_files import read_map
+from vb_evaluation.metrics import restricted_cells
+from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_or_no
+from vb_evaluation.report.map_figures import draw_map
+
+FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
+
+
+def write(study: Path, results: Path) -> Path:
+    """Writes the pictures of all measured runs with a saved border, and an empty sheet; returns their folder.
+
+    Raises:
+        CodedError: "cannot_write_into", also if they exist: judgements must not be lost.
+    """
+    rows = read_sheet(results / RUNS, ("recording", "scenario", "map"))
+    rows = rows[rows["map"] != ""]
+    # from 100: a spreadsheet strips leading zeros
+    codes = [str(code) for code in secrets.SystemRandom().sample(range(100, 1000), len(rows))]
+    physical, key = read_map(results / "maps" / "physical.yaml"), []
+    try:
+        (study / FOLDER).mkdir()
+        for code, row in zip(codes, rows.to_dict("records")):
+            areas = [
+                restricted_cells(physical, read_map(results / name))
+                for name in (f"maps/truth_{row['scenario']}.yaml", row["map"])
+            ]
+            (study / FOLDER / f"{code}.png").write_bytes(draw_map(physical, *areas))
+            key.append({"code": code, "recording": row["recording"]})
+        sheet: List[Dict[str, str]] = [{"code": code, "completed": ""} for code in sorted(codes)]
+        write_table(study / FOLDER / SHEET, ["code", "completed"], sheet)
+        write_table(study / KEY, ["code", "recording"], key)
+    except OSError as error:
+        raise CodedError("cannot_write_into", folder=str(study / FOLDER), reason=error.strerror) from None
+    return study / FOLDER
+
+
+def read(study: Path) -> Dict[str, bool]:
+    """Reads the judgements by recording; empty if nobody has judged.
+
+    Raises:
+        CodedError: "bad_judgement" naming the line.
+    """
+    path = study / FOLDER / SHEET
+    if not path.is_file():
+        return {}
+    recordings = read_sheet(study / KEY, ("code", "recording"), "bad_judgement").set_index("code").recording
+    judgements = {}
+    for line, row in read_sheet(path, ("code", "completed"), "bad_judgement").iterrows():
+        answer = yes_or_no(row.completed, f"{path}, line {line}: completed", "bad_judgement")
+        if row.code not in recordings:
+            raise CodedError("bad_judgement", f"{path}, line {line}: there is no picture {row.code}")
+        if answer is not None:
+            judgements[recordings[row.code]] = answer
+    return judgements

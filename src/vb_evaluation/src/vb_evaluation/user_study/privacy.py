@@ -1,0 +1,99 @@
+"""Protects participants: a copy of the data in which nobody can be identified, and deletion on request."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+from pathlib import Path
+from typing import List
+
+import pandas
+
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically
+from vb_evaluation.report.study_files import RUNS, SHEETS, read_sheet
+from vb_evaluation.user_study import blind_judging, protocol
+from vb_evaluation.user_study.recording_measures import attempts
+
+# free text, dates, folders and versions may reveal who it was
+IDENTIFYING = ("note", "recording", "interaction", "map", "revision")
+AGE_BAND = 10  # [years]
+
+
+def export(results: Path, out: Path) -> List[Path]:
+    """Writes the measured tables with new numbers for the participants, in random order, without free text.
+
+    The numbers are not kept anywhere. Ages become bands of ten years. Raw recordings are not exported.
+
+    Raises:
+        CodedError: "cannot_write_into" if the folder exists; "bad_study" if there is nothing measured.
+    """
+    tables = {RUNS: read_sheet(results / RUNS, ("participant",))}
+    tables.update({name: read_sheet(results / name, ("participant",)) for name in SHEETS if (results / name).is_file()})
+    people = sorted({name for table in tables.values() for name in table.participant})
+    secrets.SystemRandom().shuffle(people)
+    numbers = {name: f"a{number:02d}" for number, name in enumerate(people, 1)}
+    try:
+        out.mkdir(parents=True)
+        for name, table in tables.items():
+            anonymous = table.drop(columns=[column for column in IDENTIFYING if column in table])
+            anonymous = anonymous.assign(participant=anonymous.participant.map(numbers))
+            if "age" in anonymous:
+                anonymous["age"] = anonymous.age.map(_age_band)
+            anonymous.sort_values(list(anonymous.columns[:1])).to_csv(out / name, index=False, lineterminator="\n")
+    except OSError as error:
+        raise CodedError("cannot_write_into", folder=str(out), reason=error.strerror) from None
+    return [out / name for name in tables]
+
+
+def _age_band(text: str) -> str:
+    low = int(text) // AGE_BAND * AGE_BAND if text.isdigit() else None
+    return "" if low is None else f"{low} to {low + AGE_BAND - 1}"
+
+
+def delete(path: Path, participant: str) -> List[str]:
+    """Deletes a participant's recordings, answers and judged pictures for good; returns what was deleted.
+
+    The protocol keeps the lines, without recording, completion and note, so that the others' plan stays. Results must
+    be measured again.
+
+    Raises:
+        CodedError: "no_participant".
+    """
+    sheet = read_sheet(path, protocol.COLUMNS[:5], "bad_protocol")
+    own = sheet.participant == participant
+    if not own.any():
+        raise CodedError("no_participant", f"{path} has no participant '{participant}'", participant=participant)
+    names, deleted = [name for name in sheet.recording[own] if name], []
+    for name in names:
+        for folder in attempts(path.parent / Path(name).expanduser()):
+            shutil.rmtree(folder)
+            deleted.append(str(folder))
+    sheet.loc[own, [column for column in ("recording", "completed", "note") if column in sheet]] = ""
+    _write(sheet, path)
+    for name in SHEETS:
+        if (path.parent / name).is_file():
+            answers = read_sheet(path.parent / name, ("participant",))
+            kept = answers[answers.participant != participant]
+            _write(kept, path.parent / name)
+            deleted += [f"{len(answers) - len(kept)} line(s) of {name}"]
+    _delete_pictures(path.parent, names)
+    return deleted
+
+
+def _write(table: pandas.DataFrame, path: Path) -> None:
+    """Replaces the only copy of a table, atomically."""
+    write_atomically(path, table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
+
+
+def _delete_pictures(study: Path, recordings: List[str]) -> None:
+    if not (study / blind_judging.KEY).is_file():
+        return
+    key: pandas.DataFrame = read_sheet(study / blind_judging.KEY, ("code", "recording"))
+    codes = set(key.code[key.recording.isin(recordings)])
+    for code in codes:
+        (study / blind_judging.FOLDER / f"{code}.png").unlink(missing_ok=True)
+    if (study / blind_judging.FOLDER / blind_judging.SHEET).is_file():  # it may be with the judge
+        said = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
+        _write(said[~said.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
+    _write(key[~key.code.isin(codes)], study / blind_judging.KEY)

@@ -1,0 +1,240 @@
+"""Computes the paper's measures (Sect. 5.5) from recordings of people: the same runs.csv that a simulated study has."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.grid_layers import nearest_cell
+from vb_core.grid_map import GridMap
+from vb_core.files import write_atomically
+from vb_core.map_files import write_map
+from vb_evaluation import metrics
+from vb_evaluation.user_study import blind_judging, protocol
+from vb_evaluation.user_study.recording import Recording
+from vb_evaluation.report.study_files import (
+    META,
+    REQUIRED,
+    RUNS,
+    SHEETS,
+    STATES,
+    WARNINGS,
+    read_meta,
+    read_sheet,
+    write_table,
+)
+from vb_evaluation.report.map_figures import write_truths
+
+_TIMES = (*STATES, "total")
+SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
+MIN_COLOR = 40  # [grey levels] between the largest and the smallest channel; less is grey
+FURTHER = "order as_planned revision map outcome saved seed_is_right helped problems recording interaction note".split()
+COLUMNS = (*REQUIRED, *metrics.ERRORS, *FURTHER)
+
+
+def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
+    """Measures every run of a protocol and writes runs.csv, study.json and maps/ for the report.
+
+    Args:
+        protocol_file: names the recordings, relative to its own folder.
+        ground_truths: folder of <scenario>.png.
+        physical: the physical map; None takes the first one without borders from the recordings.
+
+    Returns:
+        Sentences about what looks wrong.
+
+    Raises:
+        CodedError: what is wrong with protocol, recordings or ground truths.
+    """
+    entries = protocol.read(protocol_file)
+    if not entries:
+        raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
+    if (out / RUNS).exists() and not read_meta(out / META).get("people"):
+        raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
+    folders = [last_attempt(entry.folder(protocol_file)) for entry in entries]
+    physical = physical or _physical(folders)
+    scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
+    truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
+    if (out / RUNS).exists():  # a map of a run that was deleted at its participant's request must not stay
+        for name in filter(None, read_sheet(out / RUNS, ("map",))["map"]):
+            for suffix in (".yaml", ".pgm"):
+                (out / name).with_suffix(suffix).unlink(missing_ok=True)
+    write_truths(out, physical, truths)
+    judged = blind_judging.read(protocol_file.parent)
+    rows, notes = [], []
+    for entry, folder in zip(entries, folders):
+        noted = judged.get(entry.recording, entry.completed)
+        try:
+            recording, truth = Recording(folder), truths[entry.scenario]
+            row, warnings = _measured_row(entry, noted, recording, physical, truth, out / "maps")
+        except CodedError as error:
+            if error.code != "bad_recording":
+                raise
+            row = _empty_row(entry, "unreadable")
+            warnings = [f"{_describe(entry)}: counts for nothing: {error.message}"]
+        rows.append(row)
+        notes += warnings
+    write_table(out / RUNS, COLUMNS, rows)
+    write_table(out / WARNINGS, ["warning"], [{"warning": note} for note in notes])
+    for name in SHEETS:
+        if (protocol_file.parent / name).is_file():
+            write_atomically(out / name, (protocol_file.parent / name).read_bytes())
+    (out / META).write_text(
+        json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8"
+    )
+    return notes
+
+
+def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
+    """Reads which free cells of the physical map a ground truth marks: (H, W) bool.
+
+    Args:
+        path: a PNG as large as the map's image, in which the area is filled with any strong colour.
+        physical: the map that it was drawn over.
+
+    Raises:
+        CodedError: "bad_ground_truth" naming the file and what is wrong with it.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise CodedError("bad_ground_truth", f"{path}: there is no such picture, or a damaged one")
+    if image.shape[:2] != physical.shape:
+        rows, columns = physical.shape
+        raise CodedError(
+            "bad_ground_truth",
+            f"{path}: the picture has {image.shape[1]} x {image.shape[0]} pixels, the map {columns} x {rows}: "
+            "draw over the map's own picture and do not scale it",
+        )
+    chroma = np.ptp(image.astype(int), axis=2)[::-1]
+    # half of the strongest colour: cuts the soft edge that an editor draws in its middle
+    marked = (chroma >= max(MIN_COLOR, chroma.max() / 2.0)) & metrics.free_cells(physical)
+    if not marked.any():
+        raise CodedError("bad_ground_truth", f"{path}: no free floor is marked: fill the area with a strong colour")
+    return marked
+
+
+def _physical(folders: List[Path]) -> GridMap:
+    for folder in folders:
+        with contextlib.suppress(CodedError):  # what cannot be read is reported with its run
+            physical = Recording(folder).physical()
+            if physical is not None:
+                return physical
+    raise CodedError("bad_recording", "no recording has a map without borders: name the physical map with --map")
+
+
+def attempts(folder: Path) -> List[Path]:
+    """Lists a run's recordings, oldest first: <folder>, and <folder>_2, _3, ... of a run that was done again."""
+    repeated = [path for path in folder.parent.glob(f"{folder.name}_*") if path.name[len(folder.name) + 1 :].isdigit()]
+    repeated.sort(key=lambda path: int(path.name[len(folder.name) + 1 :]))
+    return [path for path in (folder, *repeated) if path.exists()]
+
+
+def last_attempt(folder: Path) -> Path:
+    """Returns a run's newest recording, the one that counts; the folder itself if there is none."""
+    return (attempts(folder) or [folder])[-1]
+
+
+def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
+    """Lists how the condition in which a recording was made differs from the planned one; empty if it does not."""
+    differences = []
+    run = recording.run
+    for name, planned in (("participant", entry.participant), ("scenario", entry.scenario), ("method", entry.method)):
+        if run and str(run.get(name, planned)) != planned:
+            differences.append(f"{name} {run[name]} instead of {planned}")
+    methods = {interaction.method for interaction in recording.interactions}
+    differences += [f"the system was started with method:={method}" for method in sorted(methods - {entry.method})]
+    if recording.cameras is not None:
+        planned = run.get("cameras", () if entry.method == "robot_only" else recording.cameras)
+        if set(planned) != recording.cameras:
+            recorded, expected = (" ".join(sorted(names)) or "none" for names in (recording.cameras, planned))
+            differences.append(f"cameras {recorded} instead of {expected}")
+    return differences
+
+
+def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted: Optional[bool]) -> str:
+    """Returns a run's outcome, from which every table is made.
+
+    unreadable      its recording is damaged or incomplete: the system's failure too (not returned here)
+    not_started     no interaction was begun: the system's failure, nobody's result
+    not_as_planned  in another condition than planned: left out
+    completed       saved, the seed in the ground truth, and nobody who judged it said otherwise
+    judged_failed   the same, but judged not to be what was asked for
+    wrong_seed      saved, with the seed on the wrong side
+    not_saved       given up, cancelled, or broken off
+    disputed        judged as completed, though nothing was saved or the seed is wrong: not completed
+
+    Args:
+        noted: what judge or experimenter said; None for nothing.
+    """
+    if not begun:
+        return "not_started"
+    if not planned:
+        return "not_as_planned"
+    if saved and seed_right:
+        return "judged_failed" if noted is False else "completed"
+    return "disputed" if noted else ("wrong_seed" if saved else "not_saved")
+
+
+def _describe(entry: protocol.Entry) -> str:
+    return f"{entry.participant}, {entry.scenario}, {entry.method}"
+
+
+def _empty_row(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
+    """Makes the row of a run of which only the protocol's entry is known."""
+    row = {name: getattr(entry, name) for name in ("participant", "scenario", "method", "recording", "note")}
+    return {**row, "order": entry.order or "", "as_planned": 1, "outcome": outcome, "saved": 0, "seed_is_right": 0}
+
+
+def _measured_row(
+    entry: protocol.Entry, noted: Optional[bool], recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
+) -> Tuple[Dict[str, Any], List[str]]:
+    """Makes a run's row. Each interaction of its recording is an attempt at it; there may be none, or several."""
+    interactions = recording.interactions
+    row, run = _empty_row(entry, "not_started"), _describe(entry)
+    row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))
+    if not interactions:
+        return row, [
+            f"{run}: nothing was begun in this recording, so it counts for nothing: can the run be done again?"
+        ]
+    differences = deviations(entry, recording)
+    notes = [f"{run}: not as planned, left out of the analysis: {words}" for words in differences]
+    # cancelled attempts took time too, as in the simulated study
+    times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in interactions), 3) for name in _TIMES}
+    row.update(times, as_planned=int(not differences), interaction=interactions[-1].interaction_id)
+    result = recording.result(interactions[-1])
+    if result is not None:
+        posterior, seed = result
+        if not posterior.same_geometry(physical):
+            raise CodedError(
+                "bad_recording", f"{run}: its map differs from the physical map in size, resolution or origin"
+            )
+        name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
+        write_map(maps / name, posterior)
+        row.update(
+            metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)),
+            saved=1,
+            map=f"maps/{name}.yaml",
+            seed_is_right=int(seed_is_right(seed, physical, truth)),
+        )
+    if noted is None:
+        noted = recording.run.get("completed")
+    row["outcome"] = outcome_of(True, not differences, bool(row["saved"]), bool(row["seed_is_right"]), noted)
+    row["completed"] = int(row["outcome"] == "completed")
+    if row["outcome"] == "disputed":
+        missing = "the seed point lies outside the ground truth" if row["saved"] else "nothing was saved"
+        notes.append(f"{run}: noted as completed, but {missing}: counts as not completed")
+    elif row["outcome"] == "judged_failed":
+        notes.append(f"{run}: noted as not completed, but saved with the seed point within the ground truth")
+    return row, notes
+
+
+def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray) -> bool:
+    """Returns whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
+    cell, _ = nearest_cell(physical, metrics.free_cells(physical), seed, SEED_REACH)
+    return cell is not None and bool(truth[cell])

@@ -1,0 +1,327 @@
+"""Stage 1: which spots are the pointer's, as strokes, and which strokes make the border's line.
+
+There is one pointer, which moves through time. Observations close together in one time bin form one cluster; the track
+is the sequence of clusters that explains the most floor with the least effort. In metres:
+
+    gain  = the floor that a cluster adds: staying and coming back add nothing more, and light that stays longer than
+            MAX_DWELL counts less and less, unless its position has a trend over time, as a slow hand's has. Positions
+            passed at constant speed add the floor between them
+    cost  = distance^2 / (time * UNSEEN_SPEED) between clusters: a gap crossed at the speed of a hand is cheap, a pause
+            is free. As hands also flick, beyond a TREMOR the cost grows only logarithmically, like the negative log
+            likelihood of a heavy-tailed error. So a rest after a flick belongs to the stroke, and a stray does not pay
+
+Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
+removed; the best track of the remaining clusters is the next stroke. The line is the widest stroke, with those joined to
+it that continue from its ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Tuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from vb_core import geometry
+from vb_core.errors import CodedError
+from vb_fusion.observations import (
+    LOCALIZATION_ERROR,
+    MAX_DROPOUTS,
+    TIME_BIN,
+    TREMOR,
+    Observations,
+    find_dropout,
+    time_bins,
+)
+
+CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
+UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
+MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright object stays
+MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
+# clusters; fewer between two unseen steps are a stray or a glint, which is seen for a third of a second
+MIN_SEEN = 5
+MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
+# clusters among which a predecessor is sought: they span more than a dropout, however much glitters
+LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
+
+
+@dataclass(frozen=True)
+class DrawnLine:
+    """Which observations the border's line consists of.
+
+    Attributes:
+        rows: (N,) indices of the line's observations, in the order in which it runs.
+        left_out: (L,) indices of observations that may have been drawn, but are not part of the line.
+        joined: whether several strokes were joined.
+        dropout: [s] within which the moving pointer was seen again.
+    """
+
+    rows: np.ndarray
+    left_out: np.ndarray
+    joined: bool
+    dropout: float
+
+
+def find_drawn_line(seen: Observations, widest_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
+    """Finds the line that was drawn among all observations.
+
+    Args:
+        seen: in order of time.
+        widest_gap: [m] that is bridged, within a stroke or between two.
+        min_expansion: [m] diagonal of the bounding box of the shortest line.
+        min_spots: fewest spots of a line.
+
+    Raises:
+        CodedError: "no_line".
+    """
+    clusters = find_clusters(seen)
+    strokes, ends = find_strokes(seen, clusters, widest_gap)
+    # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
+    wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
+    wide = [(size, stroke) for size, stroke in wide if size > min_expansion - 2.0 * TREMOR]
+    wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= min_spots]
+    candidates = [stroke for _, stroke in sorted(wide, key=lambda one: -one[0])]
+    if not candidates:
+        raise CodedError("no_line", spots=int(seen.spots.sum()), shortest=f"{min_expansion:g}")
+    line, others, joined = _join_strokes(seen, candidates, widest_gap)
+    left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *others, *ends]), line)
+    return DrawnLine(line, left_out, joined, find_dropout(clusters.stamps))
+
+
+def find_clusters(seen: Observations) -> Observations:
+    """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
+    group = time_bins(seen.stamps)
+    # split at gaps along x, then along y, then along x again
+    for axis in (0, 1, 0):
+        order = np.lexsort((seen.points[:, axis], group))
+        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > CLUSTER_WIDTH)
+        group[order] = np.concatenate([[0], np.cumsum(new)])
+    clusters = seen.merge(group)
+    y_and_x, bins = clusters.points.T[::-1], time_bins(clusters.stamps)
+    # rounded, as another computer may sum equal weights in another order
+    order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), bins))
+    order = order[np.arange(len(order)) - np.searchsorted(bins[order], bins[order]) < MAX_SIMULTANEOUS_CLUSTERS]
+    clusters = clusters.select(order)
+    return clusters.select(np.lexsort((*clusters.points.T[::-1], clusters.stamps)))
+
+
+def find_strokes(
+    seen: Observations, clusters: Observations, widest_gap: float
+) -> Tuple[List[np.ndarray], List[np.ndarray]]:
+    """Finds the strokes that were drawn.
+
+    Args:
+        seen: in order of time.
+        clusters: of these observations, in order of time.
+        widest_gap: [m] between two clusters of one stroke.
+
+    Returns:
+        The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
+        which may be the beginning or the end of the drawing, but was seen too seldom to tell.
+    """
+    points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
+    bins = time_bins(stamps)
+    explained = floor_gains(points, stamps, dropout)
+    # the more clusters are seen at once, the less likely each is the pointer; and a stationary camera's pose is known
+    # better than that of a camera on a robot
+    trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
+    trust[clusters.mobile & (np.bincount(bins, ~clusters.mobile) > 0)[bins]] *= TREMOR / LOCALIZATION_ERROR
+    gains = explained * trust
+    strokes: List[np.ndarray] = []
+    ends: List[np.ndarray] = []
+    free = np.arange(len(points))
+    while gains[free].sum() >= CLUSTER_WIDTH:
+        totals, previous = find_best_steps(points[free], stamps[free], dropout, gains[free], TREMOR)
+        if totals.max() < CLUSTER_WIDTH:
+            break
+        line = free[trace_track(totals, previous)]
+        pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
+        if pieces and not strokes:
+            ends = [_observations_near(seen, clusters, glint) for glint in glints]
+        strokes += [_observations_near(seen, clusters, piece) for piece in pieces]
+        # the pointer is at one place at a time, and floor is explained once
+        taken = np.isin(bins[free], bins[line])
+        free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
+    return strokes, ends
+
+
+def _divide(
+    line: np.ndarray, at: np.ndarray, times: np.ndarray, explained: np.ndarray, dropout: float, widest: float
+) -> Tuple[List[np.ndarray], List[np.ndarray]]:
+    """Divides a track, the indices of its clusters, into strokes where nothing was seen over more than `widest` [m].
+
+    A step is seen if the floor that its two clusters explain covers it, within a dropout. Few clusters isolated
+    between an unseen step and a pause are a stray or a glint and are dropped; a quick hand's rest is kept.
+
+    Returns:
+        The strokes, and the glints before the first and after the last of them.
+    """
+    covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, explained[:-1] + explained[1:])
+    unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
+    pieces = np.split(np.arange(len(line)), unseen)
+    runs: List[List[np.ndarray]] = []  # of pieces without a pause between them
+    for piece in pieces:
+        if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
+            runs.append([])
+        runs[-1].append(piece)
+    for number, run in enumerate(runs):
+        while number > 0 and run and len(run[0]) < MIN_SEEN:
+            del run[0]
+        while number < len(runs) - 1 and run and len(run[-1]) < MIN_SEEN:
+            del run[-1]
+    strokes: List[np.ndarray] = []
+    for run in filter(None, runs):
+        piece = np.concatenate(run)
+        if strokes and np.hypot(*(at[piece[0]] - at[strokes[-1][-1]])) <= widest:
+            strokes[-1] = np.concatenate([strokes[-1], piece])
+        else:
+            strokes.append(piece)
+    within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
+    # a single cluster is a stray
+    glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
+    return [line[stroke] for stroke in strokes], [line[glint] for glint in glints]
+
+
+def _observations_near(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
+    """Returns the indices of the observations beside a line, given as the indices of its clusters, at its own times.
+
+    As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
+    """
+    times = clusters.stamps[line]
+    first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
+    x, y, mobile = (
+        np.interp(seen.stamps[first:last], times, column[line]) for column in (*clusters.points.T, clusters.mobile)
+    )
+    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, seen.mobile[first:last])
+    off = np.hypot(*(seen.points[first:last] - np.column_stack([x, y])).T)
+    return first + np.flatnonzero(off <= reach)
+
+
+def _join_strokes(
+    seen: Observations, strokes: List[np.ndarray], widest_gap: float
+) -> Tuple[np.ndarray, List[np.ndarray], bool]:
+    """Joins to the first stroke those that continue from its ends; strokes are the indices of their observations.
+
+    Returns:
+        The indices of the line's observations, in the order in which it runs; the strokes left out; whether several
+        strokes were joined.
+    """
+    line, *others = strokes
+    joined = False
+    while others:
+        # the nearest pair of an end of the line and an end of another stroke
+        near = np.array([cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others])
+        which, at, end = np.unravel_index(int(np.argmin(near)), near.shape)
+        if near[which, at, end] > widest_gap + TREMOR:
+            break
+        # the stroke must run away from the line's end, or up to its start
+        other, joined = others.pop(which)[:: -1 if at == end else 1], True
+        line = np.concatenate([line, other] if at else [other, line])
+    return line, others, joined
+
+
+def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
+    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it.
+
+    A cluster is shared among the four lattice nodes round it, bilinearly, so that gains are continuous in position.
+    """
+    scaled = points / CLUSTER_WIDTH
+    cell = np.floor(scaled).astype(np.int64)
+    part = scaled - cell
+    cell -= cell.min(axis=0)
+    stride = int(cell[:, 1].max()) + 2
+    corners = [(dx, dy) for dx in (0, 1) for dy in (0, 1)]
+    nodes = np.concatenate([(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners])
+    shares = np.concatenate([np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners])
+    order = np.lexsort((np.tile(stamps, 4), nodes))
+    pause = np.append(0.0, np.diff(np.tile(stamps, 4)[order]))
+    first = np.append(True, np.diff(nodes[order]) != 0)
+    node = np.empty(len(order), dtype=np.int64)
+    node[order] = np.cumsum(first) - 1
+    # the number of clusters at each, itself included, independent of where it lies between the nodes
+    company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
+        axis=0
+    )
+    # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
+    new = CLUSTER_WIDTH / np.maximum(company / 1.5, 2.0)
+    # light not seen for longer than a dropout was not there
+    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
+    moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / CLUSTER_WIDTH) ** 2)
+    still = there * (1.0 - moved)
+    stay = still[node].reshape(4, -1).max(axis=0)
+    fading = np.minimum(1.0, MAX_DWELL / np.maximum(stay, TIME_BIN)) ** 2
+    gains = np.maximum(new, _swept(points, stamps, dropout)) * fading
+    # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
+    return np.round(gains, 4) + 1e-5
+
+
+def _moved(points: np.ndarray, stamps: np.ndarray, shares: np.ndarray, node: np.ndarray) -> np.ndarray:
+    """Returns how far [m] the light at each node moved while it was there: the trend of its position over time."""
+    total = np.maximum(np.bincount(node, shares), 1e-9)
+    t, x, y = (np.tile(values - values.mean(), 4) for values in (stamps, *points.T))
+    t = t - (np.bincount(node, shares * t) / total)[node]
+    spread = np.bincount(node, shares * t * t)
+    # a uniform movement lasts for sqrt(12) standard deviations of its times
+    trend = [np.bincount(node, shares * t * axis) for axis in (x, y)]
+    return np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * np.hypot(*trend)
+
+
+def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
+    """Returns the floor (P,) [m] between a cluster and its neighbours in time if the three are passed at one speed.
+
+    A quick hand is seen so seldom that its clusters alone cover less than its line. Strays do not form such rows.
+    """
+    swept = np.zeros(len(points))
+    for back in (1, 2):
+        for ahead in (1, 2):
+            first, at, last = (slice(0, -back - ahead), slice(back, -ahead), slice(back + ahead, None))
+            whole = times[last] - times[first]
+            share = (times[at] - times[first]) / np.maximum(whole, 1e-9)
+            off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
+            way = 0.5 * np.hypot(*(points[last] - points[first]).T)
+            straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
+            # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
+            row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
+            row[(whole > dropout) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
+            # the row's ends too, where the stroke may begin or end
+            for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
+                swept[part] = np.maximum(swept[part], much * row)
+    return swept
+
+
+def find_best_steps(
+    points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, flick: float
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Finds the best track that ends at each of the clusters (P, 2) [m], given in order of time.
+
+    Beyond `flick` [m] the cost of a jump grows only logarithmically.
+
+    Returns:
+        (P,) the gain [m] of each track, and (P,) the preceding cluster; -1 where a track begins.
+    """
+    count = len(points)
+    earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
+    origin = np.maximum(earlier, 0)
+    way = np.hypot(*(points[:, None] - points[origin]).transpose(2, 0, 1))
+    time = stamps[:, None] - stamps[origin]
+    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
+    effort = flick * np.log1p(effort / flick)
+    effort[(earlier < 0) | (time <= 0.0)] = np.inf
+    best, previous = gains.copy(), np.full(count, -1)
+    for cluster in range(count):
+        value = best[origin[cluster]] - effort[cluster]
+        chosen = int(value.argmax())
+        if value[chosen] > 0.0:
+            best[cluster] += value[chosen]
+            previous[cluster] = origin[cluster, chosen]
+    return best, previous
+
+
+def trace_track(totals: np.ndarray, previous: np.ndarray) -> np.ndarray:
+    """Returns the indices of the clusters of the track that gains most, from the result of `find_best_steps`."""
+    track = [int(totals.argmax())]
+    while previous[track[-1]] >= 0:
+        track.append(int(previous[track[-1]]))
+    return np.array(track[::-1])

@@ -1,0 +1,258 @@
+"""Separating curves: their extension to the physical borders, and the area on the seed's side.
+
+Paper, Sect. 3: "its first and last line segments are linearly extended to the physical borders of the
+environment to allow the separation of the area".
+
+Whether a curve separates is a matter of topology: blocked cells (obstacles, unknown cells, everything off the map) form
+connected pieces, and a curve divides the free space round it if and only if both its ends meet the same piece. A
+table leg is a separate piece, so an extension that meets one goes on.
+
+A drawn end may be joined to any wall within the tolerance: ahead, where the extension meets it; behind, where the end
+has passed it; or beside, where a straight extension would miss it, as happens with a line drawn a few centimetres in
+front of a doorway. No robot passes through so small a gap, so joining the end to the wall blocks no robot.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Callable, List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_map_integration.border import IntegrationError
+from vb_map_integration.grid import raster
+
+# the restricted area touches a side of the curve if at least this share of the samples on that side were filled
+_TOUCHES = 0.1
+# where the end of a chain is sampled to find its direction, as shares of the fitted length
+_SAMPLES = np.linspace(0.0, 1.0, 16)
+FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
+# values of cells in the working copy of the map: free, reached from the seed, blocked, and blocked pieces that were
+# met from the curve's start, its end, or both
+_FREE, _FILLED, _BLOCKED = 0, 128, 255
+_MET_BY_START, _MET_BY_END, _MET_BY_BOTH = 1, 2, 3
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A separating curve cut into the map.
+
+    Attributes:
+        window: the part of the map that the region is in.
+        region: (h, w) uint8 mask of that window, the free cells on the seed's side.
+        line: (M, 2) (column, row) the curve with its extensions.
+        stops: for each end, the (row, column) of the blocked cell where it ends; may be one beyond the map's rim.
+    """
+
+    window: raster.CellWindow
+    region: np.ndarray
+    line: np.ndarray
+    stops: Tuple[Tuple[int, int], Tuple[int, int]]
+
+
+def end_direction(points: np.ndarray, length: float) -> np.ndarray:
+    """Fits the direction (2,), a unit vector, in which a chain (N, 2) leaves its last point, to its last `length`.
+
+    The last two points alone would follow hand tremor.
+    """
+    back = points[::-1, 0] + 1j * points[::-1, 1]
+    arc = np.concatenate([[0.0], np.cumsum(np.abs(back[1:] - back[:-1]))])
+    tail = np.interp(min(length, arc[-1]) * _SAMPLES, arc, back)
+    chord = complex(tail[0] - tail[-1])
+    # the squares of complex numbers add up to a vector of twice the angle of the tail's main axis
+    axis = complex(np.sqrt(np.square(tail - tail.sum() / len(tail)).sum()))
+    if abs(axis) < 1e-12:
+        axis = chord or 1.0 + 0.0j
+    if (axis * chord.conjugate()).real < 0.0:
+        axis = -axis
+    return np.array([axis.real, axis.imag]) / abs(axis)
+
+
+@dataclass(frozen=True)
+class _Stop:
+    """A blocked cell where an end of the curve may stop.
+
+    Attributes:
+        extension: [cells] how far the end must be extended to reach it; 0 if it is within the drawn chain.
+        cell: its (row, column).
+        inset: how many cells of the trace lie farther out; None if it is beside the end and not on the trace.
+    """
+
+    extension: float
+    cell: Tuple[int, int]
+    inset: Optional[int]
+
+
+def separate(
+    cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float, seed: np.ndarray, find_seed: FindSeed
+) -> Cut:
+    """Cuts a separating curve into the map and fills the seed's side.
+
+    Args:
+        cells: (H + 2, W + 2) uint8, 255 where the fill may not enter, else 0, with a frame of 255 round the map;
+            changed in place.
+        points: (N, 2) (column, row), the drawn chain.
+        fit_length: [cells] length of the chain's ends that gives the directions of the extensions.
+        tolerance: [cells] how far a drawn end may lie from the wall that it belongs to; less than any robot's width.
+        seed: (2,) (column, row).
+        find_seed: returns the (row, column) where the fill begins, given a mask (H, W) of barred cells, including the
+            curve's, and, for a seed in a cell of the curve, the direction (2,) that leads away from the curve.
+
+    Raises:
+        IntegrationError: "outside_map", "seed_on_both_sides", "no_separation", "too_complex", or as `find_seed`.
+    """
+    shape = (cells.shape[0] - 2, cells.shape[1] - 2)
+    reach = 2.0 * sum(shape) + float(np.abs(points).max())
+    outer = [
+        points[0] + reach * end_direction(points[::-1], fit_length),
+        points[-1] + reach * end_direction(points, fit_length),
+    ]
+    trace = raster.trace_chain(np.concatenate([outer[:1], points, outer[1:]]), shape)
+    drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
+    before = -(trace.arc - reach)  # [cells] how far each cell lies before the chain's start
+    after = -before - drawn_length
+    on_map = (trace.rows >= 0) & (trace.rows < shape[0]) & (trace.columns >= 0) & (trace.columns < shape[1])
+    if not (on_map & (before <= 1.0) & (after <= 1.0)).any():
+        raise IntegrationError("outside_map")
+    tolerance = min(tolerance, 0.25 * drawn_length)
+    starts = _stops(cells, trace, before, points[0], tolerance, outwards=-1)
+    ends = _stops(cells, trace, after, points[-1], tolerance, outwards=1)
+    start, end = _stops_on_one_piece(cells, starts, ends) or (starts[0], ends[0])
+    for index, stop in enumerate((start, end)):
+        if stop.inset is None:  # beside the end: go straight there
+            outer[index] = np.array(stop.cell[::-1], dtype=float)
+    chain = np.concatenate([outer[:1], points, outer[1:]])
+    trace = raster.trace_chain(chain, shape)
+    arc = trace.arc - float(np.hypot(*(points[0] - outer[0])))
+    drawn = (arc >= -1.0) & (arc <= drawn_length + 1.0)
+    return _cut(cells, chain, trace, drawn, start.inset or 0, len(arc) - 1 - (end.inset or 0), seed, find_seed)
+
+
+def _stops(
+    cells: np.ndarray, trace: raster.Trace, beyond: np.ndarray, point: np.ndarray, tolerance: float, outwards: int
+) -> List[_Stop]:
+    """Finds where an end of the curve may stop, the nearest first; within the tolerance, stops ahead come first.
+
+    Args:
+        beyond: (K,) [cells] how far each cell of the trace lies beyond the drawn end; negative within the chain.
+        point: (2,) (column, row), the drawn end.
+        outwards: -1 for the chain's start, 1 for its end.
+    """
+    # the outermost cell is beyond the map's rim, so there is always one; if the end is off the map, maybe only one
+    indices = np.flatnonzero(beyond >= -tolerance)[::outwards]
+    indices = indices if len(indices) else np.array([0 if outwards < 0 else len(beyond) - 1])
+    hit = cells[trace.rows[indices] + 1, trace.columns[indices] + 1] != _FREE
+    hit[1:] &= ~hit[:-1]
+    ahead = [
+        _Stop(
+            max(float(beyond[k]), 0.0),
+            (int(trace.rows[k]), int(trace.columns[k])),
+            int(k if outwards < 0 else len(beyond) - 1 - k),
+        )
+        for k in (indices[hit] if hit.any() else indices[-1:])
+    ]
+    within = int(tolerance)
+    top, left = (max(int(value + 0.5) - within, 0) for value in point[::-1])
+    rows, columns = np.nonzero(cells[1:-1, 1:-1][top : top + 2 * within + 1, left : left + 2 * within + 1])
+    distances = np.hypot(rows + top - point[1], columns + left - point[0])
+    order = np.argsort(distances, kind="stable")
+    beside = [
+        _Stop(tolerance, (int(rows[k]) + top, int(columns[k]) + left), None) for k in order if distances[k] <= tolerance
+    ]
+    return sorted(ahead + beside, key=lambda stop: stop.extension)
+
+
+def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop]) -> Optional[Tuple[_Stop, _Stop]]:
+    """Returns the nearest stops of both ends on the same connected piece of blocked cells.
+
+    Both ends grow at the same pace, and mark each piece that they meet.
+    """
+
+    def value(stop: _Stop) -> int:
+        return int(cells[stop.cell[0] + 1, stop.cell[1] + 1])
+
+    def fill(stop: _Stop, mark: int) -> None:
+        cv2.floodFill(cells, None, (stop.cell[1] + 1, stop.cell[0] + 1), mark, flags=8)
+
+    by_start = [(stop, _MET_BY_START, _MET_BY_END) for stop in starts]
+    by_end = [(stop, _MET_BY_END, _MET_BY_START) for stop in ends]
+    for stop, mark, other in sorted(by_start + by_end, key=lambda candidate: candidate[0].extension):
+        met = value(stop)
+        if met == other:
+            fill(stop, _MET_BY_BOTH)
+            start, end = (next(one for one in stops if value(one) == _MET_BY_BOTH) for stops in (starts, ends))
+            return start, end
+        if met == _BLOCKED:
+            fill(stop, mark)
+    return None
+
+
+def _cut(
+    cells: np.ndarray,
+    chain: np.ndarray,
+    trace: raster.Trace,
+    drawn: np.ndarray,
+    start: int,
+    end: int,
+    seed: np.ndarray,
+    find_seed: FindSeed,
+) -> Cut:
+    """Fills the seed's side of the curve between two of its stops."""
+    part = slice(start, end + 1)
+    rows, columns, segment = trace.rows[part], trace.columns[part], trace.segment[part]
+    flat, stride = cells.reshape(-1), cells.shape[1]
+    line_cells = (rows + 1) * stride + columns + 1
+    shut = flat[line_cells] != _FREE
+    flat[line_cells] = _BLOCKED
+    step = chain[1:] - chain[:-1]
+    steps = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)
+    normal = step[:, ::-1] * (-1.0, 1.0) / steps[:, None]
+
+    away = None
+    hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
+    if len(hit):  # the seed is in a cell of the curve, but on one side of it
+        crossed = segment[hit[0]]
+        side = float((seed - chain[crossed]) @ normal[crossed])
+        away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None
+    row, column = find_seed(cells[1:-1, 1:-1], away)
+    _, _, _, (x, y, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
+
+    middle = drawn[part] & ~shut
+    points, aside = trace.points[part][middle], 1.6 * normal[segment[middle]]
+    left, right = _shares(cells, np.array([points + aside, points - aside]))
+    if left >= _TOUCHES and right >= _TOUCHES:
+        raise IntegrationError("seed_on_both_sides")
+    if math.isnan(left + right) or left == right == 0.0:
+        raise IntegrationError("no_separation")
+
+    # the cells that the curve runs through go to the side that their centre is on
+    offset = (normal * chain[:-1]).sum(axis=1)
+    height = columns * normal[segment, 0] + rows * normal[segment, 1] - offset[segment]
+    towards = 1.0 if left > right else -1.0
+    own = line_cells[(height * towards > 0.0) & ~shut]
+    round_it = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
+    flat[own[(flat[own[:, None] + round_it] == _FILLED).any(axis=1)]] = _FILLED
+
+    # one cell wider all round, for the curve's own cells, and converted from the frame's coordinates to the map's
+    window = (
+        slice(max(y - 2, 0), min(y + depth, cells.shape[0] - 2)),
+        slice(max(x - 2, 0), min(x + width, cells.shape[1] - 2)),
+    )
+    region = cv2.inRange(cells[1:-1, 1:-1][window], _FILLED, _FILLED)
+    vertex_arc = np.cumsum(steps[:-1])
+    between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
+    line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])
+    stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
+    return Cut(window, region, line, stops)  # type: ignore[arg-type]
+
+
+def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
+    """Returns, for both sides' points (2, K, 2) (column, row), the filled share of free cells; NaN if none is free."""
+    # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
+    at = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
+    values = cells[at[..., 1], at[..., 0]]
+    filled = (values == _FILLED).sum(axis=1)
+    count = filled + (values == _FREE).sum(axis=1)
+    return [f / c if c else math.nan for f, c in zip(filled.tolist(), count.tolist())]

@@ -1,0 +1,164 @@
+"""The connection to a real broker: it comes back with the newest states, over TLS and with a password."""
+
+import os
+
+import pytest
+from mosquitto import PROGRAM, Hub, Mosquitto
+
+from refusals import refused
+from vb_core.errors import CodedError
+from vb_mqtt.broker_connection import MqttClient, Connection, read_connection
+from vb_testing import run_command, wait_until
+
+pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")
+WILL = ("lab/availability", b"offline")
+
+
+def connect(port, connection=None, received=None, faults=None):
+    def take(topic, payload, retained):
+        if payload == b"raise":
+            raise ValueError("a fault")
+        received.append((topic, payload, retained))
+
+    faults = [] if faults is None else faults
+    known, handlers = connection or Connection(), {"lab/command": take}
+    broker = MqttClient(f"127.0.0.1:{port}", known, "lab", WILL, handlers, faults.append)
+    broker.put(WILL[0], b"online")
+    broker.start()
+    return broker
+
+
+@pytest.fixture
+def server(tmp_path):
+    server = Mosquitto(tmp_path)
+    yield server
+    server.kill()
+
+
+def test_a_restarted_broker_gets_the_newest_states_only(server):
+    broker, hub = connect(server.port), Hub(server.port)
+    broker.put("lab/state", b"one")
+    wait_until(lambda: hub.messages.get("lab/state") == b"one" and hub.messages.get(WILL[0]) == b"online", "the state")
+    broker.send("lab/answer", b"1")
+    wait_until(lambda: hub.messages.get("lab/answer") == b"1", "the answer")
+    server.kill()
+    wait_until(lambda: not broker.connected, "the loss to be noticed")
+    for number in range(50):
+        broker.put("lab/state", b"%d" % number)
+    broker.put("lab/gone", b"x")
+    broker.put("lab/gone", b"")
+    broker.send("lab/answer", b"2")
+    hub.messages.clear()
+    del hub.heard[:]
+    server.start()
+    for topic, payload in (("lab/state", b"49"), (WILL[0], b"online")):
+        wait_until(lambda: hub.messages.get(topic) == payload, f"the newest {topic}")  # noqa: B023
+    wait_until(lambda: broker.connected, "the connection")
+    broker.send("lab/answer", b"3")
+    wait_until(lambda: hub.messages.get("lab/answer") == b"3", "an answer")
+    assert {payload for topic, payload in hub.heard if topic in ("lab/state", "lab/answer")} == {b"49", b"3"}
+    assert "lab/gone" not in hub.messages
+    # the hub learns at once that the process has ended
+    broker.close()
+    wait_until(lambda: hub.messages.get(WILL[0]) == b"offline", "the farewell")
+    hub.close()
+
+
+def test_retained_commands_are_marked_and_faults_reported(server):
+    hub = Hub(server.port)
+    hub.send("lab/command", b"kept", retain=True).wait_for_publish(5.0)
+    received, faults = [], []
+    broker = connect(server.port, received=received, faults=faults)
+    wait_until(lambda: received == [("lab/command", b"kept", True)], "what was kept")
+    hub.send("lab/command", b"raise")
+    hub.send("lab/command", b"new")
+    wait_until(lambda: received[1:] == [("lab/command", b"new", False)], "what comes after a fault")
+    assert [str(fault) for fault in faults] == ["a fault"]
+    hub.close()
+    broker.close()
+
+
+@pytest.fixture(scope="module")
+def authority(tmp_path_factory):
+    """Returns the folder of a temporary CA with a broker's certificate for 127.0.0.1, and of another CA."""
+    folder = tmp_path_factory.mktemp("authority")
+    key = "openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes"
+    for name in ("ca", "other"):
+        run_command(*f"{key} -x509 -subj /CN={name} -keyout {name}.key -out {name}.crt".split(), cwd=folder, check=True)
+    run_command(*f"{key} -subj /CN=broker -keyout b.key -out b.csr".split(), cwd=folder, check=True)
+    (folder / "names").write_text("subjectAltName=IP:127.0.0.1")
+    signed = "openssl x509 -req -in b.csr -CA ca.crt -CAkey ca.key -CAcreateserial -extfile names -out b.crt"
+    run_command(*signed.split(), cwd=folder, check=True)
+    return folder
+
+
+@pytest.fixture
+def guarded(tmp_path, authority):
+    """A broker with TLS that requires a password."""
+    passwords = tmp_path / "passwords"
+    run_command("mosquitto_passwd", "-b", "-c", passwords, "home", "secret", check=True)
+    files = [f"{kind} {authority / name}" for kind, name in (("certfile", "b.crt"), ("keyfile", "b.key"))]
+    server = Mosquitto(tmp_path, ["allow_anonymous false", f"password_file {passwords}", *files])
+    yield server
+    server.kill()
+
+
+def test_the_connection_can_use_tls_and_a_password(guarded, authority):
+    known = {"tls": True, "ca_file": str(authority / "ca.crt"), "username": "home"}
+    broker = connect(guarded.port, Connection(password="secret", **known))
+
+    def secure(client):
+        client.tls_set(known["ca_file"])
+        client.username_pw_set("home", "secret")
+
+    hub = Hub(guarded.port, setup=secure)
+    wait_until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    hub.close()
+    broker.close()
+    refused = connect(guarded.port, Connection(password="wrong", **known))
+    wait_until(lambda: refused.trouble, "a refusal")
+    assert "authori" in refused.trouble.lower() and not refused.connected
+    refused.close()
+
+
+@pytest.mark.parametrize("host, ca_file", [("127.0.0.1", "other.crt"), ("127.0.0.1", ""), ("localhost", "ca.crt")])
+def test_a_broker_without_a_valid_certificate_gets_no_password(guarded, authority, host, ca_file):
+    tried = []
+    known = Connection(username="home", password="secret", tls=True, ca_file=ca_file and str(authority / ca_file))
+    broker = MqttClient(f"{host}:{guarded.port}", known, "lab", WILL, {}, tried.append)
+    broker._client.on_connect_fail = lambda *_: tried.append(True)
+    broker.start()
+    wait_until(lambda: len(tried) > 1, "two tries")
+    assert not broker.connected
+    broker.close()
+
+
+def test_only_its_owner_can_read_the_password_file(tmp_path):
+    path = tmp_path / "mqtt.yaml"
+    assert read_connection(path) == Connection()
+    path.write_text("username: home\npassword: secret\ntls: true\n")
+    path.chmod(0o640)
+    assert read_connection(path) == Connection(username="home", password="secret", tls=True)
+    assert path.stat().st_mode & 0o077 == 0
+    for text, code in (("secret: x", "bad_parameter"), ("port: high", "bad_parameter"), ("a: [", "mqtt_file_bad")):
+        path.write_text(text)
+        with refused(code):
+            read_connection(path)
+    path.write_text("password: [secret")
+    with pytest.raises(CodedError) as caught:
+        read_connection(path)
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "given, address",
+    [("hub", "hub:1883"), ("hub:1884", "hub:1884"), ("[fd00::5]", "fd00::5:1883"), ("[fd00::5]:1884", "fd00::5:1884")],
+)
+def test_addresses_with_and_without_a_port_are_read(given, address):
+    assert MqttClient(given, Connection(), "lab", WILL, {}, print).address == address
+
+
+@pytest.mark.parametrize("given", ["mqtt://hub:1883", "hub:port", "hub:99999", "fd00::5", "[fd00::5", ""])
+def test_other_addresses_are_refused(given):
+    with refused("bad_parameter"):
+        MqttClient(given, Connection(), "lab", WILL, {}, print)

@@ -1,0 +1,141 @@
+"""Finds which border a robot is in, and why a goal cannot be reached, before navigation has found out. No ROS.
+
+Navigation gives up after its recoveries, half a minute later, and does not say why. The maps show at once whether there
+is no room at the goal, or no free floor from the robot to it; the map without borders shows whether borders are why.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.grid_layers import clearance_grid, nearest_cell, sample
+from vb_core.grid_map import GridMap
+from vb_robot.clearance_map import START_TOLERANCE
+from vb_robot.shortest_paths import ShortestPaths
+from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
+
+NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps
+SEARCH_CELLS = 200  # along the map's longer side: the path is searched only for the border's name
+
+
+@dataclass(frozen=True)
+class KnownBorder:
+    """A border by name: its chain (N, 2) [m], seed (2,) [m], and kind."""
+
+    name: str
+    points: np.ndarray
+    seed: np.ndarray
+    polygon: bool
+
+    def may_restrict(self, point) -> bool:
+        """Returns whether a point is on the seed's side of a polygon; always true for a curve, which has no inside."""
+        polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
+        inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (point, self.seed)]
+        return not self.polygon or inside[0] == inside[1]
+
+
+def name_of(known: Sequence[KnownBorder], point) -> str:
+    """Returns the name of the border that restricts a point (2,) [m]; "" if none is known.
+
+    Polygons that may restrict it go before curves, nearer ones first: the maps do not say which border a cell is from.
+    """
+
+    def order(border: KnownBorder) -> tuple:
+        distance = float(np.linalg.norm(border.points - point, axis=1).min())
+        return not border.may_restrict(point), not border.polygon, distance
+
+    return min(known, key=order).name if known else ""
+
+
+def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
+    """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
+    there, without = (sample(grid, grid.data, np.reshape(point, (1, 2)), -1.0)[0] for grid in (borders, physical))
+    return bool(there >= LETHAL_THRESHOLD and there > without)
+
+
+def quoted(name: str) -> str:
+    """Returns a border's name as it appears in sentences."""
+    return f"'{name}'" if name else "$border_without_name"
+
+
+class GoalChecker:
+    """Checks goals on one pair of maps.
+
+    Args:
+        borders: the map with borders, to plan on; physical: the map without, of the same geometry.
+        radius: [m] of the robot's inscribed circle.
+        known: the borders that are in force for this robot, for their names.
+    """
+
+    def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
+        self.borders, self.physical, self._known = borders, physical, known
+        self._barred = forbidden(borders, physical)
+        # only what is certain is called out of reach: navigation may round differently by a cell
+        self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
+        self._parts = {which: self._connected(grid) for which, grid in (("borders", borders), ("physical", physical))}
+
+    def name_at(self, point) -> str:
+        """Returns the name of the border that a point (2,) [m] is in, or that leaves no room there."""
+        return name_of(self._known, nearest_cell(self.borders, self._barred, point, 2.0 * self._radius + NEAR)[1])
+
+    def check(self, start, goal) -> Optional[Tuple[str, str]]:
+        """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m] or None: (code, border's name).
+
+        Codes: "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border", "goal_out_of_reach". None if
+        nothing is known against the goal.
+        """
+        grid = self.borders
+        if not grid.contains_cells(grid.world_to_cell(goal))[0]:
+            return "goal_off_map", ""
+        there = {which: self._room_at(which, goal, 0.0) for which in self._parts}
+        if not there["physical"]:
+            return "goal_in_obstacle", ""
+        if not there["borders"]:
+            return "goal_in_border", self.name_at(goal)
+        if start is None:
+            return None
+        here = {which: self._room_at(which, start, START_TOLERANCE) for which in self._parts}
+        if not here["physical"] or there["physical"] != here["physical"]:
+            return ("goal_out_of_reach", "") if here["physical"] else None
+        if not here["borders"] or there["borders"] != here["borders"]:
+            return "goal_behind_border", self._crossed(start, goal)
+        return None
+
+    def _connected(self, grid: GridMap) -> np.ndarray:
+        """Labels the connected parts of the floor (H, W) with room for the robot; 0: none. Unknown may be free."""
+        room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
+        return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
+
+    def _room_at(self, which: str, point, reach: float) -> int:
+        rooms, grid = self._parts[which], self.borders
+        cell = tuple(grid.world_to_cell(point)[0])
+        if grid.contains_cells(np.array([cell]))[0] and rooms[cell]:
+            return int(rooms[cell])
+        cell, _ = nearest_cell(grid, rooms > 0, point, reach)
+        return int(rooms[cell]) if cell is not None else 0
+
+    def _crossed(self, start, goal) -> str:
+        """Returns the name of the first border on the path that crosses the fewest border cells."""
+        if is_inside(self.borders, self.physical, start):
+            return self.name_at(start)
+        step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
+        allowed, passable = (_any_of(self._parts[which] > 0, step) for which in ("borders", "physical"))
+        passable |= allowed
+        ends = self.borders.world_to_cell(np.array([start, goal])) // step
+        passable[tuple(ends.T)] = True  # even if they lie beside the blocks that have room
+        cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
+        for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
+            if not allowed[row, column]:
+                middle = (np.array([row, column]) + 0.5) * step - 0.5
+                return self.name_at(self.borders.cell_to_world(middle[None])[0])
+        return ""
+
+
+def _any_of(cells: np.ndarray, step: int) -> np.ndarray:
+    """Returns whether any cell of each block of step x step is marked."""
+    rows = np.logical_or.reduceat(cells, np.arange(0, cells.shape[0], step), axis=0)
+    return np.logical_or.reduceat(rows, np.arange(0, cells.shape[1], step), axis=1)

@@ -1,0 +1,83 @@
+"""Inputs that several nodes share: maps, borders, spots, contact sensors."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, List
+
+import numpy as np
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from roslib.message import get_message_class
+
+from vb_core import names
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
+from vb_core.robot_profile import Contact
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
+from vb_core.zones import zone_of
+from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_robot.driving.workspace import LETHAL_THRESHOLD
+from vb_robot.monitoring.goal_checker import KnownBorder
+from vb_robot.spot_sightings import Sighting
+
+RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)  # of navigation's goals
+
+
+def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:
+    """Passes every map of a topic to `take`; refuses and logs malformed ones."""
+
+    def on_map(message: OccupancyGridArray) -> None:
+        try:
+            grid = grid_from_message(message)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
+        else:
+            take(grid)
+
+    return rospy.Subscriber(topic, OccupancyGridArray, on_map, queue_size=1, buff_size=2**24)
+
+
+def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
+    """Returns the borders in force that a robot must not enter; the others never keep it out."""
+    return [
+        KnownBorder(
+            border.name or border.id,
+            array_from_points(border.points),
+            np.array([border.seed.x, border.seed.y]),
+            border.kind == VirtualBorder.POLYGON,
+        )
+        for border in message.borders
+        if border.in_force
+        and len(border.points)
+        and (not border.robots or robot in border.robots)
+        and zone_of(border.zone).value(border.occupancy) >= LETHAL_THRESHOLD
+    ]
+
+
+def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
+    """Passes every spot with a position in the map to `take`; rejects and logs the others."""
+
+    def on_spot(message: LaserSpot) -> None:
+        position = (message.position.x, message.position.y)
+        if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
+            rospy.logwarn_throttle(
+                5.0,
+                f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
+                f"expected finite values in '{names.MAP_FRAME}'",
+            )
+        else:
+            stamp = message.header.stamp.to_sec()
+            take(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
+
+    return rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=100)
+
+
+def message_class(contact: Contact) -> Any:
+    """Returns a contact sensor's message class. A robot with an unheard bumper must not drive as if it had none."""
+    kind = get_message_class(contact.type)
+    if kind is None:
+        raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")
+    missing = [name for name in (contact.field, contact.sensor) if name and not hasattr(kind(), name)]
+    if missing:
+        raise ParameterError("robot_profile/contacts", f"{contact.type} has no field {missing[0]}")
+    return kind

@@ -1,0 +1,123 @@
+"""The wizard console's text and keys."""
+
+from io import StringIO
+
+import pytest
+import rospy
+from rich.console import Console
+
+from vb_core import sentences
+from vb_core.notices import Notice, Severity
+from vb_core.vocabulary import COMMANDS
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
+from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, WRONG, ConsoleContent, keys_in, printable
+
+
+def drawing(language="en"):
+    return ConsoleContent(
+        InteractionState(name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3),
+        BorderProgress(
+            interaction_id="ab12", border_spots=120, seed_spots=3, ignored_spots=7, cameras_seeing_spot=["south"]
+        ),
+        BorderPreview(
+            available=True,
+            success=True,
+            area_m2=2.5,
+            issues=[BorderIssue(severity=BorderIssue.WARNING, message="The robot stands inside the new border.")],
+        ),
+        language=language,
+    )
+
+
+def text(view, now=0.0, width=300):
+    console = Console(file=StringIO(), width=width)
+    console.print(*view.lines(now), sep="\n")
+    return console.file.getvalue()
+
+
+def test_what_holds_is_said():
+    view = drawing()
+    found = text(view)
+    for word in (
+        "BORDER",
+        "1:13",
+        "120 border, 3 seed, 7 ignored",
+        "south",
+        "restrict 2.50 m\u00b2",
+        "! The robot stands",
+    ):
+        assert word in found, word
+    for view.preview.free_parts in (0, 1, 2):
+        split = view.words("preview_parts", parts=view.preview.free_parts)
+        assert (split in text(view)) == (view.preview.free_parts == 2)
+    view.state.stopped, view.state.stopped_by, view.state.confirm_save = True, "voice", True
+    view.state.ends_at = rospy.Time(145)
+    view.notices = (Notice("stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
+    found = text(view, 100.0)
+    for word in ("STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"):
+        assert word in found, word
+    assert "! Stopped: no robot drives" not in found  # the state's line says so already
+    view.state = None
+    assert "! Stopped: no robot drives" in text(view)
+
+
+def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
+    view = drawing()
+    view.state.interaction_id = "cd34"
+    assert "120 border" not in text(view)
+
+
+def test_what_two_messages_tell_is_said_once():
+    view = drawing()
+    view.preview.issues[0].code = "robot_inside"
+    view.notices = (Notice("robot_inside", Severity.WARNING),)
+    assert text(view).count(f"! {sentences.translate('robot_inside')}") == 1
+    # the reason of a refused preview is both its sentence and its first issue
+    why = BorderIssue(severity=BorderIssue.ERROR, message="It separates nothing.")
+    view.preview = BorderPreview(available=True, message="It separates nothing.", issues=[why])
+    assert text(view).count("It separates nothing.") == 1 and "restrict" not in text(view)
+    # an error other than the sentence is shown, as an error
+    why.message = "The seed lies in a wall."
+    assert [line.style for line in view.lines() if why.message in str(line)] == [WRONG]
+
+
+@pytest.mark.parametrize("escape", ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\x08\x08", "\r", "\n"])
+def test_no_control_character_from_elsewhere_reaches_the_terminal(escape):
+    def screen(escape):
+        view = drawing()
+        view.state.stopped, view.state.stopped_by = True, f"ada{escape}"
+        view.progress.cameras_seeing_spot = [f"red{escape}"]
+        view.preview.issues[0].message = f"why{escape}"
+        view.notices = (Notice("microphone_missing", Severity.WARNING, values={"why": f"look{escape}"}),)
+        return text(view) + printable(f"said{escape}").plain
+
+    found, usual = screen(escape).split("\n"), screen("").split("\n")
+    assert [word for word in ("ada", "red", "why", "look", "said") if word not in "".join(found)] == []
+    assert len(found) == len(usual)
+    assert not any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in "".join(found))
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_each_command_has_its_key_in_every_language(language):
+    view = drawing(language)
+    for width in (300, 30):
+        found = text(view, width=width)
+        for command in COMMANDS.values():
+            key = view.words("console_space") if command.key == " " else command.key
+            assert f" {key}  {view.words('command_' + command.name)}" in found
+    assert view.words("console_quit") in found and view.words("state_border").upper() in found
+
+
+@pytest.mark.parametrize(
+    "typed, keys",
+    [("b \u00fc", "b \u00fc"), ("\x1b[A", ""), ("\x1bOS", ""), ("\x1b[As", "s"), ("\x1b[15~\x1b[1;5C ", " ")],
+)
+def test_keys_are_distinguished_from_escape_sequences(typed, keys):
+    assert keys_in(typed) == keys
+
+
+def test_every_command_is_one_key_that_no_function_key_ends_with():
+    assert sorted(COMMAND_KEYS.values()) == sorted(COMMANDS) and QUIT_KEY not in COMMAND_KEYS
+    assert all(len(key) == 1 and key == key.lower() for key in COMMAND_KEYS)
+    # on a slow connection the end of a function key's sequence arrives separately
+    assert not set("ABCDFHPQRS~0123456789;[") & set(COMMAND_KEYS)

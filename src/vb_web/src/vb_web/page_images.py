@@ -1,0 +1,188 @@
+"""The images under the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
+
+All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of an image
+is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall ever vanishes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.camera_model import CameraModel
+from vb_core.geometry import apply
+from vb_core.grid_map import UNKNOWN, GridMap
+from vb_web.page_view import rounded
+
+MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
+FLOOR_SIDE = 1400  # [px] of the floor's image
+FLOOR_PIXEL = 0.01  # [m] a ceiling camera resolves nothing finer
+STRIPE_PERIOD = 0.2  # [m] period of the stripes
+_INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
+_UNKNOWN = (128, 128, 128, 70)
+FORBIDDEN = (0, 94, 213)  # bgr, vermilion, as on the smart display
+PLANNED = (0, 159, 230)  # bgr, orange: what saving now would restrict
+PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
+
+
+@dataclass(frozen=True)
+class EncodedImage:
+    """A PNG or WebP.
+
+    Attributes:
+        name: changes with the content, so that browsers may cache it for ever.
+        cells: map cells per pixel along a side; less than 1 where an image is finer than the map.
+    """
+
+    data: bytes
+    name: str
+    cells: float
+
+
+class ImageCache:
+    """The newest two images of each kind: a browser may still be fetching the previous one."""
+
+    def __init__(self) -> None:
+        self._images: Dict[str, Tuple[EncodedImage, ...]] = {}
+
+    def put(self, kind: str, image: EncodedImage) -> None:
+        """Adds an image as the newest one of its kind."""
+        kept = [old for old in self._images.get(kind, ()) if old.name != image.name]
+        self._images[kind] = (image, *kept[:1])
+
+    def get(self, kind: str, name: str) -> Optional[EncodedImage]:
+        """Returns an image by its name; None if it is not (or no longer) there."""
+        return next((image for image in self._images.get(kind, ()) if image.name == name), None)
+
+
+def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
+    """Reduces (H, W) to maxima of blocks, the last padded by the edge; also returns a block's side [cells]."""
+    cells = max(1, -(-max(data.shape) // side))
+    if cells == 1:
+        return data, 1
+    padded = np.pad(data, [(0, -size % cells) for size in data.shape], mode="edge")
+    rows, columns = (size // cells for size in padded.shape)
+    return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3)), cells
+
+
+_PNG, _WEBP = (".png", [cv2.IMWRITE_PNG_COMPRESSION, 3]), (".webp", [cv2.IMWRITE_WEBP_QUALITY, 80])
+
+
+def _encode(pixels: np.ndarray, cells: float, kind: Tuple[str, List[int]] = _PNG) -> EncodedImage:
+    # the map's last row is the image's first
+    data = cv2.imencode(kind[0], np.ascontiguousarray(pixels[::-1]), kind[1])[1].tobytes()
+    return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
+
+
+def draw_map(grid: GridMap) -> EncodedImage:
+    """Draws walls as ink, by their occupancy, and unknown floor as grey."""
+    data, cells = _reduce(grid.data, MAX_SIDE)
+    pixels = np.zeros((*data.shape, 4), np.uint8)
+    pixels[data > 0] = _INK
+    pixels[..., 3] = np.where(data > 0, np.maximum(data, 0).astype(np.uint16) * 255 // 100, 0).clip(0, 255)
+    pixels[data == UNKNOWN] = _UNKNOWN
+    return _encode(pixels, cells)
+
+
+def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage], floor: bool) -> Dict[str, Any]:
+    """Describes the map's images and geometry for the page. `floor`: whether there is an image of the floor."""
+    rows, columns = grid.shape
+    return {
+        "picture": base.name,
+        "restricted": restricted.name if restricted is not None else "",
+        "rows": rows,
+        "columns": columns,
+        "resolution": rounded(grid.resolution, 6),
+        "origin": [rounded(value, 5) for value in grid.origin],
+        "cells": base.cells,
+        "floor": floor_cells(grid) if floor else 0,
+    }
+
+
+def draw_restricted(before: GridMap, after: GridMap) -> EncodedImage:
+    """Draws stripes where `after` is more occupied than `before`, fainter for lower occupancy."""
+    return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
+
+
+def draw_region(
+    region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE
+) -> EncodedImage:
+    """Draws stripes over a region.
+
+    Args:
+        region: (H, W) int8, 0 (outside) to 100; row 0 is the lowest y.
+        resolution: [m] edge of a cell.
+        tint: bgr.
+        side: [px] the largest side of the image.
+    """
+    data, cells = _reduce(region, side)
+    rows, columns = np.indices(data.shape, dtype=np.float32)
+    period = max(4.0, STRIPE_PERIOD / (resolution * cells))
+    dark = ((rows + columns) % period) < period / 2.0
+    pixels = np.zeros((*data.shape, 4), np.uint8)
+    pixels[..., :3] = tint
+    pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0)
+    return _encode(pixels, cells)
+
+
+@dataclass(frozen=True)
+class CeilingImage:
+    """Holds the newest image of one ceiling camera.
+
+    Attributes:
+        image: (H, W, 3) bgr uint8.
+        pose: (4, 4) T_camera_map, from the map frame to the camera's optical frame.
+    """
+
+    image: np.ndarray
+    camera: CameraModel
+    pose: np.ndarray
+
+
+def floor_cells(grid: GridMap) -> float:
+    """Returns the map cells per pixel of the floor's image, along a side."""
+    return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL / grid.resolution)
+
+
+def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
+    """Draws the floor in the map's geometry, as all cameras together see it; transparent where none does.
+
+    Where several see the same floor, each is weighted by the pixel's distance to its image's edge: no hard seams.
+    """
+    cells = floor_cells(grid)
+    rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
+    centers = (
+        np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
+    )
+    places = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
+    total = np.zeros((rows, columns, 3), np.float32)
+    weights = np.zeros((rows, columns), np.float32)
+    for view in views:
+        seen = apply(view.pose, places)
+        in_front = seen[:, 2] > 0.05
+        seen[~in_front] = (0.0, 0.0, 1.0)
+        pixels = view.camera.project(seen).astype(np.float32)
+        size = np.array([view.camera.width, view.camera.height], np.float32)
+        inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
+        weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
+        at = pixels.reshape(rows, columns, 2)
+        colors = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
+        total += colors * weight[..., None]
+        weights += weight
+    pixels = np.zeros((rows, columns, 4), np.uint8)
+    seen = weights > 0
+    pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
+    pixels[..., 3] = np.where(seen, 255, 0)
+    return _encode(pixels, cells, _WEBP)
+
+
+def encode_jpeg(image: np.ndarray, width: int = 960) -> bytes:
+    """Encodes a camera's image (H, W, 3) bgr or (H, W) as JPEG, not wider than `width` [px]."""
+    scale = width / image.shape[1]
+    if scale < 1.0:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 78])[1].tobytes()

@@ -1,0 +1,211 @@
+"""Converts messages to sections of the page's view, and the page's drafts to messages. Needs the messages, but no node.
+
+Lengths are metres. Chains and points are sent in whole centimetres, [x0, y0, x1, y1, ...]: compact, finer than a spot.
+"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any, Dict, Iterable, List, Mapping, Optional
+
+import numpy as np
+from geometry_msgs.msg import Point
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState
+from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorderArray
+
+from vb_core import sentences
+from vb_core.notices import Notice
+from vb_core.lab_offer import Offer, find_unkept
+from vb_core.ros.messages import mapping_from_values
+from vb_core.zones import ZONES, zone_of
+from vb_web import page_images
+from vb_web.page_view import rounded
+
+KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
+_KIND_NAMES = {value: key for key, value in KINDS.items()}
+
+
+def centimeters(points: Iterable[Point]) -> List[int]:
+    """Converts points to whole centimetres in one list, without points that are not finite."""
+    found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
+    found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
+    return np.rint(found * 100.0).astype(int).ravel().tolist()
+
+
+def copy_fields(message: Any, fields: str) -> Dict[str, Any]:
+    """Returns fields of a message, given as names with spaces between, unchanged and under the same names."""
+    return {field: getattr(message, field) for field in fields.split()}
+
+
+def coded_sentence(message: Any) -> Dict[str, Any]:
+    """Returns code, values and English sentence of any message that has these three."""
+    return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
+
+
+def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
+    """Converts the issues that a check reported."""
+    return [{"severity": int(found.severity), **coded_sentence(found)} for found in issues]
+
+
+def state_section(message: InteractionState) -> Dict[str, Any]:
+    """Converts the state of the interaction; times become seconds."""
+    ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
+    return {
+        **copy_fields(message, "name available_commands stopped stopped_by stop_number"),
+        "ends_in_s": max(0, int(ends)),
+        "confirm": message.confirm_save,
+        "outcome": message.last_outcome,
+        "last": {
+            "command": message.last_command,
+            "source": message.last_source,
+            "ok": message.last_success,
+            "code": message.last_code,
+            "values": mapping_from_values(message.last_values),
+            "message": message.last_message,
+            "at": rounded(message.last_answered.to_sec(), 2),
+        },
+    }
+
+
+def progress_section(message: BorderProgress) -> Dict[str, Any]:
+    """Converts what has been drawn so far."""
+    return {
+        "spots": message.border_spots,
+        "points": centimeters(message.points),
+        "chain": centimeters(message.chain),
+        "left_out": centimeters(message.left_out),
+        "seed": centimeters([message.seed]) if message.has_seed else [],
+        **copy_fields(message, "closed cameras_seeing_spot"),
+        **coded_sentence(message),
+    }
+
+
+def region_uri(region: Any) -> str:
+    """Draws a region (OccupancyGrid) as an image in a data URI; "" if its cells are invalid."""
+    info = region.info
+    cells = np.asarray(region.data, np.int8)
+    if not cells.size or cells.size != info.width * info.height:
+        return ""
+    image = page_images.draw_region(
+        cells.reshape(info.height, info.width), info.resolution, page_images.PLANNED, page_images.PREVIEW_SIDE
+    )
+    return "data:image/png;base64," + base64.b64encode(image.data).decode("ascii")
+
+
+def preview_section(message: BorderPreview) -> Dict[str, Any]:
+    """Converts the preview of what saving now would do."""
+    if not message.available:
+        return {"available": False}
+    return {
+        "available": True,
+        "ok": message.success,
+        "area": rounded(message.area_m2, 2),
+        "parts": message.free_parts,
+        "issues": issues_section(message.issues),
+        "region": region_uri(message.region),
+        **coded_sentence(message),
+    }
+
+
+def border_section(border: VirtualBorder) -> Dict[str, Any]:
+    """Converts one border."""
+    return {
+        **copy_fields(border, "id name enabled in_force reason robots"),
+        "points": centimeters(border.points),
+        "kind": _KIND_NAMES.get(border.kind, "curve"),
+        "seed": centimeters([border.seed]),
+        "zone": zone_of(border.zone).name,
+        "max_speed": rounded(border.max_speed, 2),
+        "area": rounded(border.area_m2, 2),
+        "before": centimeters(border.before),
+        "after": centimeters(border.after),
+    }
+
+
+def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, Any]:
+    """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
+    told = find_unkept(found, section["zone"], section["robots"]) if found is not None and section["in_force"] else None
+    return {**section, "unkept": {"code": told[0], "values": told[1]} if told else None}
+
+
+def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) -> Dict[str, Any]:
+    """Converts all borders. `found`: what is connected, if that is known."""
+    return {
+        **copy_fields(message, "revision map_id map_name available_commands"),
+        "unconfirmed": message.needs_confirmation,
+        "list": [_with_unkept(border_section(border), found) for border in message.borders],
+        **coded_sentence(message),
+    }
+
+
+def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
+    """Converts what is offered, and what is said about the robots; `more`: further commands to offer."""
+    return {
+        **copy_fields(found, "state zones goes"),
+        "interaction": message.interaction,
+        "commands": [*found.commands, *more],
+        "robots": [robot.robot for robot in message.robots],
+        "lines": [
+            {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
+            for line in found.lines
+        ],
+    }
+
+
+def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
+    """Converts where robots are going: goal and path, by robot."""
+    return {
+        robot.robot: {"goal": centimeters([robot.goal]), "path": centimeters(robot.path)}
+        for robot in message.robots
+        if robot.has_goal
+    }
+
+
+def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
+    """Converts a spot to [x, y, track], x and y in cm; None if it is not finite."""
+    place = centimeters([message.position])
+    return [*place, int(message.track)] if place else None
+
+
+def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
+    """Converts a detector's status to the entry of its camera."""
+    return {
+        "name": message.camera,
+        "hz": rounded(message.rate_hz, 0),
+        "ms": rounded(message.latency_ms, 0),
+        "spots": int(message.spots),
+    }
+
+
+def driver_entry(message: DriverState) -> Dict[str, Any]:
+    """Converts who drives a robot, and the sentence that says why it stands or drives."""
+    code = "robot_stopped_inside_border" if message.code == "inside_border" else f"robot_{message.code}"
+    values = {"who": sentences.robot_value(message.robot), "others": "$page_other_program"}
+    return {"source": message.source, "code": code, "values": values, "message": message.message}
+
+
+def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
+    """Converts the notices that are now in effect."""
+    return [
+        {
+            **copy_fields(notice, "code message robot camera"),
+            "severity": int(notice.severity),
+            "values": dict(notice.values),
+            "border": notice.border_id,
+        }
+        for notice in notices
+    ]
+
+
+def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
+    """Puts a draft, checked by `action_requests`, into a border's message; fields that it lacks stay as they are."""
+    border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
+    border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
+    border.kind = KINDS[draft["kind"]]
+    border.seed = Point(*draft["seed"], 0.0)
+    zone = ZONES[draft["zone"]]
+    if border.zone != zone.number or not border.occupancy:
+        border.occupancy = zone.occupancy
+    border.zone = zone.number
+    border.max_speed = draft["max_speed"] if zone.limits_speed else 0.0
+    return border

@@ -1,0 +1,189 @@
+"""Access: codes, cookies, origins, limits."""
+
+import os
+import stat
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from refusals import refused
+from vb_web import access_control
+from vb_core.rate_limiter import Limiter
+from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, is_loopback, load_codes, same_origin
+
+CODES = {"viewer": "view-er22", "operator": "oper-at33"}
+
+
+def test_codes_are_made_once_and_only_their_owner_can_read_them(tmp_path):
+    path = tmp_path / "folder" / "codes.yaml"
+    first = load_codes(path)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert load_codes(path) == first
+    assert first["viewer"] != first["operator"]
+    sessions = Sessions(first)
+    roles = [sessions.find(sessions.open(code))[0] for code in (first["viewer"], first["operator"])]
+    assert roles == [Role.VIEWER, Role.OPERATOR]
+
+
+PROTECT_NOTHING = [{"viewer": "short"}, {"operator": ""}, {"operator": "samesame", "viewer": "same-same"}]
+PROTECT_NOTHING += [{"more": "x"}, {"viewer": 12345678}]
+
+
+@pytest.mark.parametrize("change", PROTECT_NOTHING)
+def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
+    path = tmp_path / "codes.yaml"
+    path.write_text(yaml.safe_dump({**CODES, **change}))
+    path.chmod(0o600)
+    with refused("page_codes_bad"):
+        load_codes(path)
+
+
+def test_codes_are_taken_as_people_type_them():
+    sessions = Sessions(CODES)
+    assert sessions.find(sessions.open(" OPER at 33"))[0] == Role.OPERATOR
+    assert sessions.open("oper-at3") is sessions.open("") is None
+
+
+@pytest.mark.parametrize("role", [Role.VIEWER, Role.OPERATOR])
+def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
+    path = tmp_path / "sessions.json"
+    cookie = Sessions(CODES, path).open(CODES[role.name.lower()])
+    sessions = Sessions(CODES, path)  # like a restart
+    found, name = sessions.find(cookie)
+    assert found == role and name and cookie not in path.read_text()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    sessions.end(name)
+    assert sessions.find(cookie) == Sessions(CODES, path).find(cookie) == (Role.NOBODY, "")
+
+
+def test_a_new_code_ends_the_sessions_of_the_old_one(tmp_path):
+    path = tmp_path / "sessions.json"
+    cookies = [Sessions(CODES, path).open(code) for code in CODES.values()]
+    changed = Sessions({**CODES, "operator": "new-code55"}, path)
+    assert [changed.find(cookie)[0] for cookie in cookies] == [Role.VIEWER, Role.NOBODY]
+
+
+def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypatch):
+    path = tmp_path / "sessions.json"
+    cookie = Sessions(CODES, path).open(CODES["viewer"])
+    monkeypatch.setattr(access_control.time, "time", lambda: path.stat().st_mtime + COOKIE_DAYS * 86400 + 60)
+    assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
+    monkeypatch.undo()
+    path.write_text(path.read_text()[:-5])
+    assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
+
+
+def test_a_disk_that_cannot_be_written_keeps_nobody_out(tmp_path):
+    (tmp_path / "file").write_text("")
+    told = []
+    sessions = Sessions(CODES, tmp_path / "file" / "sessions.json", lambda error: told.append(error.code))
+    role, name = sessions.find(sessions.open(CODES["operator"]))
+    sessions.end(name)
+    assert (role, told) == (Role.OPERATOR, ["cannot_write"] * 2)
+
+
+def test_many_viewers_log_no_operator_out():
+    sessions = Sessions(CODES)
+    operator, *viewers = [sessions.open(code) for code in (CODES["operator"], *[CODES["viewer"]] * 300)]
+    assert sessions.find(operator)[0] == Role.OPERATOR
+    assert [bool(sessions.find(cookie)[0]) for cookie in viewers] == [False] * 200 + [True] * 100
+
+
+@given(st.text(max_size=200))
+def test_any_other_text_is_no_cookie(text):
+    sessions = Sessions(CODES)
+    sessions.open(CODES["operator"])
+    assert sessions.find(text) == sessions.find(None) == (Role.NOBODY, "")
+
+
+class Connection:
+    """A connection that is open until it is closed."""
+
+    gone = False
+
+    def closed(self):
+        return self.gone
+
+
+def filled(places, *holders):
+    """Takes a place for each holder; returns the connections."""
+    connections = [Connection() for _ in holders]
+    for connection, whose in zip(connections, holders):
+        gone = places.take(connection, *whose.split())
+        if gone is not None:
+            gone.gone = True
+    return connections
+
+
+def test_who_holds_the_most_gives_up_a_place_for_others():
+    connections = filled(ConnectionSlots(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
+    assert [number for number, connection in enumerate(connections) if not connection.gone] == list(range(53, 63))
+
+
+def test_sessions_and_addresses_of_one_person_count_as_one():
+    for whose in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
+        connections = filled(ConnectionSlots(10, yields=False), "phone one", *whose, "wall two")
+        assert not connections[0].gone and not connections[-1].gone
+
+
+def test_strangers_replace_each_other_but_known_people_stay():
+    names = [f"a{number}" for number in range(12)]
+    assert [one.gone for one in filled(ConnectionSlots(10, yields=True), *names)] == [True] * 2 + [False] * 10
+    assert [one.gone for one in filled(ConnectionSlots(10, yields=False), *names)] == [False] * 10 + [True] * 2
+
+
+def test_a_place_that_was_left_or_whose_connection_closed_is_free():
+    places = ConnectionSlots(2, yields=False)
+    first, second = filled(places, "a", "b")
+    first.gone = True
+    third = Connection()
+    assert places.take(third, "c") is None
+    places.leave(second)
+    assert places.take(Connection(), "d") is None
+    assert places.take(third, "c") is None  # taking it again keeps it
+
+
+OWN_HOSTS = ["localhost", "LOCALHOST.", "127.0.0.1", "127.9.9.9", "::1", "[::1]"]
+STRANGE_HOSTS = ["localhost.evil.example", "127.0.0.1.evil.example", "192.168.1.2", "0.0.0.0", "", "evil"]
+
+
+@pytest.mark.parametrize("host", [*OWN_HOSTS, *STRANGE_HOSTS])
+def test_this_computer_has_its_own_names_and_no_others(host):
+    assert is_loopback(host) is (host in OWN_HOSTS)
+
+
+# another scheme, port or host; none at all; one that hides another host, and an invalid address
+STRANGE_ORIGINS = ["https://lab:8420", "http://lab", "http://lab:8421", "http://evil", "null", "", None]
+STRANGE_ORIGINS += ["http://lab:8420@evil", "http://["]
+
+
+@pytest.mark.parametrize("origin", STRANGE_ORIGINS)
+def test_only_the_pages_own_origin_counts(origin):
+    assert not same_origin(origin, "http", "lab:8420")
+    assert same_origin("http://lab:8420", "http", "lab:8420")
+    assert same_origin("http://LAB:8420", "http", "lab:8420")
+
+
+def test_a_limiter_gives_the_burst_and_then_its_rate():
+    limiter = Limiter(rate=1.0, burst=3.0)
+    assert [limiter.allows("a", 0.0) for _ in range(4)] == [True, True, True, False]
+    assert limiter.allows("b", 0.0)
+    assert limiter.allows("a", 1.0) and not limiter.allows("a", 1.0)
+    # a clock that jumped back allows nothing
+    assert not limiter.allows("a", 0.0)
+
+
+def test_a_limiter_forgets_the_oldest_of_many_keys():
+    limiter = Limiter(rate=1.0, burst=1.0)
+    for number in range(5000):
+        limiter.allows(str(number), 0.0)
+    assert len(limiter._buckets) == 1000
+
+
+def test_files_of_others_cannot_be_overwritten_through_a_link(tmp_path):
+    target = tmp_path / "target"
+    os.symlink(str(target), str(tmp_path / "codes.yaml"))
+    load_codes(tmp_path / "codes.yaml")
+    assert not target.exists()

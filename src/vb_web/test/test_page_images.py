@@ -1,0 +1,116 @@
+"""Pictures are aligned with the map, and show what is there."""
+
+import cv2
+import numpy as np
+import pytest
+
+from vb_core.camera_model import CameraModel
+from vb_core.grid_map import GridMap
+from vb_web import camera_images, page_images
+from vb_web.page_images import CeilingImage, ImageCache
+
+
+def decode(image):
+    return cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def test_a_map_is_drawn_with_its_highest_y_on_top():
+    data = np.zeros((20, 30), np.int8)
+    data[0, 5] = 100
+    data[19] = -1
+    pixels = decode(page_images.draw_map(GridMap(data, 0.05)))
+    assert pixels.shape == (20, 30, 4)
+    assert pixels[19, 5, 3] == 255 and pixels[10, 10, 3] == 0 and 0 < pixels[0, 3, 3] < 255
+
+
+@pytest.mark.parametrize("shape", [(2100, 1200), (1, 5001), (2049, 17)])
+def test_large_maps_are_reduced_and_no_wall_vanishes(shape):
+    data = np.zeros(shape, np.int8)
+    data[shape[0] // 2, shape[1] // 2] = 100
+    image = page_images.draw_map(GridMap(data, 0.05))
+    pixels = decode(image)
+    assert max(pixels.shape) <= page_images.MAX_SIDE
+    assert pixels.shape[1] * image.cells >= shape[1] and pixels.shape[0] * image.cells >= shape[0]
+    assert (pixels[..., 3] == 255).sum() >= 1
+
+
+def test_restricted_floor_is_where_the_map_became_fuller():
+    before = np.zeros((40, 40), np.int8)
+    before[:, 0] = 100
+    after = before.copy()
+    after[10:20, 10:20] = 100
+    after[30:35, 10:20] = 50
+    pixels = decode(page_images.draw_restricted(GridMap(before, 0.05), GridMap(after, 0.05)))[::-1]
+    assert (pixels[10:20, 10:20, 3] > 0).all() and pixels[:, 0, 3].max() == 0 and pixels[25, 15, 3] == 0
+    assert 0 < pixels[30:35, 10:20, 3].max() < pixels[10:20, 10:20, 3].max()
+
+
+def test_the_same_content_has_the_same_name_and_an_album_keeps_two():
+    maps = [page_images.draw_map(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
+    assert maps[0].name == maps[3].name and len({one.name for one in maps}) == 3
+    cache = ImageCache()
+    for image in maps[:3]:
+        cache.put("map", image)
+    assert cache.get("map", maps[0].name) is None
+    assert cache.get("map", maps[1].name) is maps[1] and cache.get("map", maps[2].name) is maps[2]
+    assert cache.get("restricted", maps[2].name) is None
+
+
+def looking_down(x, y, height):
+    """Returns T_camera_map of a camera above (x, y) whose image has +y at the top."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = (-x, y, height)
+    return pose
+
+
+def test_the_floor_is_where_the_cameras_see_it():
+    grid = GridMap(np.zeros((100, 160), np.int8), 0.05, (-1.0, 2.0, 0.0))
+    camera = CameraModel.ideal(400, 300, 200.0)
+    image = np.full((300, 400, 3), 90, np.uint8)
+    # a red object 0.5 m to the right of and 0.25 m above the image's centre: 200 px/m at 1 m, 80 px/m at 2.5 m
+    image[110:150, 220:260] = (0, 0, 255)
+    views = [CeilingImage(image, camera, looking_down(2.0, 4.0, 2.5))]
+    image = page_images.draw_floor(grid, views)
+    pixels = decode(image)[::-1]
+    meter = 1.0 / (grid.resolution * image.cells)
+
+    def at(x, y):
+        return pixels[int((y - 2.0) * meter), int((x + 1.0) * meter)]
+
+    assert at(2.5, 4.25)[2] > 200 and at(2.5, 4.25)[0] < 80
+    assert abs(int(at(1.5, 4.25)[2]) - 90) < 12
+    assert at(-0.9, 2.1)[3] == 0
+    assert (decode(page_images.draw_floor(grid, views * 2)) == decode(image)).all()
+
+
+def test_a_camera_below_the_floor_or_none_shows_nothing():
+    grid = GridMap(np.zeros((20, 20), np.int8), 0.05)
+    upwards = np.eye(4)
+    upwards[2, 3] = -2.0
+    camera = CameraModel.ideal(40, 30, 20.0)
+    for views in ([], [CeilingImage(np.zeros((30, 40, 3), np.uint8), camera, upwards)]):
+        assert decode(page_images.draw_floor(grid, views))[..., 3].max() == 0
+
+
+def test_camera_pictures_are_made_smaller_never_larger():
+    for width, expected in ((1920, 960), (320, 320)):
+        data = page_images.encode_jpeg(np.zeros((width // 2, width, 3), np.uint8))
+        assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
+
+
+def test_floor_without_a_camera_is_made_again_for_the_next_browser(monkeypatch):
+    there, made = {"red"}, []
+    monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
+    monkeypatch.setattr(
+        page_images, "draw_floor", lambda _grid, views: made.append(views) or page_images.EncodedImage(b"", "", 1)
+    )
+    found = camera_images.CameraImages(
+        dict, ["red", "blue"], "raw", lambda: GridMap(np.zeros((2, 2), np.int8), 0.05), None
+    )
+    monkeypatch.setattr(found, "_view", lambda camera: camera if camera in there else None)
+    found.floor_webp()
+    there.add("blue")
+    found.floor_webp()
+    found.floor_webp()
+    assert made == [["red"], ["red", "blue"]]

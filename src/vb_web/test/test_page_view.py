@@ -1,0 +1,80 @@
+"""The view's revisions, borders on the page, and its words."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import Point
+
+from vb_core import sentences
+from vb_msgs.msg import VirtualBorder
+from vb_web import page_messages
+from vb_web.page_view import View, coarse_age, mark_borders, rounded
+
+STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
+
+
+def test_a_browser_gets_what_is_newer_than_it_knows():
+    told = []
+    view = View(lambda: told.append(1))
+    assert view.since(0) == (0, "")
+    view.put("state", {"name": "border"})
+    view.put("robots", {"": [1, 2, 3]})
+    revision, text = view.since(0)
+    assert json.loads(text) == {"view": {"state": {"name": "border"}, "robots": {"": [1, 2, 3]}}}
+    assert view.since(revision) == (revision, "")
+    view.put("state", {"name": "border"})  # unchanged
+    view.put("state", {"name": "seed"})
+    assert json.loads(view.since(revision)[1]) == {"view": {"state": {"name": "seed"}}}
+    assert json.loads(view.since(0)[1])["view"]["robots"] == {"": [1, 2, 3]}
+    assert len(told) == 3
+
+
+def test_nan_and_infinity_never_reach_json():
+    assert rounded(float("nan")) is None and rounded(float("inf")) is None and rounded(1.23456) == 1.235
+    with pytest.raises(ValueError):
+        View().put("robots", float("nan"))
+
+
+def test_an_age_that_is_read_out_changes_seldom():
+    assert [coarse_age(age) for age in (0.4, 2.9, 3.1, 7.0, 59.0, 119.0, 1e6)] == [0, 0, 3, 5, 50, 60, 3600]
+    assert len({coarse_age(tenth / 10.0) for tenth in range(600)}) <= 10
+
+
+def test_a_border_keeps_its_mark_while_it_exists():
+    marks = mark_borders({}, ["rug", "bed", "bowl"])
+    assert marks == {"rug": "A", "bed": "B", "bowl": "C"}
+    marks = mark_borders(marks, ["new", "bowl", "bed"])
+    assert (marks["bed"], marks["bowl"]) == ("B", "C") and len(set(marks.values())) == len(marks) == 3
+    many = [str(number) for number in range(60)]
+    marks = mark_borders({}, many)
+    assert len(set(marks.values())) == 60 and [marks["25"], marks["26"]] == ["Z", "A1"]
+    assert mark_borders(marks, many[::-1]) == marks
+
+
+def test_page_has_exactly_the_words_that_it_uses():
+    pages, code = (
+        set(re.findall(r"\bpage_[a-z_]+", "".join(path.read_text(encoding="utf-8") for path in paths)))
+        for paths in (STATIC.iterdir(), STATIC.parent.glob("*.py"))
+    )
+    words = {word for word in sentences.catalog() if word.startswith("page_")}  # the same in all languages
+    # a word that ends in _ is completed at run time; page_zone and page_title are both words and beginnings of words
+    missing = [one for one in pages - words if not (one.endswith("_") and any(word.startswith(one) for word in words))]
+    assert not missing
+    used = pages | code
+    stems = ("page_title_", "page_zone_", *(one for one in used if one.endswith("_")))
+    assert not [word for word in words - used if not word.startswith(stems)]
+
+
+def test_the_page_loads_nothing_from_elsewhere():
+    for path in STATIC.iterdir():
+        text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        assert not re.search(r"https?://|//cdn|@import|url\(", text), path.name
+        assert "innerHTML" not in text and "eval(" not in text and "style=" not in text, path.name
+
+
+def test_a_border_that_waits_for_a_person_is_sent_before_and_after():
+    points = [Point(0.0, 0.0, 0.0), Point(1.0, 0.0, 0.0), Point(1.0, 2.0, 0.0)]
+    section = page_messages.border_section(VirtualBorder(before=points[:2], after=points))
+    assert (section["before"], section["after"]) == ([0, 0, 100, 0], [0, 0, 100, 0, 100, 200])
