@@ -20,15 +20,8 @@ from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
-from vb_msgs.msg import (
-    Audio,
-    BorderPreview,
-    BorderProgress,
-    InteractionState,
-    LaserSpot,
-    SpeechCommand,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import Audio, BorderPreview, BorderProgress, InteractionState, LaserSpot, SpeechCommand
+from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command
 
 COMMANDS = ("define_border", "define_seed", "save")

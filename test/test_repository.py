@@ -14,16 +14,7 @@ from vb_testing import run_command
 from vb_core import names, sentences
 
 TOP = Path(__file__).resolve().parents[1]
-FEATURES = (
-    "vb_laser_detect",
-    "vb_fusion",
-    "vb_map_integration",
-    "vb_voice_wizard",
-    "vb_robot",
-    "vb_feedback",
-    "vb_web",
-    "vb_mqtt",
-)
+FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
@@ -61,7 +52,7 @@ def test_syntax_is_that_of_python_3_8(path):
     ast.parse(path.read_text(encoding="utf-8"), filename=str(path), feature_version=(3, 8))
 
 
-@pytest.mark.parametrize("package", FEATURES + ("vb_core",))
+@pytest.mark.parametrize("package", [*FEATURES, "vb_core"])
 def test_feature_packages_do_not_import_each_other(package):
     allowed = {package, "vb_core", "vb_msgs"}
     for path in TOP.glob(f"src/{package}/src/**/*.py"):
@@ -69,7 +60,7 @@ def test_feature_packages_do_not_import_each_other(package):
         assert not others, f"{path.relative_to(TOP)} imports {others}"
 
 
-@pytest.mark.parametrize("package", FEATURES + ("vb_core", "vb_sim", "vb_evaluation"))
+@pytest.mark.parametrize("package", [*FEATURES, "vb_core", "vb_sim", "vb_evaluation"])
 def test_manifests_name_what_is_imported(package):
     manifest = ElementTree.parse(str(TOP / "src" / package / "package.xml"))
     named = {element.text for element in manifest.getroot() if element.tag.endswith("depend")}
@@ -80,19 +71,8 @@ def test_manifests_name_what_is_imported(package):
 
 
 # ------------------------------------------------------------ pure modules
-ROS = (
-    "rospy",
-    "roslib",
-    "rosgraph",
-    "rosbag",
-    "roslaunch",
-    "tf2_ros",
-    "cv_bridge",
-    "actionlib",
-    "dynamic_reconfigure",
-    "interactive_markers",
-    "message_filters",
-)
+ROS = "rospy roslib rosgraph rosbag roslaunch tf2_ros cv_bridge actionlib message_filters".split()
+ROS += ["dynamic_reconfigure", "interactive_markers"]
 PROMISED = re.findall(
     r"^\| \[`(vb_[\w.]+)`\]", (TOP / "docs/explanation/architecture.md").read_text(encoding="utf-8"), re.M
 )

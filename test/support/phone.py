@@ -10,16 +10,8 @@ from selenium.webdriver.chrome.service import Service
 from vb_testing import TIMEOUT, wait_until
 
 PHONE, WALL = (360, 740), (1920, 1080)
-_SWITCHES = (
-    "--no-sandbox",
-    "--headless=new",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-dev-shm-usage",
-    "--hide-scrollbars",
-    "--disable-extensions",
-    "--no-first-run",
-)
+_SWITCHES = "no-sandbox headless=new disable-gpu disable-background-networking disable-dev-shm-usage".split()
+_SWITCHES += "hide-scrollbars disable-extensions no-first-run".split()
 
 
 class Browser:
@@ -28,8 +20,8 @@ class Browser:
     def __init__(self, url, size=PHONE, language="en", dark=False, mobile=False):
         options = webdriver.ChromeOptions()
         options.binary_location = "/usr/bin/chromium"
-        for switch in (*_SWITCHES, f"--lang={language}"):
-            options.add_argument(switch)
+        for switch in (*_SWITCHES, f"lang={language}"):
+            options.add_argument(f"--{switch}")
         options.add_experimental_option("prefs", {"intl.accept_languages": language})
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         self.driver = webdriver.Chrome(service=Service("/usr/bin/chromedriver"), options=options)

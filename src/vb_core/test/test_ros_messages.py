@@ -57,25 +57,8 @@ def test_a_map_of_the_wrong_size_is_refused():
         messages.grid_from_message(OccupancyGrid())
 
 
-ENCODINGS = [
-    "rgb8",
-    "rgba8",
-    "bgr8",
-    "bgra8",
-    "mono8",
-    "mono16",
-    "rgb16",
-    "bgra16",
-    "yuv422",
-    "bayer_rggb8",
-    "bayer_gbrg16",
-    "8UC1",
-    "8SC3",
-    "16SC2",
-    "32SC4",
-    "32FC1",
-    "64FC12",
-]
+ENCODINGS = "rgb8 rgba8 bgr8 bgra8 mono8 mono16 rgb16 bgra16 yuv422 bayer_rggb8 bayer_gbrg16".split()
+ENCODINGS += "8UC1 8SC3 16SC2 32SC4 32FC1 64FC12".split()
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

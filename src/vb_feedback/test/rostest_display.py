@@ -25,15 +25,8 @@ from vb_core.ros.notices import message_from_notice
 from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import PREVIEW
 from vb_feedback.projector import projector_calibration
-from vb_msgs.msg import (
-    BorderProgress,
-    BorderIssue,
-    InteractionState,
-    LaserSpot,
-    NoticeArray,
-    VirtualBorder,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import BorderIssue, BorderProgress, InteractionState, LaserSpot, NoticeArray
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 

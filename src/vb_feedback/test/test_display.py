@@ -11,18 +11,8 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from vb_feedback.display import colors, scene
-from vb_feedback.display.layout import (
-    Box,
-    fit_texts,
-    fit_view,
-    is_drawn,
-    place_labels,
-    place_words,
-    text_box,
-    text_width,
-    transliterate,
-    wrap,
-)
+from vb_feedback.display.layout import Box, fit_texts, fit_view, place_labels, place_words, text_box
+from vb_feedback.display.layout import is_drawn, text_width, transliterate, wrap
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.rviz_config import overlay_fonts
 from vb_feedback.display.scene import PLATE, TEXT

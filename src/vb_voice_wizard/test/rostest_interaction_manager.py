@@ -22,17 +22,8 @@ from neighbors import StubNeighbors, point
 from terminal import Terminal
 from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
 
-from vb_msgs.msg import (
-    BorderPreview,
-    BorderProgress,
-    BorderIssue,
-    DriverState,
-    InteractionState,
-    LaserSpot,
-    NoticeArray,
-    Stop,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DriverState, InteractionState, LaserSpot
+from vb_msgs.msg import NoticeArray, Stop, VirtualBorderArray
 from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
