@@ -107,9 +107,8 @@ class OwnRobots(unittest.TestCase):
         rospy.init_node("own_robots")
         cls.heard, cls.logged, cls.launch, cls.browser = {}, [], None, None
         cls.robots = Robots()
-        cls.goals = {
-            name: rospy.Publisher(f"/{name}/move_base_simple/goal", PoseStamped, queue_size=1) for name in START
-        }
+        goals = {name: f"/{name}/move_base_simple/goal" for name in START}
+        cls.goals = {name: rospy.Publisher(topic, PoseStamped, queue_size=1) for name, topic in goals.items()}
         for topic, kind in (
             (names.ROBOTS, RobotStatusArray),
             (names.BORDERS, VirtualBorderArray),

@@ -96,9 +96,7 @@ class WholeScenario(unittest.TestCase):
         # navigation respects it: the room cannot be reached, the floor outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
         start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)
-        wait_until(
-            lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), "navigation to know of the border"
-        )
+        wait_until(lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), "navigation to know it")
         self.assertTrue(len(observer.plan(start, (4.0, 2.4, 0.0), "/move_base/make_plan")))
 
 

@@ -73,9 +73,8 @@ def test_manifests_name_what_is_imported(package):
 # ------------------------------------------------------------ pure modules
 ROS = "rospy roslib rosgraph rosbag roslaunch tf2_ros cv_bridge actionlib message_filters".split()
 ROS += ["dynamic_reconfigure", "interactive_markers"]
-PROMISED = re.findall(
-    r"^\| \[`(vb_[\w.]+)`\]", (TOP / "docs/explanation/architecture.md").read_text(encoding="utf-8"), re.M
-)
+ARCHITECTURE = (TOP / "docs/explanation/architecture.md").read_text(encoding="utf-8")
+PROMISED = re.findall(r"^\| \[`(vb_[\w.]+)`\]", ARCHITECTURE, re.M)
 ALGORITHMS = re.findall(r"src/(vb_\w+)/src", (TOP / "pyproject.toml").read_text(encoding="utf-8"))
 EXAMPLES_AS_INSTALLED = """
 import doctest, importlib, sys

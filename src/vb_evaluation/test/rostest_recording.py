@@ -174,9 +174,8 @@ class RecordingTest(unittest.TestCase):
         truth[::-1][20:50, 20:60] = (0, 215, 247)
         (study / "truth").mkdir()
         cv2.imwrite(str(study / "truth" / "carpet.png"), truth)
-        (study / "protocol.csv").write_text(
-            f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
-        )
+        run = f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
+        (study / "protocol.csv").write_text(run)
         self.assertEqual(measure.measure(study / "protocol.csv", study / "truth", study / "out"), [])
         with open(str(study / "out" / "runs.csv"), newline="") as stream:
             (row,) = csv.DictReader(stream)

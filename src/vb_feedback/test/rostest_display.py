@@ -112,9 +112,7 @@ class DisplayTest(unittest.TestCase):
         self.assertEqual([self.screen.text_of(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
         self.assertEqual(self.screen.text_of("words/elapsed"), "1:10")
         self.assertIn("say save again", self.screen.text_of("words/answer"))
-        self.publish_state(
-            name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="English, and not read."
-        )
+        self.publish_state(name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="Not read.")
         wait_until(lambda: self.screen.text_of("words/state") == "Stopped", "the stop")
         wait_until(lambda: self.screen.text_of("words/answer").startswith("Stopped: no robot"), "the code's sentence")
 
@@ -153,9 +151,7 @@ class DisplayTest(unittest.TestCase):
             area_m2=1.0,
         )
         self.borders.publish(borders=[border])
-        wait_until(
-            lambda: self.screen.text_of("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "the border's label"
-        )
+        wait_until(lambda: self.screen.text_of("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "its label")
         self.assertEqual(len(self.screen.has("borders/outline")[0].points), 6)
         cells = self.grid.data.copy()
         cells[20:40, 40:80] = 100
@@ -171,7 +167,7 @@ class DisplayTest(unittest.TestCase):
     def test_3_preview_belongs_to_its_interaction(self):
         self.map_with_borders.publish(message_from_grid(self.grid, rospy.Time.now()))
         self.publish_state(
-            name="seed", interaction_id="i8", available_commands=["save", "cancel"], last_message="Point at the side."
+            name="seed", interaction_id="i8", available_commands=["save", "cancel"], last_message="Point."
         )
         cells = np.zeros_like(self.grid.data)
         cells[50:70, 20:60] = 100
@@ -189,13 +185,9 @@ class DisplayTest(unittest.TestCase):
             shown = np.asarray(self.overlays[-1].data).reshape(100, 160) if self.overlays else np.zeros(1)
             return np.nonzero(shown == PREVIEW)
 
-        rows, columns = wait_until(
-            lambda: orange() if len(orange()[0]) else None, "the region that save would restrict"
-        )
+        rows, columns = wait_until(lambda: orange() if len(orange()[0]) else None, "the region to restrict")
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
-        wait_until(
-            lambda: self.screen.text_of("words/notice/1") == "Saving would restrict 2.00 m\u00b2.", "its size in words"
-        )
+        wait_until(lambda: self.screen.text_of("words/notice/1") == "Saving would restrict 2.00 m\u00b2.", "its size")
         self.assertEqual(self.screen.text_of("words/notice/2"), "Note: it parts the room")
         # a code that is in no catalogue: the notice's own sentence is shown, whatever its words
         inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
@@ -207,9 +199,7 @@ class DisplayTest(unittest.TestCase):
         wait_until(is_shown, "the robot's standing")
         self.assertTrue(self.screen.has("words/notice/1/plate"))
         self.notices.publish(source="/monitor", notices=[])
-        wait_until(
-            lambda: self.screen.text_of("words/notice/1").startswith("Saving would"), "the end of the robot's standing"
-        )
+        wait_until(lambda: self.screen.text_of("words/notice/1").startswith("Saving would"), "the robot to leave")
         self.publish_state(last_message="Saved.", last_outcome="saved")
         wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
 
@@ -343,9 +333,7 @@ class DisplayTest(unittest.TestCase):
         self.publish_state(name="border", interaction_id="i")
         drawing = BorderProgress(interaction_id="i", chain=[Point(3.0, 1.4, 0), Point(3.0, 2.6, 0)])
         self.progress.publish(drawing)
-        wait_until(
-            lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "the drawing and the state's frame"
-        )
+        wait_until(lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "drawing and frame")
 
         def dark():
             spot = LaserSpot(camera="red", position=Point(3.0, 2.5, 0))

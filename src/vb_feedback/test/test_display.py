@@ -296,9 +296,8 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
     assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
     assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
     # preview stripes run down to the right, those of saved areas up to the right
-    assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(
-        found[24:30, 32:38], found[25:31, 33:39]
-    )
+    assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13])
+    assert np.array_equal(found[24:30, 32:38], found[25:31, 33:39])
 
 
 # ------------------------------------------------------------------ words

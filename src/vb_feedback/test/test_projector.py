@@ -168,9 +168,8 @@ def test_nothing_looks_like_a_laser_spot():
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6))
 def test_whatever_is_drawn_nothing_breaks(chain):
-    shown = FloorImage(CALIBRATION).render(
-        FloorContent("seed", (), Drawing(chain=tuple(chain), closed=True, seed=chain[0]))
-    )
+    drawing = Drawing(chain=tuple(chain), closed=True, seed=chain[0])
+    shown = FloorImage(CALIBRATION).render(FloorContent("seed", (), drawing))
     assert shown.shape == (400, 640, 3)
 
 
@@ -179,9 +178,8 @@ def test_whatever_is_drawn_nothing_breaks(chain):
 def screen():
     # a fixed display number: servers that choose a free one at the same moment may collide
     display = f":{1000 + os.getpid() % 50000}"
-    server = subprocess.Popen(
-        ["Xvfb", display, "-screen", "0", "800x600x24", "-nolisten", "tcp"], stderr=subprocess.DEVNULL
-    )
+    options = ["-screen", "0", "800x600x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(["Xvfb", display, *options], stderr=subprocess.DEVNULL)
     look = ["xwininfo", "-root", "-display", display]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     wait_until(lambda: subprocess.run(look, **quiet).returncode == 0, "Xvfb to come up")

@@ -169,9 +169,8 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     cells[:10, 100:] = -1
     before = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
     after = before.with_data(np.where(np.indices(cells.shape)[0] >= 50, 100, cells).astype(np.int8))
-    border = VirtualBorder(
-        kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=[Point(0, 2.5, 0), Point(10, 2.5, 0)]
-    )
+    line = [Point(0, 2.5, 0), Point(10, 2.5, 0)]
+    border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=line)
 
     def drawn(*borders):
         return cv2.imdecode(np.frombuffer(states.draw_map(before, after, borders), np.uint8), cv2.IMREAD_COLOR)

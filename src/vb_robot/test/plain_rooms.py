@@ -14,7 +14,7 @@ from vb_robot.floor_view import FloorView
 VIEW = FloorView(
     CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(29.0))),
     geometry.transform(
-        geometry.rotation_from_rpy(0.0, math.radians(30.0), 0.0) @ geometry.optical_rotation(), (0.10, 0.0, 0.45)
+        geometry.rotation_from_rpy(0, math.radians(30), 0) @ geometry.optical_rotation(), (0.1, 0, 0.45)
     ),
 )
 

@@ -73,9 +73,7 @@ class LabSimulatorTest(unittest.TestCase):
         self.client.send_goal(MoveBaseGoal(target_pose=pose(*goal)))
 
     def finish(self, limit=90.0):
-        wait_until(
-            lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "the goal's end", limit
-        )
+        wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "its end", limit)
         wait_until(self.may_plan, "plans for others again")
         for last in self.cmd_vel.all[-1:]:
             self.assertEqual((last.linear.x, last.angular.z), (0.0, 0.0))

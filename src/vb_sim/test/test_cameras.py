@@ -144,9 +144,8 @@ def test_person_and_furniture_hide_the_spot(lab):
 def test_a_frame_leaves_no_trace_in_the_next(lab):
     view = ceiling(lab, "bayer")
     empty = view.frame(Snapshot(1.0)).copy()
-    scene = Snapshot(
-        1.0, {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2)
-    )
+    robots = {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}
+    scene = Snapshot(1.0, robots, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2))
     busy = view.frame(scene).copy()
     assert (busy != empty).sum() > 10000
     np.testing.assert_array_equal(view.frame(Snapshot(1.1)), empty)

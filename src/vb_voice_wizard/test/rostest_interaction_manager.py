@@ -158,9 +158,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
         # a moved seed causes a new preview, and so do borders that others change
         refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
-        refusal.issues = [
-            BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message="It separates nothing.")
-        ]
+        refusal.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message=refusal.message)]
         good, self.stub.preview = self.stub.preview, refusal
         self.draw(identity, dx=0.2)
         refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
@@ -286,9 +284,8 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.command("yes save", source="voice", uncertain=True).code, "saved")
 
     def test_a_border_is_not_saved_unasked_while_cameras_disagree(self):
-        notice = Notice(
-            "cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "11"}
-        )
+        values = {"first": "north", "second": "south", "cm": "11"}
+        notice = Notice("cameras_disagree", Severity.ERROR, camera="south", values=values)
         doubt = NoticePublisher()
         self.addCleanup(doubt.close)
         doubt.set([notice])
@@ -355,7 +352,7 @@ class InteractionManagerTest(unittest.TestCase):
             # the answer waits only briefly for the disk, the notice comes in any case
             self.assertTrue(self.command("stop").success)
             wait_until(
-                lambda: any(n.code == "stop_not_stored" for said in notices.all for n in said.notices), "the notice"
+                lambda: "stop_not_stored" in [n.code for said in notices.all for n in said.notices], "the notice"
             )
             other.kill()
             del self.state.all[:]

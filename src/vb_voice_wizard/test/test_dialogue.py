@@ -116,9 +116,7 @@ def changed(**changes) -> PreviewInputs:
     return dataclasses.replace(DRAWN, **changes)
 
 
-def shown(
-    situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True
-) -> PreviewScheduler:
+def shown(situation=DRAWN, started=100.0, took=0.0, answered=True) -> PreviewScheduler:
     pace = PreviewScheduler()
     pace.record_preview(situation, started, started + took, answered)
     return pace

@@ -100,9 +100,8 @@ def test_bad_files_are_named(tmp_path):
 )
 def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
     """One voice in one noise each: bench/voice/recognition.py measures how often it does."""
-    heard = [
-        command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")
-    ]
+    voices = ("en-us", "en-gb", "en-us+f2")
+    heard = [command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in voices]
     assert set(heard) <= {"stop", None} and "stop" in heard
 
 

@@ -26,9 +26,7 @@ class BordersTest(PageTest):
         area, seed = Polygon(array_from_points(border.points)), Point(border.seed.x, border.seed.y)
         np.testing.assert_allclose(area.bounds, (*CARPET[0], *CARPET[2]), atol=0.1)
         self.assertTrue(area.contains(seed))
-        self.browser.wait(
-            "document.getElementById('restricted').classList.contains('there')", what="the restricted floor"
-        )
+        self.browser.wait("document.getElementById('restricted').classList.contains('there')", what="the restriction")
         self.browser.wait_text("#borders", "Küche 厨房")
         # undo and redo
         self.browser.click("#undo")

@@ -160,9 +160,7 @@ class SeenTest(PageTest):
         )
         self.assertEqual(on, ["true", "false", "false"])
         # a map with another origin is shown in its place
-        moved = (
-            "const { map } = window.virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
-        )
+        moved = "const { map } = virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
         self.assertGreater(self.browser.run(moved), 50)
         self.browser.driver.refresh()
 
@@ -176,7 +174,7 @@ class SeenTest(PageTest):
         evil = "<img src=x onerror=window.evil=1>"
         self.store_carpet(evil, evil)
         self.browser.wait(
-            "document.getElementById('events').textContent.includes(arguments[0])", evil, what="the name in the history"
+            "document.getElementById('events').textContent.includes(arguments[0])", evil, what="its event"
         )
         self.assertFalse(
             self.browser.run("return document.querySelectorAll('#borders img, #events img').length || window.evil || 0")
@@ -217,9 +215,7 @@ class SeenTest(PageTest):
         ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
         said = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
         self.browser.run("document.getElementById('health').open = true")
-        wait_until(
-            lambda: robots.publish(said) or self.browser.text("#health-sum") == "1 problem", "the robot in the border"
-        )
+        wait_until(lambda: robots.publish(said) or self.browser.text("#health-sum") == "1 problem", "the problem")
         self.browser.wait_text("#banners", "robot_monitor has fallen silent")
         self.assertEqual(self.browser.text("#health-sum"), "1 problem")
         notices.close()
@@ -231,9 +227,7 @@ class SeenTest(PageTest):
         self.restart_page("_address:=0.0.0.0")
         # for later tests, which have no code: parameters stay on the server
         self.addCleanup(self.restart_page, "_address:=127.0.0.1")
-        self.browser.wait(
-            "document.querySelector('#login input').getClientRects().length", what="the form for the code"
-        )
+        self.browser.wait("document.querySelector('#login input').getClientRects().length", what="the login form")
         # the list is as it was before
         self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
         field = self.browser.field("#login input")

@@ -44,9 +44,8 @@ class StopTest(PageTest):
         self.browser.wait_text("#toast", "Robots may drive again.")
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
-        events = (
-            "window.virtualBorders.view.events.map((event) => event.values.command)"  # sent separately from the state
-        )
+        # sent separately from the state
+        events = "window.virtualBorders.view.events.map((event) => event.values.command)"
         self.browser.wait(f"{events}.slice(-1)[0] == 'cancel'", what="the last event")
         told = self.browser.run(f"return {events}")
         self.assertEqual(told[-4:], ["define_border", "stop", "resume", "cancel"])  # each once
