@@ -11,7 +11,6 @@ import rostest
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import CameraInfo, Image
 from vb_testing import process_of, run_command, wait_until
-
 from vb_core import names
 from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray

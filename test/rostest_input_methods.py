@@ -15,7 +15,6 @@ from std_srvs.srv import Trigger
 from vb_testing import Newest, wait_until
 from speech import pieces, say
 from terminal import Terminal
-
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap

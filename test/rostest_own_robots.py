@@ -21,7 +21,6 @@ from sensor_msgs.msg import LaserScan
 
 from phone import Browser
 from vb_testing import is_listening, wait_until
-
 from vb_core import geometry, names, sentences
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_transform
 from vb_core.ros.notices import NoticeListener

@@ -17,7 +17,6 @@ import rostest
 
 from neighbors import StubNeighbors
 from vb_testing import Newest, Process, wait_until
-
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import commands

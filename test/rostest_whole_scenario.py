@@ -10,7 +10,6 @@ import rostest
 from scipy.spatial.distance import directed_hausdorff
 from std_msgs.msg import Float64
 from vb_testing import wait_until
-
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics

@@ -23,7 +23,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
 from vb_testing import TIMEOUT, wait_until
-
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.geometry import resample_chain

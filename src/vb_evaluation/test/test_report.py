@@ -15,7 +15,6 @@ import study_rows
 from examples import STEADY
 from study_rows import PUBLISHED, rows_of
 from refusals import refused
-
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
 from vb_evaluation.report import paper_comparison, questionnaire, sensitivity

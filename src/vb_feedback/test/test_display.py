@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from refusals import refused
-
 from vb_feedback.display import colors, scene
 from vb_feedback.display.layout import Box, fit_texts, fit_view, place_labels, place_words, text_box
 from vb_feedback.display.layout import is_drawn, text_width, transliterate, wrap

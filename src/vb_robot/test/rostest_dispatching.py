@@ -15,7 +15,6 @@ from move_base_msgs.msg import MoveBaseActionGoal
 from plain_rooms import VIEW, room, with_border
 from stimulus import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
-
 from vb_core import names
 from vb_core.geometry import to_base
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d

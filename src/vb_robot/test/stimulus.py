@@ -10,7 +10,6 @@ from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, LaserScan
 
 from plain_rooms import VIEW, room
-
 from vb_core import geometry, names
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform

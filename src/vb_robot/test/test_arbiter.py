@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
-
 from vb_core.geometry import to_base
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_of

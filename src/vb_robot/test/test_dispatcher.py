@@ -7,7 +7,6 @@ import pytest
 from shapely.geometry import Point, Polygon
 
 from plain_rooms import VIEW, room
-
 from vb_core.grid_map import GridMap
 from vb_core.geometry import to_base
 from vb_core.vocabulary import BORDER, DEFAULT, SEED

@@ -11,7 +11,6 @@ import roslib.packages
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import empty, scan_of
-
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph

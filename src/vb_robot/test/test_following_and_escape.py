@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from driving_rig import PROFILE
-
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_robot.driving.escape import Escape
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest

@@ -7,7 +7,6 @@ import pytest
 
 from driving_rig import PROFILE
 from plain_rooms import empty, scan_of, with_border
-
 from vb_core.robot_profile import RobotProfile, Scanner
 from vb_robot.driving.gate import ESCAPE, FOLLOW, NAVIGATION, NONE, TELEOP, Gate
 from vb_robot.driving.spot_follower import VelocityRequest

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plain_rooms import empty, scan_of, with_border
-
 from vb_core.robot_profile import Limits, RobotProfile
 from vb_robot.driving.gate import CLEARANCES, TELEOP, Gate
 from vb_robot.driving.safety import Clearance, Fix, arc, limit_around, pose_jump, safe_speed, stop_distance

@@ -17,7 +17,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
 from vb_testing import Newest, assert_ends_with_one_line, wait_until
-
 from vb_core import geometry, names
 from vb_core.ros import node
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, message_from_pose2d

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from refusals import refused
-
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, intersect_floor
 from vb_core.image_format import PixelReader

@@ -16,7 +16,6 @@ from vb_sim.person.participant import Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript, choose_order
 from vb_sim.room.world import load_world
-
 from closed_loop import DT, System
 
 PACKAGE = Path(__file__).resolve().parent.parent

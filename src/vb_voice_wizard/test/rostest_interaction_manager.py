@@ -17,11 +17,9 @@ from std_msgs.msg import Header
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
-
 from neighbors import StubNeighbors, point
 from terminal import Terminal
 from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
-
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import NoticeArray, Stop, VirtualBorderArray
 from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse

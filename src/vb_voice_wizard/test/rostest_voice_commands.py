@@ -9,7 +9,6 @@ import rostest
 
 from vb_testing import Newest, Process, wait_until
 from speech import RATE, pieces, say
-
 from vb_msgs.msg import Audio, SpeechCommand, NoticeArray, Sound
 from vb_msgs.srv import Command, CommandResponse
 

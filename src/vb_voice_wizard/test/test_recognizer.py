@@ -10,7 +10,6 @@ import pytest
 
 from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
-
 from vb_core.sounds import SOUNDS, Note, Tones
 from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer, RecognitionResult
 from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound

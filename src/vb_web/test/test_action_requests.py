@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 
 from hostile import GOOD, GOOD_DRAFT, hostile_messages
-
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_web import action_requests
