@@ -59,9 +59,8 @@ class CheckLab(unittest.TestCase):
         self.assertEqual((line["state"], line["robot"], line["values"]["camera"]), ("error", "", "south"))
         # the nodes logged their faults, with the codes
         for node, code in (("/camera_poses", "detector_missing"), ("/spot_detector_north", "camera_no_lens")):
-            wait_until(
-                lambda: [1 for who, text in self.logged if who == node and f"[{code}]" in text], f"{node}: {code}"
-            )
+            logged = f"[{code}]"
+            wait_until(lambda: [1 for who, text in self.logged if who == node and logged in text], f"{node}: {code}")
 
     def test_nothing_listens_beyond_this_machine(self):
         nodes = rosnode.get_node_names()

@@ -119,9 +119,8 @@ class InputMethods(unittest.TestCase):
             lambda message: message.last_outcome == "saved" and message.name == "default", f"{way}: the save"
         )
         stored = self.borders.wait(lambda message: len(message.borders) == 1, f"{way}: the border").borders[0]
-        cells = np.array(
-            self.maps.wait(lambda message: (message.data != room().data.ravel()).any(), f"{way}: the map").data
-        )
+        empty = room().data.ravel()
+        cells = np.array(self.maps.wait(lambda message: (message.data != empty).any(), f"{way}: the map").data)
         self.assertEqual(stored.id, saved.last_border_id)
         # the result is as previewed
         self.assertTrue(promised.success, promised.message)
@@ -146,9 +145,8 @@ class InputMethods(unittest.TestCase):
 
     # ------------------------------------------------------------------ the ways
     def test_all_ways_end_in_the_same_border(self):
-        self.interact(
-            "service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command=command, source="service")
-        )
+        service = rospy.ServiceProxy(names.COMMAND, Command)
+        self.interact("service", lambda command: service(command=command, source="service"))
         self.interact("buttons", self.press)
         terminal = Terminal()
         terminal.shows("READY")
@@ -168,9 +166,8 @@ class InputMethods(unittest.TestCase):
 
     def type(self, terminal, command):
         """Presses a command's key, again if the console says it was too late: each node gets the clock separately."""
-        key, code = {"define_border": ("b", "draw_border"), "define_seed": ("d", "point_seed"), "save": ("s", "saved")}[
-            command
-        ]
+        keys = {"define_border": ("b", "draw_border"), "define_seed": ("d", "point_seed"), "save": ("s", "saved")}
+        key, code = keys[command]
         late = None
         while late is None or terminal.text.count("Too late") > late:
             late = terminal.text.count("Too late")

@@ -132,9 +132,8 @@ class OwnRobots(unittest.TestCase):
         command = ["roslaunch", "vb_bringup", "borders_only.launch", f"state:={state}", f"page_port:={port}"]
         cls.logged = []
         cls.heard = {}
-        cls.launch = subprocess.Popen(
-            [*command, f"robots:={robots}", *arguments], env={**os.environ, **environment}, start_new_session=True
-        )
+        command += [f"robots:={robots}", *arguments]
+        cls.launch = subprocess.Popen(command, env={**os.environ, **environment}, start_new_session=True)
         cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
         wait_until(lambda: is_listening(port), "the page to listen")
         cls.browser = Browser(f"http://127.0.0.1:{port}/")
@@ -205,9 +204,7 @@ class OwnRobots(unittest.TestCase):
         self.add("Rug", robots=["ada"])
         maps = [f"/{name}/virtual_borders/map" for name in ("ada", "bob")]
         restricted = lambda topic: (grid_from_message(self.heard[topic]).data > 50).sum()  # noqa: E731
-        self.wait(
-            lambda: all(topic in self.heard for topic in maps) and restricted(maps[0]) > restricted(maps[1]), "ada's"
-        )
+        self.wait(lambda: set(maps) <= set(self.heard) and restricted(maps[0]) > restricted(maps[1]), "ada's")
         self.browser.wait_text("#borders", "Only ada")
         self.assertNotIn("Not kept", self.browser.text("#borders"))
         self.add("Desk", [(6.0, 3.5), (6.8, 3.5), (6.8, 4.2), (6.0, 4.2)])

@@ -134,9 +134,8 @@ class StopSequences(unittest.TestCase):
         # by now both must have exchanged their current state
         for messages in (self.state, self.driver):
             messages.next(4)
-        told = [
-            at for command, _, at, code in self.answers if command == "stop" and code in ("stopped", "stop_released")
-        ]
+        codes = ("stopped", "stop_released")
+        told = [at for command, _, at, code in self.answers if command == "stop" and code in codes]
         newest = bool(told) and max(told) > max(resumes, default=0.0)
         if newest:
             self.assertTrue(self.state.message.stopped, "the newest stop is lost, or was released by an older resume")

@@ -185,9 +185,8 @@ def own_sentences(source):
 
 def test_a_code_has_one_sentence():
     files = [path for pattern in ("src/*/src/**/*.py", "bench/**/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
-    found = [
-        f"{path.relative_to(TOP)}: {code}" for path in files for code in own_sentences(path.read_text(encoding="utf-8"))
-    ]
+    sources = {path.relative_to(TOP): path.read_text(encoding="utf-8") for path in files}
+    found = [f"{path}: {code}" for path, source in sources.items() for code in own_sentences(source)]
     assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
     assert own_sentences("raise CodedError('no_map', f'no map in {folder}')") == ["no_map"]
     assert own_sentences("Notice('robot_inside', message=f'{robot} is in it')") == ["robot_inside"]
@@ -309,7 +308,6 @@ def test_no_file_of_the_packages_is_left_out(installed):
     for package in ALGORITHMS:
         inside = TOP / "src" / package / "src"
         kinds = (".py", ".yaml", ".json")
-        wanted = {
-            path.relative_to(inside) for path in inside.rglob("*") if path.suffix in kinds and "ros" not in path.parts
-        }
+        files = [path for path in inside.rglob("*") if path.suffix in kinds and "ros" not in path.parts]
+        wanted = {path.relative_to(inside) for path in files}
         assert wanted and all((installed / path).is_file() for path in wanted), package

@@ -47,9 +47,7 @@ class Terminal:
 
     def shows(self, what, since=0):
         """Waits until a text has been written."""
-        wait_until(
-            lambda: what in self.text[since:], lambda: f"'{what}' on the screen, which ends\n{self.text[-3000:]}"
-        )
+        wait_until(lambda: what in self.text[since:], lambda: f"'{what}' on the screen, ending\n{self.text[-3000:]}")
 
     def press(self, key):
         """Types a key or a text."""

@@ -131,12 +131,12 @@ def test_a_change_is_applied_once(tuned):
 
 
 @pytest.mark.parametrize(
-    "changes, reason", [({"size": 0.1}, "at most size"), ({"size": 0.0}, "above 0"), ({"count": 13}, "unlucky")]
+    "key, value, reason", [("size", 0.1, "at most size"), ("size", 0, "above 0"), ("count", 13, "no")]
 )
-def test_a_refused_change_changes_nothing(tuned, changes, reason):
+def test_a_refused_change_changes_nothing(tuned, key, value, reason):
     change, _, applied, warned = tuned
     change(speed=0.3)
-    config = change(on=False, **changes)
+    config = change(on=False, **{key: value})
     assert config == {"speed": 0.3, "size": 1.0, "count": 3, "on": True}
     assert len(applied) == 1 and len(warned) == 1 and reason in warned[0]
     assert change(speed=0.4)["speed"] == 0.4

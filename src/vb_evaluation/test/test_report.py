@@ -281,9 +281,8 @@ def person(name, nrs, robot_only, helped="yes"):
 
 
 def test_answers_not_given_are_left_out(tmp_path):
-    found = questionnaire.read(
-        write_answers(tmp_path / "a.csv", [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")])
-    )
+    people = [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")]
+    found = questionnaire.read(write_answers(tmp_path / "a.csv", people))
     assert found.answers[0].first.tolist() == [4.0, 5.0] and (found.helped, found.asked) == (1, 2)
 
 

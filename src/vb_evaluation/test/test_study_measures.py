@@ -98,9 +98,8 @@ def three_runs(tmp_path_factory):
     half.interaction("saved", (0.751, 0.251), (2.249, 0.749), method="robot_only")
     RecordedLab(study / "unplanned").interaction("i", *EXACT, method="robot_only")
     (study / "exact" / "run.yaml").write_text("revision: abc\n")
-    write_protocol(
-        study, "p1,1,nrs,carpet,exact,,", "p1,2,robot_only,carpet,half,yes,slow", "p2,1,robot_only,carpet,unplanned,,"
-    )
+    runs = ["p1,1,nrs,carpet,exact,,", "p1,2,robot_only,carpet,half,yes,slow", "p2,1,robot_only,carpet,unplanned,,"]
+    write_protocol(study, *runs)
     rows, notes = measure_study(study)
     return SimpleNamespace(folder=study, rows=rows, notes=notes)
 

@@ -166,9 +166,7 @@ class DisplayTest(unittest.TestCase):
 
     def test_3_preview_belongs_to_its_interaction(self):
         self.map_with_borders.publish(message_from_grid(self.grid, rospy.Time.now()))
-        self.publish_state(
-            name="seed", interaction_id="i8", available_commands=["save", "cancel"], last_message="Point."
-        )
+        self.publish_state(name="seed", interaction_id="i8", available_commands=["save"], last_message="Point.")
         cells = np.zeros_like(self.grid.data)
         cells[50:70, 20:60] = 100
         preview = BorderPreviewArray(
@@ -275,9 +273,8 @@ class DisplayTest(unittest.TestCase):
         return array_from_image(self.pictures[-1]) if self.pictures else np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
 
     def at(self, x, y):
-        return (
-            self.shown()[int(round(SIZE[1] - 1 - (y - 1.0) * SCALE)), int(round((x - 1.0) * SCALE))].astype(int).max()
-        )
+        row, column = round(SIZE[1] - 1 - (y - 1.0) * SCALE), round((x - 1.0) * SCALE)
+        return self.shown()[row, column].astype(int).max()
 
     def test_6_calibration_by_clicks(self):
         self.publish_state()

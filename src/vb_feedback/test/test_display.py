@@ -310,10 +310,9 @@ LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
     layout = fit_view(extent, aspect)
     many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
-    for commands, cameras_seeing_spot, message, notices in itertools.product(
-        ((), COMMANDS[:4], (*COMMANDS, "stop")), ((), many), ("Ok.", LONG), ((), NOTICES)
-    ):
-        shapes = words(layout, PanelContent(state, 3599, commands, False, message, cameras_seeing_spot, notices))
+    commands = (), COMMANDS[:4], (*COMMANDS, "stop")
+    for said, message, cameras, notices in itertools.product(commands, ("Ok.", LONG), ((), many), ((), NOTICES)):
+        shapes = words(layout, PanelContent(state, 3599, said, False, message, cameras, notices))
         for kind in (TEXT, PLATE):
             boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
             for one, other in itertools.combinations(boxes, 2):

@@ -294,9 +294,7 @@ def test_a_pinched_robot_is_helped_away_and_keeps_its_goal(gap, yaw):
     assert rig.step().source == "navigation"
 
 
-@pytest.mark.parametrize(
-    "wish, yaw", [((0.2, 0.1), 0.0), ((0.2, 0.0), math.pi / 2)], ids=["to a border", "past a wall"]
-)
+@pytest.mark.parametrize("wish, yaw", [((0.2, 0.1), 0.0), ((0.2, 0.0), math.pi / 2)], ids=["at_border", "past_wall"])
 def test_a_robot_that_the_gate_holds_is_helped_away_too(wish, yaw):
     rig = beside(0.01, yaw)
     ahead = np.abs(np.linspace(-math.pi, math.pi, 360, endpoint=False)) < math.radians(20)

@@ -79,9 +79,8 @@ def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
     file = tmp_path / "navigation.launch"
     file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # these check whether AMCL is installed
     config, pose = roslaunch.config.ROSLaunchConfig(), {"x": 2.0, "y": 3.0, "yaw": 1.5}
-    roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(
-        str(file), config, argv=[f"{name}:={value}" for name, value in pose.items() if known], verbose=False
-    )
+    given = [f"{name}:={value}" for name, value in pose.items() if known]
+    roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(str(file), config, argv=given, verbose=False)
     told = {name: entry.value for name, entry in config.params.items() if name.startswith("/amcl/initial_pose")}
     names = ("/amcl/initial_pose_x", "/amcl/initial_pose_y", "/amcl/initial_pose_a")
     assert told == (dict(zip(names, pose.values())) if known else {})

@@ -349,9 +349,8 @@ class InteractionManagerTest(unittest.TestCase):
             os.mkdir(f"{folder}/stop")
             # the answer waits only briefly for the disk, the notice comes in any case
             self.assertTrue(self.command("stop").success)
-            wait_until(
-                lambda: "stop_not_stored" in [n.code for said in notices.all for n in said.notices], "the notice"
-            )
+            code = "stop_not_stored"
+            wait_until(lambda: code in [n.code for said in notices.all for n in said.notices], "the notice")
             other.kill()
             del self.state.all[:]
             other.start()
@@ -370,10 +369,8 @@ class InteractionManagerTest(unittest.TestCase):
             self.assertTrue(self.command("define_border").success)
             # on a slow machine they may be over when it looks, so all messages count
             wait_until(lambda: any(not message.ends_at.is_zero() for message in self.state.all), "the warning")
-            wait_until(
-                lambda: ["interaction_ends_soon"] in [[n.code for n in said.notices] for said in notices.all],
-                "the notice",
-            )
+            alone = ["interaction_ends_soon"]
+            wait_until(lambda: alone in [[n.code for n in said.notices] for said in notices.all], "the notice")
             self.state.wait(lambda message: message.last_outcome == "abandoned", "the end")
             wait_until(lambda: self.records()[-1]["outcome"] == "abandoned", "the record")
 
@@ -385,9 +382,8 @@ class InteractionManagerTest(unittest.TestCase):
         terminal.press("b")
         drawing = self.state.wait(lambda message: message.name == "border", "the border state")
         self.assertEqual(drawing.last_source, "wizard")
-        self.progress.publish(
-            interaction_id=drawing.interaction_id, border_spots=321, cameras_seeing_spot=["red"], code="ok"
-        )
+        seen = {"border_spots": 321, "cameras_seeing_spot": ["red"]}
+        self.progress.publish(interaction_id=drawing.interaction_id, code="ok", **seen)
         terminal.shows("321 border")
         seen = len(terminal.text)  # the console waited at its start, too
         self.node.kill()

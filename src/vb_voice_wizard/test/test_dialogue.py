@@ -176,9 +176,7 @@ def test_nothing_is_previewed_before_there_are_border_and_seed(missing):
 # ------------------------------------------------------------------ what was undone
 def test_what_was_undone_is_named():
     def told(before, after, command="undo"):
-        answer = _what_changed(
-            command, {border.id: border for border in before}, {border.id: border for border in after}
-        )
+        answer = _what_changed(command, *({border.id: border for border in borders} for borders in (before, after)))
         return answer.code, answer.values.get("borders")
 
     rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)

@@ -180,9 +180,8 @@ def spoken_at(spans, faint=()):
         assert len(data) == 2 * CHUNK
         middle = (next(count) + 0.5) * STEP
         levels = [0.9] * len(spans) + [0.4] * len(faint)
-        return max(
-            [level for (start, end), level in zip([*spans, *faint], levels) if start <= middle < end], default=0.1
-        )
+        heard = [level for (start, end), level in zip([*spans, *faint], levels) if start <= middle < end]
+        return max(heard, default=0.1)
 
     return probability
 

@@ -23,12 +23,9 @@ class StopTest(PageTest):
         self.browser.click("#stop")
         wait_until(lambda: self.heard[names.STATE].stopped and names.STOP in self.heard, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
-        self.assertGreaterEqual(
-            self.browser.run(
-                "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"
-            ),
-            0,
-        )  # wherever the page is scrolled
+        self.browser.run("window.scrollTo(0, 300)")  # the banner is seen wherever the page is scrolled
+        banners = "return document.getElementById('banners').getBoundingClientRect().top"
+        self.assertGreaterEqual(self.browser.run(banners), 0)
         self.browser.run("window.scrollTo(0, 0)")
         # the banner shows the stop of all robots, so neither the answer nor a notice repeats it
         self.browser.wait(
@@ -58,9 +55,8 @@ class StopTest(PageTest):
         place = self.browser.run(f"{box} return JSON.stringify(box)")
 
         def check(what):
-            top = self.browser.run(
-                f"{box} return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).id"
-            )
+            middle = "box.left + box.width / 2, box.top + box.height / 2"
+            top = self.browser.run(f"{box} return document.elementFromPoint({middle}).id")
             self.assertEqual(top, "resume", what)
             self.assertEqual(self.browser.run(f"{box} return JSON.stringify(box)"), place, what)
             self.assertFalse(

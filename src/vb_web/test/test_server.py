@@ -353,9 +353,8 @@ def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
     async def work(connection):
         await answer_to(connection, do="invite")
         loop = asyncio.get_event_loop()
-        left = await loop.run_in_executor(
-            None, lambda: network.ask("/session", "DELETE", Cookie=given, Origin=f"http://{network.host}")
-        )
+        headers = {"Cookie": given, "Origin": f"http://{network.host}"}
+        left = await loop.run_in_executor(None, lambda: network.ask("/session", "DELETE", **headers))
         await closing_code(connection)
         return left.code
 
