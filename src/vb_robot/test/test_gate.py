@@ -134,7 +134,7 @@ def test_a_stamp_slightly_in_the_future_counts_as_now(ahead, first, last):
 
 
 JUMPS = {  # (seconds, the pose's x [m] while the odometry stays as it is, whether the robot is held)
-    "one step": [(0.0, 0.0, False), (0.3, 0.3, True), (1.29, 0.3, True), (1.31, 0.3, False)],
+    "one step": [(0.0, 0.0, False), (0.3, 0.3, True), (0.9, 0.3, True), (1.29, 0.3, True), (1.31, 0.3, False)],
     "three steps within a second": [(0.0, 0.0, False), (0.3, 0.1, False), (0.6, 0.2, False), (0.9, 0.3, True)],
     "three steps in more than a second": [(0.0, 0.0, False), (0.6, 0.1, False), (1.2, 0.2, False), (1.8, 0.3, False)],
     "a step beyond an older one": [(0.0, 0.0, False), (0.5, 0.2, False), (0.9, -0.1, True)],
