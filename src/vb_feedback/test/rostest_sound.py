@@ -46,15 +46,15 @@ class SoundTest(unittest.TestCase):
             node.stop()
         cls.folder.cleanup()
 
-    def test_1_sounds_are_played_whole_and_in_order(self):
+    def test_sounds_are_played_whole_and_in_order(self):
         names = ["border", "tick", "error"]
         for name in names:
             self.sounds.publish(name=name)
         # the tick may be skipped, but the order of the others is fixed
-        wanted = [b"".join(synthesize(name).tobytes() for name in played) for played in (names[::2], names)]
-        wait_until(lambda: self.written("pcm") in wanted, "the samples of both sounds")
+        wanted = tuple(b"".join(synthesize(name).tobytes() for name in played) for played in (names[::2], names))
+        wait_until(lambda: self.written("pcm").endswith(wanted), "the samples of both sounds")
 
-    def test_2_without_a_device_it_says_so_once(self):
+    def test_without_a_device_it_says_so_once(self):
         def try_again():
             self.sounds.publish(name="seed")
             return self.written("tried").count(b"tried") >= 2
@@ -66,7 +66,7 @@ class SoundTest(unittest.TestCase):
         self.assertEqual(len(said), 1, said)
         self.assertIsNone(self.nodes[1].process.poll())
 
-    def test_3_a_state_has_its_light_and_sound_and_a_spot_ticks(self):
+    def test_a_state_has_its_light_and_sound_and_a_spot_ticks(self):
         lights, sounds = Newest("/virtual_borders/led", ColorRGBA), Newest("/virtual_borders/sound", Sound)
         states = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=10)
         spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
@@ -94,7 +94,7 @@ class SoundTest(unittest.TestCase):
         # latched: a later subscriber gets the light too
         self.assertEqual(rospy.wait_for_message("/virtual_borders/led", ColorRGBA, 60), lights.all[2])
 
-    def test_4_kobuki_without_its_messages_ends_with_one_sentence(self):
+    def test_kobuki_without_its_messages_ends_with_one_sentence(self):
         if importlib.util.find_spec("kobuki_msgs") is not None:
             self.skipTest("kobuki_msgs is installed here")
         assert_ends_with_one_line("vb_feedback", "kobuki_feedback", [([], "kobuki_msgs is not installed")])
