@@ -29,6 +29,10 @@ from vb_msgs.msg import DriverState, RobotStatusArray, VirtualBorder, VirtualBor
 from vb_msgs.srv import AddBorder, RemoveBorder
 
 CARPET = [(3.12, 0.8), (5.12, 0.8), (5.12, 2.05), (3.12, 2.05)]
+# what is connected: arguments of borders_only.launch, and changes of its environment
+MAP_ONLY = ("robots:=ada bob", "rviz:=true"), {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
+OBEYING = ("robots:=ada bob", "rviz:=false", "obey:=true"), {}
+DRIVEN = ("robots:=cid", "rviz:=false", "robot_types:=turtlebot2"), {}
 START = {"ada": (7.0, 1.5, math.pi), "bob": (7.0, 3.0, math.pi), "cid": (5.8, 2.4, math.pi)}
 
 
@@ -104,7 +108,7 @@ class OwnRobots(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("own_robots")
-        cls.heard, cls.logged, cls.launch, cls.browser = {}, [], None, None
+        cls.heard, cls.logged, cls.launch, cls.browser, cls.running = {}, [], None, None, None
         cls.robots = Robots()
         goals = {name: f"/{name}/move_base_simple/goal" for name in START}
         cls.goals = {name: rospy.Publisher(topic, PoseStamped, queue_size=1) for name, topic in goals.items()}
@@ -124,16 +128,17 @@ class OwnRobots(unittest.TestCase):
         cls.stop()
 
     @classmethod
-    def start(cls, *arguments, robots="ada bob", **environment):
-        """Starts borders_only.launch, and the page in a browser."""
+    def start(cls, lab):
+        """Starts borders_only.launch, and the page in a browser, unless this lab runs already."""
+        if cls.running == lab:
+            return
         cls.stop()
+        cls.running, (arguments, environment) = lab, lab
         port = free_port()
         state = Path(rospy.get_param("~state"))
         command = ["roslaunch", "vb_bringup", "borders_only.launch", f"state:={state}", f"page_port:={port}"]
-        cls.logged = []
-        cls.heard = {}
-        command += [f"robots:={robots}", *arguments]
-        cls.launch = subprocess.Popen(command, env={**os.environ, **environment}, start_new_session=True)
+        cls.logged, cls.heard = [], {}
+        cls.launch = subprocess.Popen([*command, *arguments], env={**os.environ, **environment}, start_new_session=True)
         cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
         wait_until(lambda: is_listening(port), "the page to listen")
         cls.browser = Browser(f"http://127.0.0.1:{port}/")
@@ -179,9 +184,9 @@ class OwnRobots(unittest.TestCase):
         goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
         self.goals[robot].publish(goal)
 
-    # ------------------------------------------------------------- step 1: the map only
-    def test_1_a_robot_reports_whether_it_plans_round_borders(self):
-        self.start("rviz:=true", DISPLAY="", WAYLAND_DISPLAY="")
+    # ------------------------------------------------------------- the map only
+    def test_a_robot_reports_whether_it_plans_round_borders(self):
+        self.start(MAP_ONLY)
         # within a minute this launch file alone prints what is wired and what is not
         told = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
         self.wait(lambda: all(any(one in text for _, text in self.logged) for one in told), "what is connected")
@@ -200,7 +205,8 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: any(sentences.translate("no_screen") in text for _, text in self.logged), "RViz to wait")
         self.assertTrue(rosgraph.Master("/test").lookupNode("/rviz"))
 
-    def test_2_a_border_names_its_robots_and_those_that_ignore_it(self):
+    def test_a_border_names_its_robots_and_those_that_ignore_it(self):
+        self.start(MAP_ONLY)
         self.add("Rug", robots=["ada"])
         maps = [f"/{name}/virtual_borders/map" for name in ("ada", "bob")]
         restricted = lambda topic: (grid_from_message(self.heard[topic]).data > 50).sum()  # noqa: E731
@@ -225,7 +231,8 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: list(self.heard[names.BORDERS].borders[0].robots) == ["bob"], "the border to be bob's")
         self.assertEqual(self.browser.faults(), [])
 
-    def test_3_the_reason_for_a_refused_goal_is_reported_at_once(self):
+    def test_a_goal_is_refused_at_once_with_the_reason(self):
+        self.start(MAP_ONLY)
         self.add("Rug")
         self.wait(lambda: self.status("ada").localized, "ada's place")
         self.drive("ada", 4.1, 1.4)
@@ -234,7 +241,8 @@ class OwnRobots(unittest.TestCase):
         self.drive("ada", 7.0, 1.5)
         self.wait(lambda: ("goal_in_border", "ada") not in self.notices(), "another goal to count")
 
-    def test_4_a_robot_caught_inside_is_reported_while_it_lasts(self):
+    def test_a_robot_caught_inside_is_reported_while_it_lasts(self):
+        self.start(MAP_ONLY)
         self.robots.put("ada", (4.1, 1.4, 0.0))
         self.addCleanup(self.robots.put, "ada", START["ada"])
         self.wait(lambda: abs(self.robots.poses["ada"][0] - 4.1) < 0.01, "ada to be put")
@@ -244,7 +252,8 @@ class OwnRobots(unittest.TestCase):
         self.robots.put("ada", START["ada"])
         self.wait(lambda: ("robot_caught_in_border", "ada") not in self.notices(), "ada to be out")
 
-    def test_5_the_page_sends_a_robot_to_a_place(self):
+    def test_a_robot_is_sent_to_a_place_by_the_page(self):
+        self.start(MAP_ONLY)
         self.add("Rug")
         self.browser.click("#go")
         # bob is not offered, since it would drive through borders
@@ -259,9 +268,9 @@ class OwnRobots(unittest.TestCase):
         self.browser.wait("!document.querySelector('#drives li')", what="the drive to go")
         self.assertEqual(self.browser.faults(), [])
 
-    # ------------------------------------------------------------- step 2: obeying through navigation
-    def test_6_a_robot_stops_through_navigation_alone(self):
-        self.start("rviz:=false", "obey:=true")
+    # ------------------------------------------------------------- obeying through navigation
+    def test_navigation_alone_stops_a_robot(self):
+        self.start(OBEYING)
         self.browser.wait("document.body.dataset.state == 'default'", what="the manager")
         self.wait(lambda: self.status("ada").obeys_stop and self.status("ada").localized, "ada to obey")
         # the stand-in has no local planner whose speed could be set: the page says so
@@ -284,8 +293,9 @@ class OwnRobots(unittest.TestCase):
         self.drive("ada", 6.5, 1.5)
         self.wait(lambda: self.status("ada").has_goal, "ada to go on")
 
-    def test_7_a_robot_obeys_slow_zones_through_navigation_alone(self):
+    def test_navigation_alone_obeys_slow_zones(self):
         """bob has a local planner whose speed can be set; it is in the zone."""
+        self.start(OBEYING)
         planner = LocalPlanner("/bob/move_base/DWAPlannerROS")
         self.wait(lambda: self.status("bob").obeys_speed, "bob to obey")
         self.assertEqual(planner.limit(), 0.5)
@@ -303,9 +313,9 @@ class OwnRobots(unittest.TestCase):
         self.robots.localized = True
         self.wait(lambda: planner.limit() == 0.5, "bob's usual speed")
 
-    # ------------------------------------------------------------- step 3: the driver, without cameras
-    def test_8_the_driver_runs_without_cameras(self):
-        self.start("rviz:=false", "robot_types:=turtlebot2", robots="cid")
+    # ------------------------------------------------------------- the driver, without cameras
+    def test_the_driver_runs_without_cameras(self):
+        self.start(DRIVEN)
         self.wait(lambda: names.DRIVERS in self.heard and self.heard[names.DRIVERS].code == "idle", "cid's driver")
         self.browser.wait_text("#drivers", "cid has a driver")
         self.assertTrue(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
