@@ -5,16 +5,8 @@ import json
 
 from hypothesis import strategies as st
 
-GOOD_DRAFT = {
-    "points": [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]],
-    "kind": "polygon",
-    "seed": [1.7, 1.3],
-    "name": "carpet",
-    "zone": "keep_out",
-    "max_speed": 0.0,
-    "enabled": True,
-    "robots": [],
-}
+GOOD_DRAFT = {"points": [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]], "seed": [1.7, 1.3], "kind": "polygon", "name": "carpet"}
+GOOD_DRAFT.update(zone="keep_out", max_speed=0.0, enabled=True, robots=[])
 TARGET = {"border": "b1", "revision": 3}
 GOOD = {  # the fields of a request of each action
     "command": {"command": "save", "seen_stop": "5a", "age": 0.1},

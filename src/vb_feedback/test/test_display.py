@@ -335,11 +335,7 @@ def arc_minutes(size, layout):
         ("Saved: the robot now stays out of this area.", (), 16.0),
         ("Point at the side that the robot must not enter.", (PanelNotice("Saving would restrict 2.50 m2."),), 14.0),
         ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
-        (
-            LONG[:100],
-            (PanelNotice("Saving would be refused: the border separates nothing from the rest.", True),),
-            10.0,
-        ),
+        (LONG[:100], (PanelNotice("Saving would be refused: the border separates nothing.", True),), 10.0),
     ],
 )
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):

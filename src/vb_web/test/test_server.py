@@ -68,16 +68,8 @@ class Running:
         self.backend, self.view, self.images, self.faults = FakeBackend(), View(), ImageCache(), []
         self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
-        self.server = PageServer(
-            params,
-            sessions,
-            view=self.view,
-            images=self.images,
-            actions=self.backend,
-            cameras=self.backend,
-            bounds=lambda: BOUNDS,
-            on_fault=self.faults.append,
-        )
+        parts = {"view": self.view, "images": self.images, "actions": self.backend, "cameras": self.backend}
+        self.server = PageServer(params, sessions, **parts, bounds=lambda: BOUNDS, on_fault=self.faults.append)
         # all requests come from one address: limits are tested separately
         self.server.requests = self.server.connections = Limiter(rate=1e9, burst=1e9)
         self.server.start()
@@ -85,15 +77,9 @@ class Running:
 
     def ask(self, path, method="GET", body=None, scheme="http", options=None, **headers):
         async def fetch():
-            request = HTTPRequest(
-                f"{scheme}://{self.host}{path}",
-                method=method,
-                body=body,
-                allow_nonstandard_methods=True,
-                **(options or {}),
-                follow_redirects=False,
-                headers={key.replace("_", "-"): value for key, value in headers.items()},
-            )
+            given = {"headers": {key.replace("_", "-"): value for key, value in headers.items()}, **(options or {})}
+            request = HTTPRequest(f"{scheme}://{self.host}{path}", method, body=body, follow_redirects=False, **given)
+            request.allow_nonstandard_methods = True
             return await AsyncHTTPClient(force_instance=True).fetch(request, raise_error=False)
 
         return asyncio.run(fetch())
