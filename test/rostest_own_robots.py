@@ -112,13 +112,9 @@ class OwnRobots(unittest.TestCase):
         cls.robots = Robots()
         goals = {name: f"/{name}/move_base_simple/goal" for name in START}
         cls.goals = {name: rospy.Publisher(topic, PoseStamped, queue_size=1) for name, topic in goals.items()}
-        for topic, kind in (
-            (names.ROBOTS, RobotStatusArray),
-            (names.BORDERS, VirtualBorderArray),
-            ("/ada/virtual_borders/map", OccupancyGridArray),
-            ("/bob/virtual_borders/map", OccupancyGridArray),
-            (names.DRIVERS, DriverState),
-        ):
+        kinds = {names.ROBOTS: RobotStatusArray, names.BORDERS: VirtualBorderArray, names.DRIVERS: DriverState}
+        kinds.update({f"/{name}/virtual_borders/map": OccupancyGridArray for name in ("ada", "bob")})
+        for topic, kind in kinds.items():
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.listener = NoticeListener()
         rospy.Subscriber("/rosout", Log, lambda entry: cls.logged.append((entry.level, entry.msg)), queue_size=100)

@@ -28,11 +28,8 @@ def codes(lines):
 
 def graph(*publishers, topic="/north/image_raw", type="sensor_msgs/Image"):
     """Returns the graph of a detector that reads /north/image_raw, and of a topic's publishers."""
-    return NodeGraph(
-        [(topic, publishers)],
-        [("/north/image_raw", ["/spot_detector_north"])],
-        types={"/north/image_raw": type, topic: type},
-    )
+    listeners, types = [("/north/image_raw", ["/spot_detector_north"])], {"/north/image_raw": type, topic: type}
+    return NodeGraph([(topic, publishers)], listeners, types=types)
 
 
 GOOD = {

@@ -103,12 +103,9 @@ def module_name(path):
 
 def needs_ros(path):
     """Returns whether a file needs ROS, by its imports and its name; all others promise to work without."""
-    ours = re.search(r"(from|import) vb_core\.ros", path.read_text(encoding="utf-8"))
-    return (
-        bool(ours)
-        or path.stem.endswith("_node")
-        or any(name in ROS or name.endswith("_msgs") for name in imported(path))
-    )
+    if path.stem.endswith("_node") or re.search(r"(from|import) vb_core\.ros", path.read_text(encoding="utf-8")):
+        return True
+    return any(name in ROS or name.endswith("_msgs") for name in imported(path))
 
 
 @pytest.mark.parametrize("package", [name for name in PACKAGES if (TOP / "src" / name / "src").exists()])
@@ -160,15 +157,12 @@ def test_the_table_of_topics_has_every_fixed_name():
 # ------------------------------------------------------------ words
 def calls(source):
     """Lists the calls in a program's text: (name, arguments, keyword arguments)."""
-    nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
-    return [
-        (
-            getattr(node.func, "attr", getattr(node.func, "id", "")),
-            node.args,
-            {one.arg: one.value for one in node.keywords},
-        )
-        for node in nodes
-    ]
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            found.append((name, node.args, {one.arg: one.value for one in node.keywords}))
+    return found
 
 
 def own_sentences(source):

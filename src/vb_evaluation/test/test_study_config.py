@@ -135,13 +135,9 @@ def test_the_marks_are_laid_for_each_person_beside_the_map():
 
 def test_people_stand_off_the_line_on_free_floor():
     grid, world = floor_plan.physical_map(STUDY.world), STUDY.world
-    places = np.array(
-        [
-            personal_scenario(world, world.scenario(key), STUDY.traits(participant), grid).stand
-            for participant in range(1, 9)
-            for key in STUDY.design.scenarios
-        ]
-    )
+    everybody = product(range(1, 9), STUDY.design.scenarios)
+    runs = [personal_scenario(world, world.scenario(key), STUDY.traits(number), grid) for number, key in everybody]
+    places = np.array([run.stand for run in runs])
     assert (sample(grid, grid.data, places, UNKNOWN) == 0).all() and len(np.unique(places, axis=0)) > 12
 
 

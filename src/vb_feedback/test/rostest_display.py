@@ -15,7 +15,7 @@ import yaml
 from geometry_msgs.msg import Point, PointStamped
 from sensor_msgs.msg import Image
 
-from vb_testing import Process, assert_ends_with_one_line, wait_until, write_program
+from vb_testing import Process, assert_ends_with_one_line, run_command, wait_until, write_program
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.ros.images import array_from_image
@@ -106,14 +106,9 @@ class DisplayTest(unittest.TestCase):
     def test_words_follow_the_state(self):
         self.publish_state()
         wait_until(lambda: self.screen.text_of("words/state") == "Ready", "the default state's title")
-        self.publish_state(
-            name="seed",
-            available_commands=["save", "cancel"],
-            border_s=70.0,
-            interaction_id="i",
-            last_message="The map integrator does not answer; say save again in a moment.",
-            last_success=False,
-        )
+        refused = {"last_message": "The map integrator does not answer; say save again.", "last_success": False}
+        said = ["save", "cancel"]
+        self.publish_state(name="seed", interaction_id="i", available_commands=said, border_s=70.0, **refused)
         wait_until(lambda: self.screen.text_of("words/state") == "Seed", "the seed state's title")
         self.assertEqual([self.screen.text_of(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
         self.assertEqual(self.screen.text_of("words/elapsed"), "1:10")
@@ -124,16 +119,10 @@ class DisplayTest(unittest.TestCase):
 
     def test_a_drawing_belongs_to_its_interaction(self):
         self.publish_state(name="border", interaction_id="i7")
-        drawn = BorderProgress(
-            interaction_id="i7",
-            cameras=["red", "robot"],
-            cameras_seeing_spot=["robot"],
-            points=[Point(0, 2, 0), Point(1, 2, 0)],
-            point_cameras=bytes([0, 1]),
-            chain=[Point(0, 2, 0), Point(1, 2, 0), Point(1, 3, 0)],
-            has_seed=True,
-            seed=Point(0.5, 2.5, 0),
-        )
+        drawn = BorderProgress(interaction_id="i7", cameras=["red", "robot"], cameras_seeing_spot=["robot"])
+        drawn.points, drawn.point_cameras = [Point(0, 2, 0), Point(1, 2, 0)], bytes([0, 1])
+        drawn.chain = [*drawn.points, Point(1, 3, 0)]
+        drawn.has_seed, drawn.seed = True, Point(0.5, 2.5, 0)
         self.progress.publish(drawn)
         wait_until(lambda: self.screen.has("drawing/chain"), "the chain")
         points = self.screen.has("drawing/points")[0]
@@ -216,14 +205,9 @@ class DisplayTest(unittest.TestCase):
             write_program(Path(folder) / "rviz", f'shift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments')
             # a screen that is switched on after the start: the first check finds none
             write_program(Path(folder) / "xdpyinfo", f"test -e {folder}/on || {{ touch {folder}/on; exit 1; }}")
-            run = subprocess.run(
-                [*"rosrun vb_feedback smart_display __name:=display _screen:=1280x720".split(), f"_config:={config}"],
-                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":0"},
-                timeout=120,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                universal_newlines=True,
-            )
+            display = "rosrun vb_feedback smart_display __name:=display _screen:=1280x720".split()
+            environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":0"}
+            run = run_command(*display, f"_config:={config}", env=environment, timeout=120)
             self.assertEqual(run.returncode, 0, run.stdout)
             self.assertIn(sentences.translate("no_screen"), run.stdout)
             view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]

@@ -144,13 +144,11 @@ class KobukiMessages:
 def test_lights_show_the_state_and_the_stop_and_errors_beep(monkeypatch):
     sent = []
     monkeypatch.setattr(rospy, "Subscriber", lambda *_args, **_named: None)
-    monkeypatch.setattr(
-        rospy,
-        "Publisher",
-        lambda topic, *_args, **_named: SimpleNamespace(
-            publish=lambda message: sent.append((topic.rsplit("/", 1)[1], message.value))
-        ),
-    )
+
+    def publisher(topic, *_args, **_named):
+        return SimpleNamespace(publish=lambda message: sent.append((topic.rsplit("/", 1)[1], message.value)))
+
+    monkeypatch.setattr(rospy, "Publisher", publisher)
     node, red = KobukiFeedbackNode(KobukiMessages), KobukiMessages.Led.RED
     node._on_state(InteractionState(name="guide"))
     node._on_state(InteractionState(name="guide", border_s=1.0))  # unchanged lights are not sent again

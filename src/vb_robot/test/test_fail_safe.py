@@ -143,6 +143,10 @@ def mixes_maps(rig, faulty):
         rig.set_grid(empty())
 
 
+def drops_a_wheel(rig, faulty):
+    rig.arbiter.gate.set_contact(("wheel_drop", 0), "all" * faulty)
+
+
 LATEST = 0.5  # [s], as robots.md promises
 FAULTS = {
     # what is lost: (how, the code, the time [s] by which the wheels must stand still)
@@ -154,11 +158,7 @@ FAULTS = {
     "clock": (silences("clock"), "clock_stopped", LATEST),
     "certainty of the localisation": (sets("pose_uncertain", True, False), "pose_uncertain", DT),
     "maps that belong together": (mixes_maps, "no_map", DT),
-    "a wheel's floor": (
-        lambda rig, faulty: rig.arbiter.gate.set_contact(("wheel_drop", 0), "all" * faulty),
-        "contact",
-        DT,
-    ),
+    "a wheel's floor": (drops_a_wheel, "contact", DT),
     "being its only commander": (sets("registered", ("/move_base",), ()), "other_cmd_vel_publisher", DT),
 }
 

@@ -35,13 +35,9 @@ WORLD = {
     ],
 }
 RADII = {"robot": 0.18, "other": 0.18}
-MANY_E = 1e12  # electrons: no photon noise
-QUIET = Models(
-    camera_noise=CameraNoise(read_sigma=0.0, full_well_e=MANY_E, prnu=0.0),
-    robot_camera=RobotCamera(
-        read_sigma=0.0, full_well_e=MANY_E, depth_sigma=0.0, depth_sigma_quadratic=0.0, depth_holes=0.0
-    ),
-)
+NO_NOISE = {"read_sigma": 0.0, "full_well_e": 1e12}  # so many electrons have no photon noise
+NO_DEPTH_NOISE = {"depth_sigma": 0.0, "depth_sigma_quadratic": 0.0, "depth_holes": 0.0}
+QUIET = Models(camera_noise=CameraNoise(prnu=0.0, **NO_NOISE), robot_camera=RobotCamera(**NO_NOISE, **NO_DEPTH_NOISE))
 
 
 @pytest.fixture(scope="module")

@@ -132,15 +132,9 @@ class InteractionManagerTest(unittest.TestCase):
 
     def draw(self, identity, dx=0.0):
         """Publishes progress with border and seed, as the border fusion does."""
-        self.progress.publish(
-            interaction_id=identity,
-            code="ok",
-            border_spots=5,
-            seed_spots=5,
-            has_seed=True,
-            seed=point(0.5 + dx, 0.5),
-            chain=[point(0, 0), point(1, 0), point(1, 1)],
-        )
+        progress = BorderProgress(interaction_id=identity, code="ok", border_spots=5, seed_spots=5, has_seed=True)
+        progress.chain, progress.seed = [point(0, 0), point(1, 0), point(1, 1)], point(0.5 + dx, 0.5)
+        self.progress.publish(progress)
 
     def test_the_preview_follows_what_is_drawn_and_is_what_is_saved(self):
         self.command("define_border")

@@ -328,12 +328,8 @@ class BordersTest(PageTest):
                 self.assertGreaterEqual(box["left"], frame["left"] - 1, text)
                 self.assertLessEqual(box["right"], frame["right"] + 1, text)
                 for other, there in boxes[:number]:
-                    apart = (
-                        box["left"] >= there["right"] - 1
-                        or there["left"] >= box["right"] - 1
-                        or box["top"] >= there["bottom"] - 1
-                        or there["top"] >= box["bottom"] - 1
-                    )
+                    beside = box["left"] >= there["right"] - 1 or there["left"] >= box["right"] - 1
+                    apart = beside or box["top"] >= there["bottom"] - 1 or there["top"] >= box["bottom"] - 1
                     self.assertTrue(apart, f"{text} and {other} at {view}")
         self.browser.driver.refresh()
         self.browser.wait_ready()

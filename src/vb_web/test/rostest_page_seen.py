@@ -34,13 +34,9 @@ class SeenTest(PageTest):
             other.click("#undo", "Rückgängig")
             other.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            notices.set(
-                [
-                    Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_caught_in_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
-                    Notice("robot_caught_in_border", values={"who": "ada", "border": "$border_without_name"}),
-                ]
-            )
+            caught = [(sentences.robot_value(""), "Rug"), ("ada", "$border_without_name")]
+            said = [Notice("robot_caught_in_border", values={"who": who, "border": border}) for who, border in caught]
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING), *said])
             self.browser.wait_text("#notices", "discarded soon")
             self.browser.wait_text("#notices", "The robot is inside Rug")
             other.wait_text("#notices", "Der Roboter ist in Rug")
