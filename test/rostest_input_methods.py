@@ -74,7 +74,6 @@ class InputMethods(unittest.TestCase):
         cls.clock.publish(rospy.Time.from_sec(seconds))
         wait_until(lambda: abs(rospy.get_time() - seconds) < 1e-6, "the clock")
 
-    # ------------------------------------------------------------------ an interaction
     def point(self, points):
         """Points the laser at (N, 2) [m], each half of the room seen by one camera; time advances accordingly."""
         begin = self.now + 1.0
@@ -143,7 +142,6 @@ class InputMethods(unittest.TestCase):
             records = [json.loads(line) for line in file if line.endswith("\n")]
         return next((record for record in records if record["interaction_id"] == identity), None)
 
-    # ------------------------------------------------------------------ the ways
     def test_all_ways_end_in_the_same_border(self):
         service = rospy.ServiceProxy(names.COMMAND, Command)
         self.interact("service", lambda command: service(command=command, source="service"))

@@ -180,7 +180,6 @@ class OwnRobots(unittest.TestCase):
         goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
         self.goals[robot].publish(goal)
 
-    # ------------------------------------------------------------- the map only
     def test_a_robot_reports_whether_it_plans_round_borders(self):
         self.start(MAP_ONLY)
         # within a minute this launch file alone prints what is wired and what is not
@@ -264,7 +263,6 @@ class OwnRobots(unittest.TestCase):
         self.browser.wait("!document.querySelector('#drives li')", what="the drive to go")
         self.assertEqual(self.browser.faults(), [])
 
-    # ------------------------------------------------------------- obeying through navigation
     def test_navigation_alone_stops_a_robot(self):
         self.start(OBEYING)
         self.browser.wait("document.body.dataset.state == 'default'", what="the manager")
@@ -309,7 +307,6 @@ class OwnRobots(unittest.TestCase):
         self.robots.localized = True
         self.wait(lambda: planner.limit() == 0.5, "bob's usual speed")
 
-    # ------------------------------------------------------------- the driver, without cameras
     def test_the_driver_runs_without_cameras(self):
         self.start(DRIVEN)
         self.wait(lambda: names.DRIVERS in self.heard and self.heard[names.DRIVERS].code == "idle", "cid's driver")

@@ -130,7 +130,6 @@ def test_letters_contrast_with_their_ground(letters, ground):
     assert (light + 0.05) / (dark + 0.05) > 4.0
 
 
-# ------------------------------------------------------------------ on a Kobuki base
 class KobukiMessages:
     """The messages of kobuki_msgs, with the package's own constants."""
 

@@ -88,7 +88,6 @@ class DispatcherTest(unittest.TestCase):
     def is_sent(self, name):
         return wait_until(lambda: self.bases[name].goals, f"a goal of {name}")[-1]
 
-    # ------------------------------------------------------------- who goes
     def test_waits_for_a_stationary_camera_then_sends_one_once_and_cancels(self):
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (*SPOT, "ada", True)
@@ -147,7 +146,6 @@ class DispatcherTest(unittest.TestCase):
         self.is_sent("ada")
         self.assertEqual(self.bases["bob"].goals, [])
 
-    # ------------------------------------------------------------- faults
     def test_navigation_that_never_comes_and_then_does(self):
         for base in self.bases.values():
             base.die()

@@ -18,7 +18,6 @@ from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.inputs import message_class
 
 
-# ------------------------------------------------------------ one way to the wheels
 @pytest.mark.parametrize("situation", ["idle", "stopped", "driving"])
 def test_another_publisher_is_reported_in_every_state(situation):
     rig = Rig()
@@ -60,7 +59,6 @@ def test_an_unsupported_kind_of_robot_is_refused_in_one_sentence(kind):
         RobotProfile.from_mapping({"base": {"kind": kind}})
 
 
-# ------------------------------------------------------------ what each source needs
 def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     rig = Rig().drives()
     rig.goal = True
@@ -71,7 +69,6 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     assert rig.step(1.0).v == 0.3
 
 
-# ------------------------------------------------------------ where it is
 @pytest.mark.parametrize("known", [True, False])
 def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
     """Without a pose, AMCL itself assumes (0, 0, 0) with variances of 0.25 m^2: the robot does not know where it is."""
@@ -90,7 +87,6 @@ def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
     assert uncertainty.lost is not known
 
 
-# ------------------------------------------------------------ contacts
 @pytest.mark.parametrize(
     "more, complaint",
     [
@@ -105,7 +101,6 @@ def test_a_contact_that_cannot_be_heard_or_read_is_refused(more, complaint):
         message_class(RobotProfile.from_mapping({"contacts": [given]}).contacts[0])
 
 
-# ------------------------------------------------------------ scanners
 class SlowScanner(Rig):
     """A robot with a 5 Hz scanner: each scan takes 0.2 s, and is stamped with its end."""
 
@@ -126,7 +121,6 @@ def test_a_scanner_of_5_hz_does_not_slow_the_robot():
     assert np.mean([command.w for command in rig.commands]) >= 0.95
 
 
-# ------------------------------------------------------------ inputs lost while it drives
 def sets(name, value, clear):
     """Returns a fault that sets an attribute of the gate."""
     return lambda rig, faulty: setattr(rig.arbiter.gate, name, value if faulty else clear)

@@ -10,6 +10,7 @@ import pytest
 
 from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
+from vb_core.sentences import spelled_out
 from vb_core.sounds import SOUNDS, Note, Tones
 from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer, RecognitionResult
 from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound
@@ -19,17 +20,8 @@ from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 from vb_voice_wizard.voice_commands_node import VoiceCommandsNode
 
 
-COMMANDS = {
-    "define_border": ("define border", "en-us"),
-    "define_seed": ("define seed", "en-gb"),
-    "guide_robot": ("guide robot", "en-us+f2"),
-    "save": ("save", "en-gb+m3"),
-    "cancel": ("cancel", "en-us+f4"),
-    "stop": ("stop", "en-us"),
-    "resume": ("resume", "en-gb"),
-    "undo": ("undo", "en-us+m3"),
-    "redo": ("redo", "en-gb+f2"),
-}
+VOICES = "en-us en-gb en-us+f2 en-gb+m3 en-us+f4 en-us en-gb en-us+m3 en-gb+f2".split()
+SPOKEN = dict(zip("define_border define_seed guide_robot save cancel stop resume undo redo".split(), VOICES))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +31,7 @@ def recognizer():
 
 def test_commands_are_recognised_most_of_the_time(recognizer):
     """One voice in one noise each: bench/voice/recognition.py measures how often they are."""
-    issues = {command: examine(recognizer, say(*spoken))[0] for command, spoken in COMMANDS.items()}
+    issues = {name: examine(recognizer, say(spelled_out(name), voice))[0] for name, voice in SPOKEN.items()}
     assert all(issue.command in (None, command) for command, issue in issues.items()), issues
     heard = [issue for command, issue in issues.items() if issue.command == command]
     assert len(heard) >= 6, issues
