@@ -54,7 +54,7 @@ def test_groups_and_list_entries_are_checked_as_parameters_are():
         assert caught.value.key == f"/node/{key}"
 
 
-def test_defaults_and_values():
+def test_values_given_replace_the_defaults():
     params = Example.from_mapping({"speed": 1, "limits": [0.0, 1.0]})
     assert params.speed == 1.0 and isinstance(params.speed, float)
     assert params.limits == (0.0, 1.0) and params.count == 3

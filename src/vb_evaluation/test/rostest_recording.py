@@ -141,7 +141,7 @@ def in_one_process():
 
 
 class RecordingTest(unittest.TestCase):
-    def test_one_interaction(self):
+    def test_an_interaction_with_real_nodes_is_that_in_one_process_and_is_recorded(self):
         alone = in_one_process()
         rospy.init_node("rostest_recording")
         self.folder, session = Path(rospy.get_param("~folder")), Session()

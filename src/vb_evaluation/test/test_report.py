@@ -110,7 +110,7 @@ def test_maps_are_those_nearest_to_the_median(full):
 
 
 @pytest.mark.parametrize("participants", [1, 2])
-def test_few_participants_and_nothing_but_runs(tmp_path, participants):
+def test_a_study_of_few_people_with_nothing_but_runs_has_its_page(tmp_path, participants):
     folder = study_rows.make_study(tmp_path / "study", participants, worlds=False, maps=False)
     (folder / "study.json").unlink()
     *rows, missing = rows_of(folder / "runs.csv")
@@ -121,7 +121,7 @@ def test_few_participants_and_nothing_but_runs(tmp_path, participants):
 
 
 @pytest.mark.parametrize("column", ["jaccard", "time_total_s", "error_mean_cm"])
-def test_bad_data_is_one_line(tmp_path, column, capsys):
+def test_bad_data_is_told_in_one_line(tmp_path, column, capsys):
     folder = study_rows.make_study(tmp_path / "study", 1, worlds=False, maps=False)
     rows = rows_of(folder / "runs.csv")
     rows[0][column] = "1,5"
@@ -130,7 +130,7 @@ def test_bad_data_is_one_line(tmp_path, column, capsys):
     assert f"line 2: {column}: expected a number, got '1,5'" in capsys.readouterr().err
 
 
-def test_a_missing_file_or_column(tmp_path):
+def test_a_missing_file_or_column_is_named(tmp_path):
     with pytest.raises(CodedError, match="runs.csv is missing"):
         read_study(tmp_path)
     (tmp_path / "runs.csv").write_text("participant,scenario\n1,room\n")

@@ -27,13 +27,13 @@ HAMILTON = (
     # two differences of ECSTASY are zero and are left out
     [(ECSTASY, (0.0, 36.0), -2.53, 0.57), (ALCOHOL, (47.0, 8.0), -1.99, 0.44)],
 )
-def test_spss_as_in_fields_textbook(sunday_wednesday, sums, z, r):
+def test_the_signed_rank_test_is_that_of_fields_textbook(sunday_wednesday, sums, z, r):
     found = statistics.compare_paired(*sunday_wednesday)
     assert (found.test.w_plus, found.test.w_minus) == sums and round(found.test.z, 2) == z
     assert found.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
 
 
-def test_hollander_and_wolfe_exact_p_estimate_and_interval():
+def test_exact_p_estimate_and_interval_are_hollander_and_wolfes():
     found = statistics.compare_paired(HAMILTON[1], HAMILTON[0], confidence=0.96)
     assert (found.test.w_plus, found.test.w_minus) == (5.0, 40.0)
     assert found.test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
@@ -78,7 +78,7 @@ def ranks_of(values):
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=9))
-def test_exact_p_against_all_signs(values):
+def test_exact_p_is_the_share_of_all_signs(values):
     test = statistics.signed_rank(np.array(values, float))
     ranked = np.array([value for value in values if value])
     if len(ranked) == 0:
@@ -106,7 +106,7 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=9), st.integers(1, 4))
-def test_not_worse_p_against_all_signs(values, margin):
+def test_not_worse_p_is_the_share_of_all_signs(values, margin):
     shifted = [value + margin for value in values if value + margin]
     found = statistics.noninferiority_p(np.array(values), margin)
     if not shifted:

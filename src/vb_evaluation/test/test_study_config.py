@@ -61,7 +61,7 @@ def test_distributions_have_their_moments(spec, mean, spread):
         ({"models/optics/exposure_ms": -1.0}, "exposure_ms"),
     ],
 )
-def test_mistakes_are_named(changes, named):
+def test_a_mistake_in_the_configuration_is_named(changes, named):
     with pytest.raises(CodedError, match=named):
         STUDY.changed(changes)
 

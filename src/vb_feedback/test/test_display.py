@@ -63,7 +63,7 @@ def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
 
 
 @pytest.mark.parametrize("width, height, aspect", [(0, 5, 1.8), (8, 0, 1.8), (8, 5, 0.1), (8, 5, 50.0)])
-def test_nonsense_is_refused(width, height, aspect):
+def test_an_impossible_layout_is_refused(width, height, aspect):
     with refused("bad_layout"):
         fit_view(Box(0.0, 0.0, width, height), aspect)
 

@@ -15,7 +15,7 @@ def issue(severity, code, message=""):
     return BorderIssue(severity=severity, code=code, message=message)
 
 
-def test_what_save_would_do():
+def test_the_preview_says_what_save_would_do():
     warning, error = BorderIssue.WARNING, BorderIssue.ERROR
     assert preview_notices(None, "en") == []
     preview = BorderPreview(success=True, area_m2=2.5)

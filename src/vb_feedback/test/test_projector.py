@@ -92,7 +92,7 @@ def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
     ["", "[1, 2]", "width: 10", "{width: x, height: 400, map_to_pixels: []}", "{"]
     + [f"{{width: 640, height: 400, map_to_pixels: {matrix}}}" for matrix in ([[1, 0], [0, 1]], [[0] * 3] * 3)],
 )
-def test_files_that_are_no_calibration(tmp_path, text):
+def test_files_that_are_no_calibration_are_refused(tmp_path, text):
     path = tmp_path / "projector.yaml"
     path.write_text(text)
     with refused("bad_calibration"):

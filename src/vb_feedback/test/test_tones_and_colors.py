@@ -23,7 +23,7 @@ def state(name, second=0, refused="", **values):
     return InteractionState(name=name, **answer, **values)
 
 
-def test_tones_of_an_interaction():
+def test_each_change_of_an_interaction_has_its_sound():
     tones = SoundEvents()
     assert tones.on_spot(0.0) == []
     steps = (

@@ -120,7 +120,7 @@ def test_mistakes_are_drawn_for_each_run():
 
 
 @pytest.mark.parametrize("key", SCENARIOS)
-def test_a_seed_on_the_wrong_side(key):
+def test_a_person_may_show_the_seed_on_the_wrong_side(key):
     sim = system(key, model=ParticipantModel(wrong_side=1.0))
     assert sim.run(120.0) == "saved"
     side = Polygon(WORLD.scenario(key).region)

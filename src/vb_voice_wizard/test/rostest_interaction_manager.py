@@ -106,7 +106,7 @@ class InteractionManagerTest(unittest.TestCase):
             other.kill()
             self.node.start()
 
-    def test_a_whole_interaction(self):
+    def test_an_interaction_ends_with_its_border_saved_and_recorded(self):
         self.assertTrue(self.command("define_border", "voice").success)
         drawing = self.in_state("border")
         self.assertTrue(drawing.interaction_id and not drawing.started.is_zero())
@@ -398,7 +398,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertNotIn("Traceback", terminal.text)
         self.assertEqual(terminal.leave(), (0, True))
 
-    def test_without_a_terminal(self):
+    def test_the_console_is_refused_without_a_terminal(self):
         assert_ends_with_one_line("vb_voice_wizard", "wizard_console", [([], "needs a terminal")])
 
 

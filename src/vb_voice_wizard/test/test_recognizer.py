@@ -39,7 +39,7 @@ def test_commands_are_recognised_most_of_the_time(recognizer):
     assert all(issue.confidence >= THRESHOLD for issue in heard)
 
 
-def test_what_was_made_of_it_can_be_seen(recognizer):
+def test_a_result_tells_the_best_guess_and_why_it_is_no_command(recognizer):
     (issue,) = examine(recognizer, say("has anyone seen my glasses"))
     assert issue.command is None and issue.best and issue.confidence < THRESHOLD
     assert issue.reason == "unlike_a_command"
@@ -72,7 +72,7 @@ def test_the_speech_model_tells_what_was_said_not_how_loud():
     assert np.isfinite(model.log_likelihood_ratios(np.zeros(RATE // 5, np.int16), every)).all()
 
 
-def test_bad_files_are_named(tmp_path):
+def test_a_missing_or_damaged_file_of_the_model_is_named(tmp_path):
     (tmp_path / "encoder_model.ort").write_bytes(b"nothing")
     for folder, name in ((tmp_path / "none", "encoder_model.ort"), (tmp_path, "encoder_model.ort")):
         with refused("no_speech_model") as caught:
@@ -210,7 +210,7 @@ def test_long_speech_is_told_once_and_a_pause_ends_it():
         ([(1.0, 1.5)], [(1.5, 2.5), (3.5, 4.5)], 5.0, [(1.0, 2.5)]),  # faint speech only continues it
     ],
 )
-def test_what_is_one_utterance(spans, faint, total, expected):
+def test_a_click_is_no_utterance_and_a_short_pause_ends_none(spans, faint, total, expected):
     found = [(one.start, one.end) for one in cut(spans, total, faint=faint)]
     np.testing.assert_allclose(np.reshape(found, (-1, 2)), np.reshape(expected, (-1, 2)), atol=STEP)
 

@@ -16,7 +16,7 @@ from vb_msgs.srv import RemoveBorder, RenameBorder
 
 
 class BordersTest(PageTest):
-    def test_a_border_round_the_carpet_from_the_phone(self):
+    def test_a_border_is_drawn_undone_switched_and_edited_on_a_phone(self):
         draw_carpet(self.browser)
         self.browser.field("#review input[data-key=name]").send_keys("Küche 厨房")
         self.browser.click("#review button", "Save")
@@ -58,7 +58,7 @@ class BordersTest(PageTest):
         self.assertEqual(self.browser.run("return window.virtualBorders.view.borders.revision"), revision)
         self.assertEqual(self.browser.faults(), [])
 
-    def test_a_second_tap_a_second_finger_a_turned_phone_and_back(self):
+    def test_no_touch_of_a_phone_loses_or_doubles_a_drawing(self):
         corners = "return document.querySelectorAll('#placed .knob').length"
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
@@ -209,7 +209,7 @@ class BordersTest(PageTest):
         self.assertEqual(seen, [["Rug", "b"], ["review", "go", "look"], True])
         self.browser.driver.refresh()
 
-    def test_lengths_a_scale_corners_and_the_caret(self):
+    def test_a_drawing_shows_its_lengths_and_keeps_seed_and_caret(self):
         scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
         for factor in (1, 3, 3):

@@ -20,7 +20,7 @@ from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, Rob
 
 
 class SeenTest(PageTest):
-    def test_two_browsers_two_sizes_two_languages(self):
+    def test_browsers_of_any_size_show_the_same_in_their_languages(self):
         with closing(Browser(self.browser.url, WALL, "de", dark=True)) as other:
             other.wait_ready()
             self.assertEqual(other.run("return document.documentElement.lang"), "de")

@@ -16,7 +16,7 @@ from vb_msgs.msg import DriverState
 
 
 class StopTest(PageTest):
-    def test_commands_stop_and_go_on(self):
+    def test_commands_go_on_after_a_stop(self):
         self.browser.click("#commands button", "Define border")
         self.browser.wait("document.body.dataset.state == 'border'", what="the state border")
         self.browser.click("#settings-button")  # stop can be reached even while a dialog is open

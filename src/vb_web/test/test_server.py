@@ -252,7 +252,7 @@ def test_only_what_is_listed_can_be_fetched(local, path):
 
 
 @pytest.mark.parametrize("path, method, body", [("/", "DELETE", None), ("/", "PUT", "x"), ("/session", "POST", "{")])
-def test_nothing_else_can_be_done_with_it(local, path, method, body):
+def test_other_methods_and_malformed_logins_are_refused(local, path, method, body):
     assert local.ask(path, method, body).code == 403
 
 
