@@ -115,15 +115,13 @@ ENCODINGS = st.sampled_from(["mono8", "bgr8", "bayer_rggb8", "16UC1", "32FC1", "
 KNOWN_ENCODINGS = st.builds(
     Image, encoding=ENCODINGS, data=st.binary(max_size=160), is_bigendian=st.booleans(), **SIZES
 )
+KNOWN_COMPRESSIONS = st.builds(CompressedImage, data=damaged(ENCODED[0]) | damaged(ENCODED[1]))
 CONVERSIONS = {
     "map": (messages.grid_from_message, message(OccupancyGrid)),
     "pose": (messages.pose2d_from_message, message(Pose)),
     "transform": (messages.transform_from_message, message(Transform)),
     "image": (images.array_from_image, message(Image) | KNOWN_ENCODINGS),
-    "compressed image": (
-        images.array_from_compressed_image,
-        message(CompressedImage) | st.builds(CompressedImage, data=damaged(ENCODED[0]) | damaged(ENCODED[1])),
-    ),
+    "compressed image": (images.array_from_compressed_image, message(CompressedImage) | KNOWN_COMPRESSIONS),
     "camera": (cameras.camera_from_info, message(CameraInfo)),
     "border": (border_messages.border_from_message, message(VirtualBorder)),
 }
@@ -181,11 +179,12 @@ POSE = b"camera: red\nframe: map\nchild_frame: red_optical_frame\n"
 POSE += b"position: [1.0, 2.0, 2.5]\norientation: [1.0, 0.0, 0.0, 0.0]\n"
 
 
+def read_borders(path):
+    return geojson.borders_from_geojson(path.read_text(encoding="utf-8", errors="replace"))
+
+
 READERS = {
-    "borders.geojson": (
-        lambda path: geojson.borders_from_geojson(path.read_text(encoding="utf-8", errors="replace")),
-        geojson.borders_to_geojson(BORDERS).encode(),
-    ),
+    "borders.geojson": (read_borders, geojson.borders_to_geojson(BORDERS).encode()),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
     "camera.yaml": (calibration_file.load, POSE),

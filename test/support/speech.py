@@ -1,7 +1,5 @@
 """Speech for the tests: espeak-ng in room noise, and the recogniser's results for a recording."""
 
-from __future__ import annotations
-
 import subprocess
 
 import numpy as np

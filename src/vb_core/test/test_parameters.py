@@ -1,7 +1,5 @@
 """Parameters, also changed while a node runs; the server itself is tested with a real node in vb_laser_detect."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Tuple
 

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """One interaction with real nodes: bit for bit the same as in one process, recorded in bags and a log, measured."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json

@@ -84,11 +84,6 @@ def make_study(folder):
     return folder
 
 
-@pytest.fixture
-def study(tmp_path):
-    return make_study(tmp_path)
-
-
 @pytest.fixture(scope="module")
 def three_runs(tmp_path_factory):
     """A measured study: an exact border; one of half the area at the second try; and one without the planned cameras."""
@@ -153,8 +148,9 @@ def test_a_missing_recording_is_named(tmp_path):
 
 
 @pytest.fixture
-def plain_study(study):
+def plain_study(tmp_path):
     """A study of one run."""
+    study = make_study(tmp_path)
     RecordedLab(study / "a").interaction("i")
     write_protocol(study, "p1,1,nrs,carpet,a,,")
     return study

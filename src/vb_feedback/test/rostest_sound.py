@@ -27,13 +27,10 @@ class SoundTest(unittest.TestCase):
         folder = Path(cls.folder.name)
         hears = write_program(folder / "hears", f"cat >> {folder}/pcm")
         deaf = write_program(folder / "deaf", f'echo tried >> {folder}/tried; exec aplay "$@"')
-        cls.nodes = [
-            Process("vb_feedback", "sound_player", f"__name:={name}", *more)
-            for name, more in (
-                ("hears", [f"_program:={hears}", "_volume:=1.0", "_max_age:=10.0"]),
-                ("deaf", [f"_program:={deaf}", "_device:=no_such_device"]),
-            )
-        ]
+        options = {"hears": [f"_program:={hears}", "_volume:=1.0", "_max_age:=10.0"]}
+        options["deaf"] = [f"_program:={deaf}", "_device:=no_such_device"]
+        player = "vb_feedback", "sound_player"
+        cls.nodes = [Process(*player, f"__name:={name}", *more) for name, more in options.items()]
         wait_until(lambda: cls.sounds.get_num_connections() == 2, "both players")
 
     def written(self, name):

@@ -27,14 +27,9 @@ EXACT = RobotModel(
 
 
 def small_world(**more):
-    return world_from_mapping(
-        {
-            "room": {"size": [4.0, 3.0]},
-            "furniture": [{"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}],
-            "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}],
-            **more,
-        }
-    )
+    world = {"room": {"size": [4.0, 3.0]}, "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}]}
+    pillar = {"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}
+    return world_from_mapping({**world, "furniture": [pillar], **more})
 
 
 def body(model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0, 0, 0)):

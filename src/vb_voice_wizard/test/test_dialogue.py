@@ -1,7 +1,5 @@
 """Repeated commands, doubts about a drawing, when a preview is made again, and what was undone."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import threading

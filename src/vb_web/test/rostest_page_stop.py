@@ -28,11 +28,8 @@ class StopTest(PageTest):
         self.assertGreaterEqual(self.browser.run(banners), 0)
         self.browser.run("window.scrollTo(0, 0)")
         # the banner shows the stop of all robots, so neither the answer nor a notice repeats it
-        self.browser.wait(
-            "document.getElementById('toast').dataset.code == 'stopped'"
-            " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')",
-            what="the answer and the notice",
-        )
+        self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'", what="the answer")
+        self.browser.wait("virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the notice")
         self.assertEqual(self.browser.text("#toast"), "")
         self.assertNotIn("topped", self.browser.text("#notices"))
         self.assertEqual(self.browser.text("#state"), "Stopped")
