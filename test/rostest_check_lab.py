@@ -11,7 +11,6 @@ import rostest
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import CameraInfo, Image
 from vb_testing import process_of, run_command, wait_until
-
 from vb_core import names
 from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
@@ -42,12 +41,8 @@ class CheckLab(unittest.TestCase):
         return {(notice.code, notice.camera) for notice in self.notices.current()}
 
     def test_each_fault_is_reported_by_its_node_and_printed(self):
-        expected = {
-            ("camera_no_lens", "north"),
-            ("camera_not_calibrated", "north"),
-            ("camera_not_calibrated", "south"),
-            ("detector_missing", "south"),
-        }
+        expected = {("camera_not_calibrated", camera) for camera in ("north", "south")}
+        expected |= {("camera_no_lens", "north"), ("detector_missing", "south")}
         wait_until(lambda: expected <= self.reported(), lambda: f"a notice that is not in {self.reported()}")
         command = ("rosrun", "vb_bringup", "check_lab", "--seconds", "2", "--json", "--language", "de")
         done = run_command(*command, stderr=None, timeout=300)
@@ -60,9 +55,8 @@ class CheckLab(unittest.TestCase):
         self.assertEqual((line["state"], line["robot"], line["values"]["camera"]), ("error", "", "south"))
         # the nodes logged their faults, with the codes
         for node, code in (("/camera_poses", "detector_missing"), ("/spot_detectors", "camera_no_lens")):
-            wait_until(
-                lambda: [1 for who, text in self.logged if who == node and f"[{code}]" in text], f"{node}: {code}"
-            )
+            logged = f"[{code}]"
+            wait_until(lambda: [1 for who, text in self.logged if who == node and logged in text], f"{node}: {code}")
 
     def test_nothing_listens_beyond_this_machine(self):
         nodes = rosnode.get_node_names()

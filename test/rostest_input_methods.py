@@ -15,20 +15,12 @@ from std_srvs.srv import Trigger
 from vb_testing import Newest, wait_until
 from speech import pieces, say
 from terminal import Terminal
-
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
-from vb_msgs.msg import (
-    Audio,
-    BorderPreview,
-    BorderProgress,
-    InteractionState,
-    LaserSpot,
-    SpeechCommand,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import Audio, BorderPreview, BorderProgress, InteractionState, LaserSpot, SpeechCommand
+from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command
 
 COMMANDS = ("define_border", "define_seed", "save")
@@ -82,7 +74,6 @@ class InputMethods(unittest.TestCase):
         cls.clock.publish(rospy.Time.from_sec(seconds))
         wait_until(lambda: abs(rospy.get_time() - seconds) < 1e-6, "the clock")
 
-    # ------------------------------------------------------------------ an interaction
     def point(self, points):
         """Points the laser at (N, 2) [m], each half of the room seen by one camera; time advances accordingly."""
         begin = self.now + 1.0
@@ -127,9 +118,8 @@ class InputMethods(unittest.TestCase):
             lambda message: message.last_outcome == "saved" and message.name == "default", f"{way}: the save"
         )
         stored = self.borders.wait(lambda message: len(message.borders) == 1, f"{way}: the border").borders[0]
-        cells = np.array(
-            self.maps.wait(lambda message: (message.data != room().data.ravel()).any(), f"{way}: the map").data
-        )
+        empty = room().data.ravel()
+        cells = np.array(self.maps.wait(lambda message: (message.data != empty).any(), f"{way}: the map").data)
         self.assertEqual(stored.id, saved.last_border_id)
         # the result is as previewed
         self.assertTrue(promised.success, promised.message)
@@ -152,11 +142,9 @@ class InputMethods(unittest.TestCase):
             records = [json.loads(line) for line in file if line.endswith("\n")]
         return next((record for record in records if record["interaction_id"] == identity), None)
 
-    # ------------------------------------------------------------------ the ways
     def test_all_ways_end_in_the_same_border(self):
-        self.interact(
-            "service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command=command, source="service")
-        )
+        service = rospy.ServiceProxy(names.COMMAND, Command)
+        self.interact("service", lambda command: service(command=command, source="service"))
         self.interact("buttons", self.press)
         terminal = Terminal()
         terminal.shows("READY")
@@ -176,9 +164,8 @@ class InputMethods(unittest.TestCase):
 
     def type(self, terminal, command):
         """Presses a command's key, again if the console says it was too late: each node gets the clock separately."""
-        key, code = {"define_border": ("b", "draw_border"), "define_seed": ("d", "point_seed"), "save": ("s", "saved")}[
-            command
-        ]
+        keys = {"define_border": ("b", "draw_border"), "define_seed": ("d", "point_seed"), "save": ("s", "saved")}
+        key, code = keys[command]
         late = None
         while late is None or terminal.text.count("Too late") > late:
             late = terminal.text.count("Too late")

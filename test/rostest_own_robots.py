@@ -21,7 +21,6 @@ from sensor_msgs.msg import LaserScan
 
 from phone import Browser
 from vb_testing import is_listening, wait_until
-
 from vb_core import geometry, names, sentences
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_transform
 from vb_core.ros.notices import NoticeListener
@@ -30,6 +29,10 @@ from vb_msgs.msg import DriverState, RobotStatusArray, VirtualBorder, VirtualBor
 from vb_msgs.srv import AddBorder, RemoveBorder
 
 CARPET = [(3.12, 0.8), (5.12, 0.8), (5.12, 2.05), (3.12, 2.05)]
+# what is connected: arguments of borders_only.launch, and changes of its environment
+MAP_ONLY = ("robots:=ada bob", "rviz:=true"), {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
+OBEYING = ("robots:=ada bob", "rviz:=false", "obey:=true"), {}
+DRIVEN = ("robots:=cid", "rviz:=false", "robot_types:=turtlebot2"), {}
 START = {"ada": (7.0, 1.5, math.pi), "bob": (7.0, 3.0, math.pi), "cid": (5.8, 2.4, math.pi)}
 
 
@@ -105,18 +108,13 @@ class OwnRobots(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("own_robots")
-        cls.heard, cls.logged, cls.launch, cls.browser = {}, [], None, None
+        cls.heard, cls.logged, cls.launch, cls.browser, cls.running = {}, [], None, None, None
         cls.robots = Robots()
-        cls.goals = {
-            name: rospy.Publisher(f"/{name}/move_base_simple/goal", PoseStamped, queue_size=1) for name in START
-        }
-        for topic, kind in (
-            (names.ROBOTS, RobotStatusArray),
-            (names.BORDERS, VirtualBorderArray),
-            ("/ada/virtual_borders/map", OccupancyGridArray),
-            ("/bob/virtual_borders/map", OccupancyGridArray),
-            (names.DRIVERS, DriverState),
-        ):
+        goals = {name: f"/{name}/move_base_simple/goal" for name in START}
+        cls.goals = {name: rospy.Publisher(topic, PoseStamped, queue_size=1) for name, topic in goals.items()}
+        kinds = {names.ROBOTS: RobotStatusArray, names.BORDERS: VirtualBorderArray, names.DRIVERS: DriverState}
+        kinds.update({f"/{name}/virtual_borders/map": OccupancyGridArray for name in ("ada", "bob")})
+        for topic, kind in kinds.items():
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.listener = NoticeListener()
         rospy.Subscriber("/rosout", Log, lambda entry: cls.logged.append((entry.level, entry.msg)), queue_size=100)
@@ -126,17 +124,17 @@ class OwnRobots(unittest.TestCase):
         cls.stop()
 
     @classmethod
-    def start(cls, *arguments, robots="ada bob", **environment):
-        """Starts borders_only.launch, and the page in a browser."""
+    def start(cls, lab):
+        """Starts borders_only.launch, and the page in a browser, unless this lab runs already."""
+        if cls.running == lab:
+            return
         cls.stop()
+        cls.running, (arguments, environment) = lab, lab
         port = free_port()
         state = Path(rospy.get_param("~state"))
         command = ["roslaunch", "vb_bringup", "borders_only.launch", f"state:={state}", f"page_port:={port}"]
-        cls.logged = []
-        cls.heard = {}
-        cls.launch = subprocess.Popen(
-            [*command, f"robots:={robots}", *arguments], env={**os.environ, **environment}, start_new_session=True
-        )
+        cls.logged, cls.heard = [], {}
+        cls.launch = subprocess.Popen([*command, *arguments], env={**os.environ, **environment}, start_new_session=True)
         cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
         wait_until(lambda: is_listening(port), "the page to listen")
         cls.browser = Browser(f"http://127.0.0.1:{port}/")
@@ -182,9 +180,8 @@ class OwnRobots(unittest.TestCase):
         goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
         self.goals[robot].publish(goal)
 
-    # ------------------------------------------------------------- step 1: the map only
-    def test_1_a_robot_reports_whether_it_plans_round_borders(self):
-        self.start("rviz:=true", DISPLAY="", WAYLAND_DISPLAY="")
+    def test_a_robot_reports_whether_it_plans_round_borders(self):
+        self.start(MAP_ONLY)
         # within a minute this launch file alone prints what is wired and what is not
         told = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
         self.wait(lambda: all(any(one in text for _, text in self.logged) for one in told), "what is connected")
@@ -203,13 +200,12 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: any(sentences.translate("no_screen") in text for _, text in self.logged), "RViz to wait")
         self.assertTrue(rosgraph.Master("/test").lookupNode("/rviz"))
 
-    def test_2_a_border_names_its_robots_and_those_that_ignore_it(self):
+    def test_a_border_names_its_robots_and_those_that_ignore_it(self):
+        self.start(MAP_ONLY)
         self.add("Rug", robots=["ada"])
         maps = [f"/{name}/virtual_borders/map" for name in ("ada", "bob")]
         restricted = lambda topic: (grid_from_message(self.heard[topic]).data > 50).sum()  # noqa: E731
-        self.wait(
-            lambda: all(topic in self.heard for topic in maps) and restricted(maps[0]) > restricted(maps[1]), "ada's"
-        )
+        self.wait(lambda: set(maps) <= set(self.heard) and restricted(maps[0]) > restricted(maps[1]), "ada's")
         self.browser.wait_text("#borders", "Only ada")
         self.assertNotIn("Not kept", self.browser.text("#borders"))
         self.add("Desk", [(6.0, 3.5), (6.8, 3.5), (6.8, 4.2), (6.0, 4.2)])
@@ -230,7 +226,8 @@ class OwnRobots(unittest.TestCase):
         self.wait(lambda: list(self.heard[names.BORDERS].borders[0].robots) == ["bob"], "the border to be bob's")
         self.assertEqual(self.browser.faults(), [])
 
-    def test_3_the_reason_for_a_refused_goal_is_reported_at_once(self):
+    def test_a_goal_is_refused_at_once_with_the_reason(self):
+        self.start(MAP_ONLY)
         self.add("Rug")
         self.wait(lambda: self.status("ada").localized, "ada's place")
         self.drive("ada", 4.1, 1.4)
@@ -239,7 +236,8 @@ class OwnRobots(unittest.TestCase):
         self.drive("ada", 7.0, 1.5)
         self.wait(lambda: ("goal_in_border", "ada") not in self.notices(), "another goal to count")
 
-    def test_4_a_robot_caught_inside_is_reported_while_it_lasts(self):
+    def test_a_robot_caught_inside_is_reported_while_it_lasts(self):
+        self.start(MAP_ONLY)
         self.robots.put("ada", (4.1, 1.4, 0.0))
         self.addCleanup(self.robots.put, "ada", START["ada"])
         self.wait(lambda: abs(self.robots.poses["ada"][0] - 4.1) < 0.01, "ada to be put")
@@ -249,7 +247,8 @@ class OwnRobots(unittest.TestCase):
         self.robots.put("ada", START["ada"])
         self.wait(lambda: ("robot_caught_in_border", "ada") not in self.notices(), "ada to be out")
 
-    def test_5_the_page_sends_a_robot_to_a_place(self):
+    def test_a_robot_is_sent_to_a_place_by_the_page(self):
+        self.start(MAP_ONLY)
         self.add("Rug")
         self.browser.click("#go")
         # bob is not offered, since it would drive through borders
@@ -264,9 +263,8 @@ class OwnRobots(unittest.TestCase):
         self.browser.wait("!document.querySelector('#drives li')", what="the drive to go")
         self.assertEqual(self.browser.faults(), [])
 
-    # ------------------------------------------------------------- step 2: obeying through navigation
-    def test_6_a_robot_stops_through_navigation_alone(self):
-        self.start("rviz:=false", "obey:=true")
+    def test_navigation_alone_stops_a_robot(self):
+        self.start(OBEYING)
         self.browser.wait("document.body.dataset.state == 'default'", what="the manager")
         self.wait(lambda: self.status("ada").obeys_stop and self.status("ada").localized, "ada to obey")
         # the stand-in has no local planner whose speed could be set: the page says so
@@ -289,8 +287,9 @@ class OwnRobots(unittest.TestCase):
         self.drive("ada", 6.5, 1.5)
         self.wait(lambda: self.status("ada").has_goal, "ada to go on")
 
-    def test_7_a_robot_obeys_slow_zones_through_navigation_alone(self):
+    def test_navigation_alone_obeys_slow_zones(self):
         """bob has a local planner whose speed can be set; it is in the zone."""
+        self.start(OBEYING)
         planner = LocalPlanner("/bob/move_base/DWAPlannerROS")
         self.wait(lambda: self.status("bob").obeys_speed, "bob to obey")
         self.assertEqual(planner.limit(), 0.5)
@@ -308,9 +307,8 @@ class OwnRobots(unittest.TestCase):
         self.robots.localized = True
         self.wait(lambda: planner.limit() == 0.5, "bob's usual speed")
 
-    # ------------------------------------------------------------- step 3: the driver, without cameras
-    def test_8_the_driver_runs_without_cameras(self):
-        self.start("rviz:=false", "robot_types:=turtlebot2", robots="cid")
+    def test_the_driver_runs_without_cameras(self):
+        self.start(DRIVEN)
         self.wait(lambda: names.DRIVERS in self.heard and self.heard[names.DRIVERS].code == "idle", "cid's driver")
         self.browser.wait_text("#drivers", "cid has a driver")
         self.assertTrue(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))

@@ -17,7 +17,6 @@ import rostest
 
 from neighbors import StubNeighbors
 from vb_testing import Newest, Process, wait_until
-
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import commands
@@ -39,13 +38,8 @@ class StopSequences(unittest.TestCase):
         cls.state = Newest(names.STATE, InteractionState)
         cls.driver = Newest(names.DRIVERS, DriverState)
         cls.topic = rospy.Publisher(names.STOP, Stop, queue_size=10)
-        cls.manager = Process(
-            "vb_voice_wizard",
-            "interaction_manager",
-            "__name:=interaction_manager",
-            f"_stop_file:={FOLDER}/manager.json",
-            f"_log_file:={FOLDER}/l",
-        )
+        files = f"_stop_file:={FOLDER}/manager.json", f"_log_file:={FOLDER}/l"
+        cls.manager = Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *files)
         cls.robot = Process("vb_robot", "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json")
         cls.answers, cls.lock = [], threading.Lock()
         cls.people = [commands.CommandSender(f"person {number}", cls.on_answer) for number in range(3)]
@@ -135,9 +129,8 @@ class StopSequences(unittest.TestCase):
         # by now both must have exchanged their current state
         for messages in (self.state, self.driver):
             messages.next(4)
-        told = [
-            at for command, _, at, code in self.answers if command == "stop" and code in ("stopped", "stop_released")
-        ]
+        codes = ("stopped", "stop_released")
+        told = [at for command, _, at, code in self.answers if command == "stop" and code in codes]
         newest = bool(told) and max(told) > max(resumes, default=0.0)
         if newest:
             self.assertTrue(self.state.message.stopped, "the newest stop is lost, or was released by an older resume")

@@ -10,7 +10,6 @@ import rostest
 from scipy.spatial.distance import directed_hausdorff
 from std_msgs.msg import Float64
 from vb_testing import wait_until
-
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
@@ -96,9 +95,7 @@ class WholeScenario(unittest.TestCase):
         # navigation respects it: the room cannot be reached, the floor outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
         start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)
-        wait_until(
-            lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), "navigation to know of the border"
-        )
+        wait_until(lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), "navigation to know it")
         self.assertTrue(len(observer.plan(start, (4.0, 2.4, 0.0), "/move_base/make_plan")))
 
 

@@ -36,11 +36,8 @@ SAMPLES = {
 
 
 def test_every_bench_has_a_sample():
-    benches = {
-        str(path.relative_to(TOP / "bench"))
-        for path in TOP.glob("bench/**/*.py")
-        if "def main(" in path.read_text(encoding="utf-8")
-    }
+    programs = [path for path in TOP.glob("bench/**/*.py") if "def main(" in path.read_text(encoding="utf-8")]
+    benches = {str(path.relative_to(TOP / "bench")) for path in programs}
     # drives need the navigation stack, which `make navigation` builds and `make test` does not
     assert benches == set(SAMPLES) | {"robots/drives.py"}
 

@@ -180,6 +180,5 @@ def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monk
     monkeypatch.setattr(lab_observation.rospy, "has_param", lambda _name: False)
     lines = [line for line in lab_observation.observe_lab(0.0) if line.robot]
     assert {line.robot for line in lines} == {"ada", "bob"}
-    assert [(line.robot, line.code) for line in lines if line.severity is Severity.ERROR] == [
-        ("bob", "robot_ignores_borders")
-    ]
+    errors = [(line.robot, line.code) for line in lines if line.severity is Severity.ERROR]
+    assert errors == [("bob", "robot_ignores_borders")]

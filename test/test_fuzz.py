@@ -43,12 +43,8 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 def bounded(share=1.0):
     """Returns the settings of one test; `share` scales the number of examples that cost more or less than others."""
-    return settings(
-        max_examples=max(3, int(EXAMPLES * share)),
-        deadline=None,
-        database=None,
-        suppress_health_check=list(HealthCheck),
-    )
+    count, checks = max(3, int(EXAMPLES * share)), list(HealthCheck)
+    return settings(max_examples=count, deadline=None, database=None, suppress_health_check=checks)
 
 
 # ---------------------------------------------------------------------- strategies from schemas
@@ -114,24 +110,18 @@ def check_taken(read, found):
 # ---------------------------------------------------------------------- messages
 PICTURE = np.arange(300, dtype=np.uint8).reshape(10, 10, 3)
 ENCODED = [cv2.imencode(ending, PICTURE)[1].tobytes() for ending in (".png", ".jpg")]
+SIZES = {"height": st.integers(0, 5), "width": st.integers(0, 5), "step": st.integers(0, 60)}
+ENCODINGS = st.sampled_from(["mono8", "bgr8", "bayer_rggb8", "16UC1", "32FC1", "rgba16"])
 KNOWN_ENCODINGS = st.builds(
-    Image,
-    height=st.integers(0, 5),
-    width=st.integers(0, 5),
-    encoding=st.sampled_from(["mono8", "bgr8", "bayer_rggb8", "16UC1", "32FC1", "rgba16"]),
-    step=st.integers(0, 60),
-    data=st.binary(max_size=160),
-    is_bigendian=st.booleans(),
+    Image, encoding=ENCODINGS, data=st.binary(max_size=160), is_bigendian=st.booleans(), **SIZES
 )
+KNOWN_COMPRESSIONS = st.builds(CompressedImage, data=damaged(ENCODED[0]) | damaged(ENCODED[1]))
 CONVERSIONS = {
     "map": (messages.grid_from_message, message(OccupancyGrid)),
     "pose": (messages.pose2d_from_message, message(Pose)),
     "transform": (messages.transform_from_message, message(Transform)),
     "image": (images.array_from_image, message(Image) | KNOWN_ENCODINGS),
-    "compressed image": (
-        images.array_from_compressed_image,
-        message(CompressedImage) | st.builds(CompressedImage, data=damaged(ENCODED[0]) | damaged(ENCODED[1])),
-    ),
+    "compressed image": (images.array_from_compressed_image, message(CompressedImage) | KNOWN_COMPRESSIONS),
     "camera": (cameras.camera_from_info, message(CameraInfo)),
     "border": (border_messages.border_from_message, message(VirtualBorder)),
 }
@@ -185,22 +175,16 @@ def test_parameters_are_taken_or_refused_with_their_key():
 WORLD = (TOP / "src/vb_sim/worlds/lab.yaml").read_bytes()
 BORDERS = [square(20, 20, id="b1", name="rug"), square(60, 60, id="b2", zone="slow", max_speed=0.2)]
 PROFILE = (TOP / "robots/turtlebot2.yaml").read_bytes()
-POSE = yaml.safe_dump(
-    {
-        "camera": "red",
-        "frame": "map",
-        "child_frame": "red_optical_frame",
-        "position": [1.0, 2.0, 2.5],
-        "orientation": [1.0, 0.0, 0.0, 0.0],
-    }
-).encode()
+POSE = b"camera: red\nframe: map\nchild_frame: red_optical_frame\n"
+POSE += b"position: [1.0, 2.0, 2.5]\norientation: [1.0, 0.0, 0.0, 0.0]\n"
+
+
+def read_borders(path):
+    return geojson.borders_from_geojson(path.read_text(encoding="utf-8", errors="replace"))
 
 
 READERS = {
-    "borders.geojson": (
-        lambda path: geojson.borders_from_geojson(path.read_text(encoding="utf-8", errors="replace")),
-        geojson.borders_to_geojson(BORDERS).encode(),
-    ),
+    "borders.geojson": (read_borders, geojson.borders_to_geojson(BORDERS).encode()),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
     "camera.yaml": (calibration_file.load, POSE),

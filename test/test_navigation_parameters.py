@@ -87,9 +87,8 @@ def test_the_launch_file_gives_each_node_its_map():
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
     assert amcl["use_map_topic"] == amcl["first_map_only"] == "true"
     # the corrected model takes them as variances: the defaults, meant for the other model, would be half of each motion
-    assert amcl["odom_model_type"] == "diff-corrected" and all(
-        float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4)
-    )
+    assert amcl["odom_model_type"] == "diff-corrected"
+    assert all(float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4))
     assert ("map", "/map") in {(remap.get("from"), remap.get("to")) for remap in nodes["amcl"].iter("remap")}
     loaded = [(param.get("file").rsplit("/", 1)[1], param.get("ns")) for param in nodes["move_base"].iter("rosparam")]
     # the common file comes first, as parameters loaded later win

@@ -19,7 +19,7 @@ PROFILES = TOP / "robots"
 OWN = {"cameras", "configs", "calibration", "state", "map", "robot_types"}
 
 
-def test_a_lab_of_two_cameras(tmp_path):
+def test_a_new_labs_files_can_be_read_and_are_complete(tmp_path):
     lab = tmp_path / "lab"
     grid = GridMap(np.array([[0, 100], [100, -1]], np.int8), 0.05, (1.0, 2.0, 0.0))
     write_map(tmp_path / "room", grid)
@@ -43,7 +43,7 @@ def test_a_lab_of_two_cameras(tmp_path):
     assert settings == {"north": {"source": "/dev/video0"}, "south": {}}
 
 
-def test_cameras_with_and_without_a_source(tmp_path, monkeypatch):
+def test_cameras_are_read_with_and_without_a_source(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4 desk=2")
     assert found == {

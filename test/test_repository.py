@@ -14,16 +14,7 @@ from vb_testing import run_command
 from vb_core import names, sentences
 
 TOP = Path(__file__).resolve().parents[1]
-FEATURES = (
-    "vb_laser_detect",
-    "vb_fusion",
-    "vb_map_integration",
-    "vb_voice_wizard",
-    "vb_robot",
-    "vb_feedback",
-    "vb_web",
-    "vb_mqtt",
-)
+FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
@@ -61,7 +52,7 @@ def test_syntax_is_that_of_python_3_8(path):
     ast.parse(path.read_text(encoding="utf-8"), filename=str(path), feature_version=(3, 8))
 
 
-@pytest.mark.parametrize("package", FEATURES + ("vb_core",))
+@pytest.mark.parametrize("package", [*FEATURES, "vb_core"])
 def test_feature_packages_do_not_import_each_other(package):
     allowed = {package, "vb_core", "vb_msgs"}
     for path in TOP.glob(f"src/{package}/src/**/*.py"):
@@ -69,7 +60,7 @@ def test_feature_packages_do_not_import_each_other(package):
         assert not others, f"{path.relative_to(TOP)} imports {others}"
 
 
-@pytest.mark.parametrize("package", FEATURES + ("vb_core", "vb_sim", "vb_evaluation"))
+@pytest.mark.parametrize("package", [*FEATURES, "vb_core", "vb_sim", "vb_evaluation"])
 def test_manifests_name_what_is_imported(package):
     manifest = ElementTree.parse(str(TOP / "src" / package / "package.xml"))
     named = {element.text for element in manifest.getroot() if element.tag.endswith("depend")}
@@ -80,22 +71,10 @@ def test_manifests_name_what_is_imported(package):
 
 
 # ------------------------------------------------------------ pure modules
-ROS = (
-    "rospy",
-    "roslib",
-    "rosgraph",
-    "rosbag",
-    "roslaunch",
-    "tf2_ros",
-    "cv_bridge",
-    "actionlib",
-    "dynamic_reconfigure",
-    "interactive_markers",
-    "message_filters",
-)
-PROMISED = re.findall(
-    r"^\| \[`(vb_[\w.]+)`\]", (TOP / "docs/explanation/architecture.md").read_text(encoding="utf-8"), re.M
-)
+ROS = "rospy roslib rosgraph rosbag roslaunch tf2_ros cv_bridge actionlib message_filters".split()
+ROS += ["dynamic_reconfigure", "interactive_markers"]
+ARCHITECTURE = (TOP / "docs/explanation/architecture.md").read_text(encoding="utf-8")
+PROMISED = re.findall(r"^\| \[`(vb_[\w.]+)`\]", ARCHITECTURE, re.M)
 ALGORITHMS = re.findall(r"src/(vb_\w+)/src", (TOP / "pyproject.toml").read_text(encoding="utf-8"))
 EXAMPLES_AS_INSTALLED = """
 import doctest, importlib, sys
@@ -124,12 +103,9 @@ def module_name(path):
 
 def needs_ros(path):
     """Returns whether a file needs ROS, by its imports and its name; all others promise to work without."""
-    ours = re.search(r"(from|import) vb_core\.ros", path.read_text(encoding="utf-8"))
-    return (
-        bool(ours)
-        or path.stem.endswith("_node")
-        or any(name in ROS or name.endswith("_msgs") for name in imported(path))
-    )
+    if path.stem.endswith("_node") or re.search(r"(from|import) vb_core\.ros", path.read_text(encoding="utf-8")):
+        return True
+    return any(name in ROS or name.endswith("_msgs") for name in imported(path))
 
 
 @pytest.mark.parametrize("package", [name for name in PACKAGES if (TOP / "src" / name / "src").exists()])
@@ -181,15 +157,12 @@ def test_the_table_of_topics_has_every_fixed_name():
 # ------------------------------------------------------------ words
 def calls(source):
     """Lists the calls in a program's text: (name, arguments, keyword arguments)."""
-    nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
-    return [
-        (
-            getattr(node.func, "attr", getattr(node.func, "id", "")),
-            node.args,
-            {one.arg: one.value for one in node.keywords},
-        )
-        for node in nodes
-    ]
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            found.append((name, node.args, {one.arg: one.value for one in node.keywords}))
+    return found
 
 
 def own_sentences(source):
@@ -206,9 +179,8 @@ def own_sentences(source):
 
 def test_a_code_has_one_sentence():
     files = [path for pattern in ("src/*/src/**/*.py", "bench/**/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
-    found = [
-        f"{path.relative_to(TOP)}: {code}" for path in files for code in own_sentences(path.read_text(encoding="utf-8"))
-    ]
+    sources = {path.relative_to(TOP): path.read_text(encoding="utf-8") for path in files}
+    found = [f"{path}: {code}" for path, source in sources.items() for code in own_sentences(source)]
     assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
     assert own_sentences("raise CodedError('no_map', f'no map in {folder}')") == ["no_map"]
     assert own_sentences("Notice('robot_inside', message=f'{robot} is in it')") == ["robot_inside"]
@@ -330,7 +302,6 @@ def test_no_file_of_the_packages_is_left_out(installed):
     for package in ALGORITHMS:
         inside = TOP / "src" / package / "src"
         kinds = (".py", ".yaml", ".json")
-        wanted = {
-            path.relative_to(inside) for path in inside.rglob("*") if path.suffix in kinds and "ros" not in path.parts
-        }
+        files = [path for path in inside.rglob("*") if path.suffix in kinds and "ros" not in path.parts]
+        wanted = {path.relative_to(inside) for path in files}
         assert wanted and all((installed / path).is_file() for path in wanted), package

@@ -5,16 +5,8 @@ import json
 
 from hypothesis import strategies as st
 
-GOOD_DRAFT = {
-    "points": [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]],
-    "kind": "polygon",
-    "seed": [1.7, 1.3],
-    "name": "carpet",
-    "zone": "keep_out",
-    "max_speed": 0.0,
-    "enabled": True,
-    "robots": [],
-}
+GOOD_DRAFT = {"points": [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]], "seed": [1.7, 1.3], "kind": "polygon", "name": "carpet"}
+GOOD_DRAFT.update(zone="keep_out", max_speed=0.0, enabled=True, robots=[])
 TARGET = {"border": "b1", "revision": 3}
 GOOD = {  # the fields of a request of each action
     "command": {"command": "save", "seen_stop": "5a", "age": 0.1},
@@ -29,21 +21,8 @@ GOOD = {  # the fields of a request of each action
     "confirm_map": {"same": True, "map_id": "0af3"},
     "invite": {},
 }
-NASTY = [
-    -1,
-    50,
-    2**63,
-    10**400,
-    1e308,
-    "\x00",
-    "\ud800",
-    "\u202e",
-    "A" * 5000,
-    "../../etc/passwd",
-    "/cmd_vel",
-    "save;reboot",
-]
-NASTY += ["define_border\n", [1] * 600, [[0, 0]] * 600, {"__proto__": {}}]
+NASTY = [-1, 50, 2**63, 10**400, 1e308, "\x00", "\ud800", "\u202e", "A" * 5000, [1] * 600, [[0, 0]] * 600]
+NASTY += ["../../etc/passwd", "/cmd_vel", "save;reboot", "define_border\n", {"__proto__": {}}]
 VALUES = st.sampled_from(NASTY) | st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=2),

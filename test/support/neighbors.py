@@ -1,15 +1,10 @@
 """Stand-ins for the nodes beside the interaction manager: border_fusion and map_integrator."""
 
-from __future__ import annotations
-
 import rospy
 from geometry_msgs.msg import Point
 from vb_msgs.msg import VirtualBorder
+from vb_msgs.srv import AddBorder, AddBorderResponse, GetDrawnBorder, GetDrawnBorderResponse
 from vb_msgs.srv import (
-    AddBorder,
-    AddBorderResponse,
-    GetDrawnBorder,
-    GetDrawnBorderResponse,
     ListBorders,
     ListBordersResponse,
     PreviewBorder,

@@ -10,16 +10,8 @@ from selenium.webdriver.chrome.service import Service
 from vb_testing import TIMEOUT, wait_until
 
 PHONE, WALL = (360, 740), (1920, 1080)
-_SWITCHES = (
-    "--no-sandbox",
-    "--headless=new",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-dev-shm-usage",
-    "--hide-scrollbars",
-    "--disable-extensions",
-    "--no-first-run",
-)
+_SWITCHES = "no-sandbox headless=new disable-gpu disable-background-networking disable-dev-shm-usage".split()
+_SWITCHES += "hide-scrollbars disable-extensions no-first-run".split()
 
 
 class Browser:
@@ -28,8 +20,8 @@ class Browser:
     def __init__(self, url, size=PHONE, language="en", dark=False, mobile=False):
         options = webdriver.ChromeOptions()
         options.binary_location = "/usr/bin/chromium"
-        for switch in (*_SWITCHES, f"--lang={language}"):
-            options.add_argument(switch)
+        for switch in (*_SWITCHES, f"lang={language}"):
+            options.add_argument(f"--{switch}")
         options.add_experimental_option("prefs", {"intl.accept_languages": language})
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         self.driver = webdriver.Chrome(service=Service("/usr/bin/chromedriver"), options=options)
@@ -62,12 +54,8 @@ class Browser:
 
     def said(self):
         """Returns the page's text on one line, the most urgent last: a report of failed tests keeps the end."""
-        return " | ".join(
-            line
-            for part in ("main", "#dialog", "#toast", "#banners")
-            for line in self.text(part).splitlines()
-            if line.strip()
-        )
+        parts = "\n".join(self.text(part) for part in ("main", "#dialog", "#toast", "#banners"))
+        return " | ".join(line for line in parts.splitlines() if line.strip())
 
     def wait_ready(self):
         """Waits until the map is shown and fitted, and the system's state is known."""
@@ -111,12 +99,8 @@ class Browser:
         return self.run("const e = document.querySelector(arguments[0]); return e ? e.innerText : ''", selector)
 
     def wait_text(self, selector, part):
-        self.wait(
-            "(document.querySelector(arguments[0]) || {innerText: ''}).innerText.includes(arguments[1])",
-            selector,
-            part,
-            what=f"'{part}' in {selector}",
-        )
+        text = "(document.querySelector(arguments[0]) || {innerText: ''}).innerText"
+        self.wait(f"{text}.includes(arguments[1])", selector, part, what=f"'{part}' in {selector}")
 
     def on_screen(self, point):
         """Returns the position on the screen [px] of a point of the floor [m]."""
@@ -166,10 +150,5 @@ class Browser:
 
     def faults(self):
         """Returns the page's own faults in the browser's console, without those of a missing server."""
-        return [
-            entry["message"]
-            for entry in self.driver.get_log("browser")
-            if entry["level"] == "SEVERE"
-            and "ERR_CONNECTION" not in entry["message"]
-            and "WebSocket" not in entry["message"]
-        ]
+        severe = [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
+        return [text for text in severe if "ERR_CONNECTION" not in text and "WebSocket" not in text]

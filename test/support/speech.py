@@ -1,7 +1,5 @@
 """Speech for the tests: espeak-ng in room noise, and the recogniser's results for a recording."""
 
-from __future__ import annotations
-
 import subprocess
 
 import numpy as np
@@ -31,9 +29,8 @@ def say(text: str, voice: str = "en-us", pause: float = 0.6, snr_db: float = 20.
 
 def pieces(pcm: np.ndarray) -> list:
     """Splits a recording into messages of a tenth of a second each, as a microphone node publishes them."""
-    return [
-        Audio(sample_rate=RATE, data=part.tobytes()) for part in np.split(pcm, range(RATE // 10, len(pcm), RATE // 10))
-    ]
+    parts = np.split(pcm, range(RATE // 10, len(pcm), RATE // 10))
+    return [Audio(sample_rate=RATE, data=part.tobytes()) for part in parts]
 
 
 def room_noise(count: int, level: float, seed: int = 0) -> np.ndarray:

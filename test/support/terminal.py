@@ -21,15 +21,9 @@ class Terminal:
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
         self.settings = termios.tcgetattr(self.slave)
         self.raw = b""
-        self.process = subprocess.Popen(
-            ["bash", "-c", 'exec "$@"', "-", *command],
-            stdin=self.slave,
-            stdout=self.slave,
-            stderr=self.slave,
-            close_fds=True,
-            env={**os.environ, "TERM": "xterm"},
-            start_new_session=True,
-        )
+        streams, environment = dict.fromkeys(("stdin", "stdout", "stderr"), self.slave), {**os.environ, "TERM": "xterm"}
+        run = ["bash", "-c", 'exec "$@"', "-", *command]
+        self.process = subprocess.Popen(run, env=environment, start_new_session=True, **streams)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -47,9 +41,7 @@ class Terminal:
 
     def shows(self, what, since=0):
         """Waits until a text has been written."""
-        wait_until(
-            lambda: what in self.text[since:], lambda: f"'{what}' on the screen, which ends\n{self.text[-3000:]}"
-        )
+        wait_until(lambda: what in self.text[since:], lambda: f"'{what}' on the screen, ending\n{self.text[-3000:]}")
 
     def press(self, key):
         """Types a key or a text."""

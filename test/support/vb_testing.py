@@ -18,14 +18,11 @@ TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; o
 
 
 def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=time.sleep):
-    """Waits until a condition returns a true value, and returns that.
+    """Waits until a condition returns a true value, and returns that; otherwise the test fails and says what is missing.
 
     Args:
         what: is waited for: words, or a function that returns them at the end.
         clock, sleep: of another time than this computer's.
-
-    Raises:
-        AssertionError: says what was waited for in vain.
     """
     deadline = clock() + timeout
     while True:
@@ -38,11 +35,7 @@ def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=tim
 
 
 def run_command(*words, **options):
-    """Runs a command to its end; its output, errors included, is in `stdout` of the result.
-
-    Args:
-        options: of subprocess.run.
-    """
+    """Runs a command to its end, as subprocess.run does; output and errors are both in `stdout` of the result."""
     return subprocess.run([str(word) for word in words], **{**_HEARD, **options})
 
 
@@ -68,11 +61,7 @@ def write_program(path, text):
 
 
 class Newest:
-    """Keeps the messages of a topic. At first there is none, even if the node already answers services.
-
-    Args:
-        keep: how many messages at most.
-    """
+    """Keeps the newest messages of a topic. At first there is none, even if the node already answers services."""
 
     def __init__(self, topic, message_type, keep=100_000):
         self.all, self.count = [], 0  # the messages kept, and how many ever came
@@ -105,11 +94,7 @@ class Newest:
 
 
 class Process:
-    """A node in a process of its own that can be killed and restarted; it ends with the test.
-
-    Args:
-        options: of Popen.
-    """
+    """A node in a process of its own, with options of Popen, that can be killed and restarted; it ends with the test."""
 
     def __init__(self, package, executable, *arguments, **options):
         self._command, self._options = ["rosrun", package, executable, *arguments], options
@@ -135,9 +120,7 @@ class Process:
 def assert_ends_with_one_line(package, executable, cases, **options):
     """Checks that a node with arguments that it has to refuse ends with status 1 and says why, without a traceback.
 
-    Args:
-        cases: (arguments, a word that the node has to say) of each start.
-        options: of Popen.
+    `cases` are (arguments, a word that the node has to say) of each start; `options` are those of Popen.
     """
     started = [
         spawn(["rosrun", package, executable, f"__name:=bad_{executable}_{k}", *arguments], **_HEARD, **options)

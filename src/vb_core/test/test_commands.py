@@ -10,7 +10,6 @@ import pytest
 import rospy
 
 from refusals import refused
-
 from vb_core.errors import CodedError
 from vb_core.ros import commands, services
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray

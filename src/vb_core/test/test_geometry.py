@@ -30,7 +30,7 @@ def test_invalid_quaternions_are_refused(quaternion):
 
 
 @given(coordinates, coordinates, angles)
-def test_inverse_and_plane_poses(x, y, yaw):
+def test_a_plane_pose_turns_about_z_and_can_be_inverted(x, y, yaw):
     T = geometry.transform_from_pose2d(x, y, yaw)
     assert np.allclose(geometry.invert(T) @ T, np.eye(4), atol=1e-9)
     rotation = Rotation.from_euler("z", yaw).as_matrix()
@@ -69,12 +69,20 @@ def test_distances_along_an_arc_match_driving_along_it(curvature, share, left):
     assert along[0] == pytest.approx(length, abs=1e-9) and across[0] == pytest.approx(left, abs=1e-9)
 
 
-def test_chain_length_and_resampling():
-    square = np.array([[0, 0], [2, 0], [2, 1], [0, 1]], dtype=float)
-    assert geometry.chain_length(square) == 5.0
-    assert geometry.chain_length(square, closed=True) == 6.0
-    dense = geometry.resample_chain(square, 0.1)
-    assert np.allclose(dense[[0, -1]], square[[0, -1]])
+RECTANGLE = np.array([[0, 0], [2, 0], [2, 1], [0, 1]], dtype=float)
+
+
+@pytest.mark.parametrize("closed, length", [(False, 5.0), (True, 6.0)])
+def test_a_chain_is_as_long_as_its_sides(closed, length):
+    assert geometry.chain_length(RECTANGLE, closed) == length
+
+
+def test_a_resampled_chain_has_short_steps_between_the_same_ends():
+    dense = geometry.resample_chain(RECTANGLE, 0.1)
+    assert np.allclose(dense[[0, -1]], RECTANGLE[[0, -1]])
     assert np.linalg.norm(np.diff(dense, axis=0), axis=1).max() <= 0.1 + 1e-9
-    assert len(geometry.resample_chain(square, 0.1, closed=True)) == 60
-    assert len(geometry.resample_chain(np.zeros((4, 2)), 0.1)) == 1
+
+
+@pytest.mark.parametrize("chain, closed, count", [(RECTANGLE, True, 60), (np.zeros((4, 2)), False, 1)])
+def test_a_resampled_chain_has_as_many_points_as_its_length_needs(chain, closed, count):
+    assert len(geometry.resample_chain(chain, 0.1, closed)) == count

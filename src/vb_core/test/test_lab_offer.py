@@ -1,4 +1,4 @@
-"""What is offered to people, in every combination of connections."""
+"""What is offered to people, by what is connected to the lab."""
 
 import itertools
 from dataclasses import replace
@@ -7,106 +7,152 @@ import pytest
 
 from vb_core import sentences
 from vb_core.notices import Severity
+from vb_core.lab_offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, find_unkept, offer
 from vb_core.zones import ZONES
-from vb_core.lab_offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, find_unkept
 
-# who enforces stop and slow zones: nobody, robot_monitor without or with a known local planner, the driver
-OBEDIENCE = [{}, dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True), dict(driver=True)]
+PLANS = dict(plans_round_borders=True)
+STOP, STOP_AND_SPEED = dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True)  # by robot_monitor
+DRIVER = dict(driver=True)
+# what is connected; the zones that the robot keeps, whether it goes to a place, whether it stops, what people are told
+ROBOTS = [
+    ({}, [], False, False, ["robot_ignores_borders", "robot_obeys_borders_only"]),
+    (STOP, [], False, True, ["robot_ignores_borders", "robot_obeys_stop_only"]),
+    (STOP_AND_SPEED, ["slow"], False, True, ["robot_ignores_borders", "robot_obeys_by_navigation"]),
+    (DRIVER, ["keep_out", "slow"], False, True, ["robot_plans_through_borders", "robot_has_driver"]),
+    (PLANS, ["keep_out", "avoid"], True, False, ["robot_plans_round_borders", "robot_obeys_borders_only"]),
+    ({**PLANS, **STOP}, ["keep_out", "avoid"], True, True, ["robot_plans_round_borders", "robot_obeys_stop_only"]),
+    ({**PLANS, **STOP_AND_SPEED}, [*ZONES], True, True, ["robot_plans_round_borders", "robot_obeys_by_navigation"]),
+    ({**PLANS, **DRIVER}, [*ZONES], True, True, ["robot_plans_round_borders", "robot_has_driver"]),
+]
+for_each_robot = pytest.mark.parametrize(
+    "connected, zones, goes, stops, told", ROBOTS, ids=[" ".join(connected) or "navigation" for connected, *_ in ROBOTS]
+)
 
 
-def robots(name):
-    """Yields every possible robot."""
-    for wired, obedience, localized in itertools.product((True, False), OBEDIENCE, (True, False)):
-        yield ConnectedRobot(name, navigation=True, plans_round_borders=wired, localized=localized, **obedience)
+def robot(connected, name="ada", localized=True):
+    return ConnectedRobot(name, navigation=True, localized=localized, **connected)
 
 
-def labs():
-    """Yields every lab: with or without cameras, with one robot or with two in namespaces."""
-    for cameras in (True, False):
-        for robot in robots(""):
-            yield Connections((robot,), cameras, cameras)
-        for ada, bob in itertools.product(robots("ada"), robots("bob")):
-            yield Connections((ada, bob), cameras, cameras)
+def offered_to(*robots, cameras=False):
+    """Returns what a lab with these robots offers."""
+    return offer(Connections(robots, cameras, interaction=cameras))
 
 
-def test_every_lab_is_offered_exactly_what_has_an_effect():
-    count = 0
-    for lab in labs():
-        count += 1
-        offered = offer(lab)
-        # Stop is offered only if it stops a robot
-        assert ("stop" in offered.commands) == any(robot.driver or robot.obeys_stop for robot in lab.robots)
-        assert ("resume" in offered.commands) == ("stop" in offered.commands)
-        laser = {"define_border", "define_seed", "save", "cancel"}
-        assert laser & set(offered.commands) == (laser if lab.cameras else set())
-        assert ("guide_robot" in offered.commands) == (lab.cameras and any(robot.driver for robot in lab.robots))
-        told = {(line.robot, line.code): line.severity for line in offered.lines}
-        for robot in lab.robots:
-            kept = [zone for zone in ZONES if robot.name not in offered.ignored_by[zone]]
-            # no zone counts as kept that neither planner nor driver enforces, or while the robot is lost
-            assert ("keep_out" in kept) == (robot.localized and (robot.plans_round_borders or robot.driver))
-            assert ("slow" in kept) == (robot.localized and (robot.driver or robot.obeys_speed))
-            assert ("avoid" in kept) == (robot.localized and robot.plans_round_borders)
-            # no robot that ignores borders is sent anywhere
-            assert (robot.name in offered.goes) == (robot.localized and robot.plans_round_borders)
-            lost = not robot.plans_round_borders and not robot.driver
-            assert (told.get((robot.name, "robot_ignores_borders")) is Severity.ERROR) == lost
-            assert ((robot.name, "robot_not_localized") in told) == (not robot.localized)
-            says_stop = {"robot_has_driver", "robot_obeys_by_navigation", "robot_obeys_stop_only"}
-            assert bool(says_stop & {code for name, code in told if name == robot.name}) == robot.stops
-        assert set(offered.zones) == {zone for zone in ZONES if any(robot.keeps(zone) for robot in lab.robots)}
-        assert ("go" in offered.commands) == bool(offered.goes)
-        assert offered.state in (READY, UNREADY) and (offered.state == READY) == all(
-            robot.keeps("keep_out") for robot in lab.robots
-        )
-        for line in offered.lines:
-            for language in sentences.languages():
-                assert sentences.catalog(language)[line.code].format_map(line.values)
-    assert count == 2 * (16 + 16 * 16)
+@for_each_robot
+def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(connected, zones, goes, stops, told):
+    offered = offered_to(robot(connected))
+    assert list(offered.zones) == zones
+    assert offered.ignored_by == {zone: () if zone in zones else ("ada",) for zone in ZONES}
+
+
+@for_each_robot
+def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(connected, zones, goes, stops, told):
+    assert offered_to(robot(connected)).state == (READY if "keep_out" in zones else UNREADY)
+
+
+@for_each_robot
+def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(connected, zones, goes, stops, told):
+    offered = offered_to(robot(connected))
+    assert (offered.goes, "go" in offered.commands) == (("ada",) * goes, goes)
+
+
+@for_each_robot
+def test_stop_is_offered_only_if_it_stops_a_robot(connected, zones, goes, stops, told):
+    for localized in (True, False):
+        commands = offered_to(robot(connected, localized=localized)).commands
+        assert ("stop" in commands, "resume" in commands) == (stops, stops)
+
+
+@for_each_robot
+def test_people_are_told_what_a_robot_obeys(connected, zones, goes, stops, told):
+    assert [line.code for line in offered_to(robot(connected)).lines] == told
+
+
+@for_each_robot
+def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(connected, zones, goes, stops, told):
+    offered = offered_to(robot(connected, localized=False))
+    assert (offered.zones, offered.goes, offered.state) == ((), (), UNREADY)
+    assert [line.code for line in offered.lines] == [told[0], "robot_not_localized", told[1]]
+
+
+@pytest.mark.parametrize("cameras", [True, False])
+@for_each_robot
+def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(connected, zones, goes, stops, told, cameras):
+    commands = offered_to(robot(connected), cameras=cameras).commands
+    assert all((name in commands) == cameras for name in ("define_border", "define_seed", "save", "cancel"))
+    assert ("guide_robot" in commands) == (cameras and "driver" in connected)
+
+
+def test_two_robots_are_offered_what_each_of_them_is_alone():
+    """Whatever the two are: each zone and command of either is offered, and nothing more."""
+    every = [(connected, localized) for connected, *_ in ROBOTS for localized in (True, False)]
+    for (of_ada, ada_known), (of_bob, bob_known) in itertools.product(every, every):
+        pair = robot(of_ada, "ada", ada_known), robot(of_bob, "bob", bob_known)
+        ada, bob, both = (offered_to(*robots, cameras=True) for robots in (pair[:1], pair[1:], pair))
+        assert set(both.commands) == {*ada.commands, *bob.commands} and set(both.zones) == {*ada.zones, *bob.zones}
+        assert (both.goes, both.lines) == (ada.goes + bob.goes, ada.lines + bob.lines)
+        assert both.ignored_by == {zone: ada.ignored_by[zone] + bob.ignored_by[zone] for zone in ZONES}
+        assert (both.state == READY) == (ada.state == bob.state == READY)
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_each_line_is_a_sentence_in_every_language(language):
+    for connected, localized, name in itertools.product([row[0] for row in ROBOTS], (True, False), ("", "ada")):
+        for line in offered_to(robot(connected, name, localized)).lines:
+            assert sentences.catalog(language)[line.code].format_map(line.values)
 
 
 def test_a_lab_without_a_robot_has_no_warnings():
-    offered = offer(Connections((ConnectedRobot(""),), cameras=True, interaction=True))
-    assert offered.state == NO_ROBOT and offered.notices() == []
+    offered = offered_to(ConnectedRobot(""), cameras=True)
+    assert (offered.state, offered.notices()) == (NO_ROBOT, [])
     assert [line.code for line in offered.lines] == ["robot_not_connected"]
-    assert find_unkept(offered, "keep_out", ()) == ("border_without_robot", {})
 
 
 def test_commands_without_an_effect_are_not_offered():
-    offered = offer(Connections((ConnectedRobot("", driver=True, localized=True),), interaction=True))
+    offered = offer(Connections((robot(DRIVER),), interaction=True))
     assert effective(offered, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
 
 
-def test_a_border_names_its_robots_that_do_not_keep_it():
-    wired = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
-    offered = offer(Connections((wired, replace(wired, name="bob", plans_round_borders=False))))
-    assert find_unkept(offered, "keep_out", ()) == ("border_unkept_keep_out", {"who": "bob"})
-    assert find_unkept(offered, "keep_out", ("ada",)) is None
-    assert find_unkept(offered, "slow", ()) == ("border_unkept_slow", {"who": "ada, bob"})
-    assert "bob" in sentences.translate(*find_unkept(offered, "keep_out", ("bob",)))
+@pytest.mark.parametrize(
+    "zone, border_for, unkept",
+    [
+        ("keep_out", (), ("border_unkept_keep_out", {"who": "bob"})),
+        ("keep_out", ("ada",), None),
+        ("keep_out", ("bob",), ("border_unkept_keep_out", {"who": "bob"})),
+        ("slow", (), ("border_unkept_slow", {"who": "ada, bob"})),
+    ],
+)
+def test_a_border_names_its_robots_that_do_not_keep_it(zone, border_for, unkept):
+    assert find_unkept(offered_to(robot(PLANS, "ada"), robot({}, "bob")), zone, border_for) == unkept
+
+
+def test_a_border_in_a_lab_without_a_robot_says_so():
+    assert find_unkept(offered_to(ConnectedRobot("")), "keep_out", ()) == ("border_without_robot", {})
 
 
 @pytest.mark.parametrize(
-    "changes, code",
+    "changes, code, severity",
     [
-        (dict(plans_round_borders=False, maps=("/map",)), "robot_ignores_borders"),
-        (dict(plans_round_borders=False, driver=True), "robot_plans_through_borders"),
-        (dict(missing_maps=("/robot_driver/keep_out",)), "robot_waits_for_map"),
-        (dict(unheard=("/cmd_vel/navigation",)), "robot_commands_unheard"),
-        (dict(localized=False), "robot_not_localized"),
+        (dict(plans_round_borders=False, maps=("/map",)), "robot_ignores_borders", Severity.ERROR),
+        (dict(plans_round_borders=False, driver=True), "robot_plans_through_borders", Severity.WARNING),
+        (dict(missing_maps=("/robot_driver/keep_out",)), "robot_waits_for_map", Severity.ERROR),
+        (dict(unheard=("/cmd_vel/navigation",)), "robot_commands_unheard", Severity.ERROR),
+        (dict(localized=False), "robot_not_localized", Severity.WARNING),
     ],
 )
-def test_each_fault_is_a_notice_that_names_its_robot(changes, code):
-    good = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
-    assert offer(Connections((good,))).notices() == []
-    notices = offer(Connections((replace(good, **changes),))).notices()
-    assert [notice.code for notice in notices] == [code]
-    assert notices[0].robot == "ada" and "ada" in notices[0].sentence()
+def test_each_fault_is_a_notice_that_names_its_robot(changes, code, severity):
+    (notice,) = offered_to(replace(robot(PLANS), **changes)).notices()
+    assert (notice.code, notice.severity, notice.robot) == (code, severity, "ada")
+    assert "ada" in notice.sentence()
 
 
-def test_a_robot_on_the_common_map_keeps_all_borders():
-    common = ConnectedRobot("ada", navigation=True, plans_round_borders=True, maps=("/virtual_borders/map",))
-    own = replace(common, maps=("/ada/virtual_borders/map",))
-    alone = replace(common, name="")
-    told = [[line.code for line in offer(Connections((robot,))).lines] for robot in (common, own, alone)]
-    assert ["robot_keeps_all_borders" in codes for codes in told] == [True, False, False]
+def test_a_sound_robot_has_no_notice():
+    assert offered_to(robot(PLANS)).notices() == []
+
+
+@pytest.mark.parametrize(
+    "name, topic, is_said", [("ada", "", True), ("ada", "/ada", False), ("", "", False)], ids="common own alone".split()
+)
+def test_a_robot_on_the_common_map_is_said_to_keep_all_borders(name, topic, is_said):
+    offered = offered_to(robot(dict(**PLANS, maps=(f"{topic}/virtual_borders/map",)), name))
+    assert ("robot_keeps_all_borders" in [line.code for line in offered.lines]) is is_said

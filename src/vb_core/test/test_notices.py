@@ -26,15 +26,9 @@ def test_the_notices_of_a_silent_node_expire(silent, expected):
 
 
 def test_a_nodes_newest_notices_replace_its_former_ones():
-    said = [
-        ("monitor1", 1.0, [*INSIDE, Notice("goal_inside", robot="r1")]),
-        (
-            "monitor2",
-            1.0,
-            [Notice("robot_inside", robot="r2"), Notice("x", Severity.WARNING), Notice("y", Severity.ERROR)],
-        ),
-        ("monitor1", 2.0, [Notice("goal_inside", robot="r1")]),
-    ]
+    first, newest = [*INSIDE, Notice("goal_inside", robot="r1")], [Notice("goal_inside", robot="r1")]
+    of_another = [Notice("robot_inside", robot="r2"), Notice("x", Severity.WARNING), Notice("y", Severity.ERROR)]
+    said = [("monitor1", 1.0, first), ("monitor2", 1.0, of_another), ("monitor1", 2.0, newest)]
     assert held(said, 2.0) == [("y", ""), ("x", ""), ("goal_inside", "r1"), ("robot_inside", "r2")]
 
 

@@ -1,7 +1,5 @@
 """Parameters, also changed while a node runs; the server itself is tested with a real node in vb_laser_detect."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Tuple
 
@@ -54,7 +52,7 @@ def test_groups_and_list_entries_are_checked_as_parameters_are():
         assert caught.value.key == f"/node/{key}"
 
 
-def test_defaults_and_values():
+def test_values_given_replace_the_defaults():
     params = Example.from_mapping({"speed": 1, "limits": [0.0, 1.0]})
     assert params.speed == 1.0 and isinstance(params.speed, float)
     assert params.limits == (0.0, 1.0) and params.count == 3
@@ -131,12 +129,12 @@ def test_a_change_is_applied_once(tuned):
 
 
 @pytest.mark.parametrize(
-    "changes, reason", [({"size": 0.1}, "at most size"), ({"size": 0.0}, "above 0"), ({"count": 13}, "unlucky")]
+    "key, value, reason", [("size", 0.1, "at most size"), ("size", 0, "above 0"), ("count", 13, "no")]
 )
-def test_a_refused_change_changes_nothing(tuned, changes, reason):
+def test_a_refused_change_changes_nothing(tuned, key, value, reason):
     change, _, applied, warned = tuned
     change(speed=0.3)
-    config = change(on=False, **changes)
+    config = change(on=False, **{key: value})
     assert config == {"speed": 0.3, "size": 1.0, "count": 3, "on": True}
     assert len(applied) == 1 and len(warned) == 1 and reason in warned[0]
     assert change(speed=0.4)["speed"] == 0.4

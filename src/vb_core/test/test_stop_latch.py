@@ -102,7 +102,6 @@ class Lab:
     def later(self, action):
         self.queue.append((self.time + self.random.choice([0.0, 0.05, 0.3, self.random.uniform(0.0, 8.0)]), action))
 
-    # ------------------------------------------------------------- what people do
     def press_stop(self):
         identity = new_id()
         self.pressed[identity] = self.time
@@ -120,7 +119,6 @@ class Lab:
     def look(self, person):
         self.seen[person] = self.manager.number if self.manager is not None else self.seen[person]
 
-    # ------------------------------------------------------------- what programs do
     def hear(self, robot, identity):
         if self.robots[robot] is None:
             return
@@ -205,7 +203,6 @@ class Lab:
                 self.robots[robot] = HeldStops(Path(f"robot {robot}"))
                 self.count_own(robot)
 
-    # ------------------------------------------------------------- the oracle
     def released(self, identity):
         """Returns whether a resume was given after a stop, while the manager knew of that stop."""
         at = self.pressed[identity]

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """One interaction with real nodes: bit for bit the same as in one process, recorded in bags and a log, measured."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json
@@ -23,7 +21,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
 from vb_testing import TIMEOUT, wait_until
-
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.geometry import resample_chain
@@ -142,7 +139,7 @@ def in_one_process():
 
 
 class RecordingTest(unittest.TestCase):
-    def test_one_interaction(self):
+    def test_an_interaction_with_real_nodes_is_that_in_one_process_and_is_recorded(self):
         alone = in_one_process()
         rospy.init_node("rostest_recording")
         self.folder, session = Path(rospy.get_param("~folder")), Session()
@@ -174,9 +171,8 @@ class RecordingTest(unittest.TestCase):
         truth[::-1][20:50, 20:60] = (0, 215, 247)
         (study / "truth").mkdir()
         cv2.imwrite(str(study / "truth" / "carpet.png"), truth)
-        (study / "protocol.csv").write_text(
-            f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
-        )
+        run = f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
+        (study / "protocol.csv").write_text(run)
         self.assertEqual(recording_measures.measure(study / "protocol.csv", study / "truth", study / "out"), [])
         with open(str(study / "out" / "runs.csv"), newline="") as stream:
             (row,) = csv.DictReader(stream)

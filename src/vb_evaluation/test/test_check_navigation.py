@@ -37,9 +37,8 @@ class Planner:
         monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
         monkeypatch.setattr(check_navigation, "Observer", lambda: self)
-        monkeypatch.setattr(
-            check_navigation, "TransformLookup", lambda: SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
-        )
+        transforms = SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
+        monkeypatch.setattr(check_navigation, "TransformLookup", lambda: transforms)
         monkeypatch.setattr(check_navigation, "call", self.call)
         monkeypatch.setattr(check_navigation, "WATCHED", 0.01)
 
@@ -71,9 +70,8 @@ def test_the_robot_is_the_only_one_or_the_one_that_is_named(monkeypatch, robots,
     def answer(*_):
         if not robots:
             raise rospy.ROSException("timeout exceeded")
-        return RobotStatusArray(
-            robots=[RobotStatus(robot=one, move_base=f"/{one}/nav", frame=f"{one}_base") for one in robots]
-        )
+        known = [RobotStatus(robot=one, move_base=f"/{one}/nav", frame=f"{one}_base") for one in robots]
+        return RobotStatusArray(robots=known)
 
     monkeypatch.setattr(rospy, "wait_for_message", answer)
     if isinstance(found, str):

@@ -72,12 +72,9 @@ def test_verdict_distinguishes_entering_from_standing_inside(
     options = demo.parse(["--out", str(tmp_path)])
     prior = floor_plan.physical_map(options.world)
     restricted = floor_plan.ground_truth(options.world, options.scenario)
-    observer = SimpleNamespace(
-        state=InteractionState(),
-        prior=prior,
-        posterior=prior.with_data(np.where(restricted, np.int8(100), prior.data)),
-        lab_at_save=LabState(robot_poses=[Pose2D(*at_save, 0.0)]),
-    )
+    posterior = prior.with_data(np.where(restricted, np.int8(100), prior.data))
+    lab = LabState(robot_poses=[Pose2D(*at_save, 0.0)])
+    observer = SimpleNamespace(state=InteractionState(), prior=prior, posterior=posterior, lab_at_save=lab)
     ways = [np.array(way, dtype=float).reshape(-1, 2) for way in (after, first or [], driven)]
     drives = [] if first is None else [GoalOutcome("refused", path=ways[1]), GoalOutcome(outcome, path=ways[2])]
     with contextlib.ExitStack() as stack:

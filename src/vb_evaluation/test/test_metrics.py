@@ -12,7 +12,7 @@ masks = arrays(bool, (6, 7))
 
 
 @given(masks, masks)
-def test_jaccard_against_sets(a, b):
+def test_jaccard_is_the_share_of_common_cells(a, b):
     first = {tuple(cell) for cell in np.argwhere(a)}
     second = {tuple(cell) for cell in np.argwhere(b)}
     union = first | second

@@ -27,13 +27,13 @@ HAMILTON = (
     # two differences of ECSTASY are zero and are left out
     [(ECSTASY, (0.0, 36.0), -2.53, 0.57), (ALCOHOL, (47.0, 8.0), -1.99, 0.44)],
 )
-def test_spss_as_in_fields_textbook(sunday_wednesday, sums, z, r):
+def test_the_signed_rank_test_is_that_of_fields_textbook(sunday_wednesday, sums, z, r):
     found = statistics.compare_paired(*sunday_wednesday)
     assert (found.test.w_plus, found.test.w_minus) == sums and round(found.test.z, 2) == z
     assert found.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
 
 
-def test_hollander_and_wolfe_exact_p_estimate_and_interval():
+def test_exact_p_estimate_and_interval_are_hollander_and_wolfes():
     found = statistics.compare_paired(HAMILTON[1], HAMILTON[0], confidence=0.96)
     assert (found.test.w_plus, found.test.w_minus) == (5.0, 40.0)
     assert found.test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
@@ -61,9 +61,8 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
 @pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
 def test_paper_accuracy_is_an_exact_test_of_13_pairs(w, z, p):
     # Sect. 5.8.4: Z and p agree for an exact test of 13 pairs, those with both runs completed (93.3 % each)
-    signs = next(
-        chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w
-    )
+    choices = (itertools.combinations(range(1, 14), size) for size in range(14))
+    signs = next(chosen for chosen in itertools.chain.from_iterable(choices) if sum(chosen) == w)
     differences = np.array([rank if rank in signs else -rank for rank in range(1, 14)], float)
     test = statistics.signed_rank(differences)
     assert round(test.z, 3) == z and statistics.format_p(test.p_exact) == p
@@ -73,14 +72,13 @@ def ranks_of(values):
     """Returns the mean ranks of the magnitudes, and the sum of the positive values' ranks for each choice of signs."""
     sizes = np.abs(values)
     ranks = np.array([(sizes < size).sum() + ((sizes == size).sum() + 1) / 2 for size in sizes])
-    return ranks, np.array(
-        [sum(itertools.compress(ranks, signs)) for signs in itertools.product((0, 1), repeat=len(ranks))]
-    )
+    choices = itertools.product((0, 1), repeat=len(ranks))
+    return ranks, np.array([sum(itertools.compress(ranks, signs)) for signs in choices])
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=9))
-def test_exact_p_against_all_signs(values):
+def test_exact_p_is_the_share_of_all_signs(values):
     test = statistics.signed_rank(np.array(values, float))
     ranked = np.array([value for value in values if value])
     if len(ranked) == 0:
@@ -108,7 +106,7 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=9), st.integers(1, 4))
-def test_not_worse_p_against_all_signs(values, margin):
+def test_not_worse_p_is_the_share_of_all_signs(values, margin):
     shifted = [value + margin for value in values if value + margin]
     found = statistics.noninferiority_p(np.array(values), margin)
     if not shifted:
@@ -155,9 +153,8 @@ def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
     assert statistics.median([1.0, 2.0, 9.0]).estimate == 2.0
     for method, wanted in (("BCa", statistics.mean(slow)), ("percentile", statistics.median(slow))):
         statistic = np.mean if method == "BCa" else np.median
-        limits = stats.bootstrap(
-            (slow,), statistic, n_resamples=4999, method=method, random_state=0
-        ).confidence_interval
+        theirs = stats.bootstrap((slow,), statistic, n_resamples=4999, method=method, random_state=0)
+        limits = theirs.confidence_interval
         assert (wanted.low, wanted.high, wanted.confidence) == (limits.low, limits.high, 0.95)
     alone = statistics.median([1.0])
     assert alone.estimate == 1.0 and math.isnan(alone.low) and math.isnan(alone.confidence)
@@ -172,9 +169,8 @@ def test_many_people_have_the_interval_of_the_normal_distribution():
     found = statistics.hodges_lehmann(differences)
     half = 1.96 * differences.std() / math.sqrt(len(differences)) / math.sqrt(3.0 / math.pi)
     assert (found.high - found.low) / 2.0 == pytest.approx(half, rel=0.1)
-    assert found.estimate == pytest.approx(differences.mean(), abs=0.1) and found.confidence == pytest.approx(
-        0.95, abs=1e-3
-    )
+    assert found.estimate == pytest.approx(differences.mean(), abs=0.1)
+    assert found.confidence == pytest.approx(0.95, abs=1e-3)
 
 
 def test_a_difference_of_two_shares_has_newcombes_interval():

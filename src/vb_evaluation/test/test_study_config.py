@@ -61,7 +61,7 @@ def test_distributions_have_their_moments(spec, mean, spread):
         ({"models/optics/exposure_ms": -1.0}, "exposure_ms"),
     ],
 )
-def test_mistakes_are_named(changes, named):
+def test_a_mistake_in_the_configuration_is_named(changes, named):
     with pytest.raises(CodedError, match=named):
         STUDY.changed(changes)
 
@@ -114,9 +114,8 @@ def test_orders_are_random_and_balanced():
 
 
 def test_columns_begin_with_the_contracts():
-    contract = (
-        "participant,scenario,method,seed,completed,time_guide_s,time_border_s,time_seed_s,time_total_s,jaccard"
-    ).split(",")
+    contract = "participant scenario method seed completed".split()
+    contract += "time_guide_s time_border_s time_seed_s time_total_s jaccard".split()
     assert list(campaign.columns(RUNS)[:10]) == contract
     assert list(campaign.columns(WORLDS)[:11]) == ["draw", *contract]
     assert {"error_mean_cm", "error_p95_cm", "error_max_cm"} <= set(campaign.columns(RUNS))
@@ -136,13 +135,9 @@ def test_the_marks_are_laid_for_each_person_beside_the_map():
 
 def test_people_stand_off_the_line_on_free_floor():
     grid, world = floor_plan.physical_map(STUDY.world), STUDY.world
-    places = np.array(
-        [
-            personal_scenario(world, world.scenario(key), STUDY.traits(participant), grid).stand
-            for participant in range(1, 9)
-            for key in STUDY.design.scenarios
-        ]
-    )
+    everybody = product(range(1, 9), STUDY.design.scenarios)
+    runs = [personal_scenario(world, world.scenario(key), STUDY.traits(number), grid) for number, key in everybody]
+    places = np.array([run.stand for run in runs])
     assert (sample(grid, grid.data, places, UNKNOWN) == 0).all() and len(np.unique(places, axis=0)) > 12
 
 
@@ -186,9 +181,8 @@ def test_the_corners_of_every_range_are_possible():
 
 def test_worlds_cover_all_scenarios_and_both_methods():
     jobs = run_plan.world_jobs(STUDY.changed({"design/worlds": 9}))
-    assert len(jobs) == 18 and {(job.scenario, job.method) for job in jobs} == {
-        (scenario, method) for scenario in STUDY.design.scenarios for method in STUDY.design.methods
-    }
+    assert len(jobs) == 18
+    assert {(job.scenario, job.method) for job in jobs} == {*product(STUDY.design.scenarios, STUDY.design.methods)}
     assert len({job.participant for job in jobs}) == 9
 
 
@@ -202,9 +196,10 @@ def test_the_examples_of_the_documentation_work(tmp_path):
 
 
 def test_the_quick_study_is_part_of_the_whole_one():
-    quick, whole = (
-        [(job.file, *map(str, job.columns(1).values())) for job in run_plan.jobs(STUDY, one)] for one in (True, False)
-    )
+    def rows(quick):
+        return [(job.file, *map(str, job.columns(1).values())) for job in run_plan.jobs(STUDY, quick)]
+
+    quick, whole = rows(True), rows(False)
     assert quick == whole[:6] and len(set(whole)) == len(whole) == 100
     assert {row[0] for row in whole} == {"runs.csv", "worlds.csv"}
     # the names of the rows' files sort in the order of the jobs

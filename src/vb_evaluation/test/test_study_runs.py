@@ -27,7 +27,7 @@ def moments(seconds, **changes):
     return STUDY.changed({"timing/time_limit_s": seconds, **changes})
 
 
-def test_robot_only_is_led_there():
+def test_without_cameras_the_robot_is_led_there():
     result = run(moments(10.0), Job(1, "carpet", "robot_only"))
     assert result.spots and all(spot.mobile for spot in result.spots)
     # the time limit came while the robot was being led
@@ -35,7 +35,7 @@ def test_robot_only_is_led_there():
     assert np.hypot(*np.subtract(result.lab.robots[0].pose, STUDY.world.robots[0].start_pose())[:2]) > 0.5
 
 
-def test_the_same_whatever_was_run_before():
+def test_a_run_is_the_same_whatever_was_run_before():
     task, study, extract = Job(2, "carpet", "nrs"), moments(7.0), extraction.extract_border
     first = run(study, task)
     # otherwise the next run would extract its borders on this run's clock, which has stopped: they would never come

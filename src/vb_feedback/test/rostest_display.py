@@ -15,7 +15,7 @@ import yaml
 from geometry_msgs.msg import Point, PointStamped
 from sensor_msgs.msg import Image
 
-from vb_testing import Process, assert_ends_with_one_line, wait_until, write_program
+from vb_testing import Process, assert_ends_with_one_line, run_command, wait_until, write_program
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.ros.images import array_from_image
@@ -25,15 +25,9 @@ from vb_core.ros.notices import message_from_notice
 from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import PREVIEW
 from vb_feedback.projector import projector_calibration
-from vb_msgs.msg import (
-    BorderProgress,
-    BorderIssue,
-    InteractionState,
-    LaserSpot,
-    NoticeArray,
-    VirtualBorder,
-    VirtualBorderArray,
-)
+from vb_feedback.projector.projector_calibration import markers
+from vb_msgs.msg import BorderIssue, BorderProgress, InteractionState, LaserSpot, NoticeArray
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 
@@ -90,7 +84,6 @@ class DisplayTest(unittest.TestCase):
         cls.screen, cls.pictures = Screen(), []
         cls.projector = rospy.Subscriber("/virtual_borders/projector", Image, cls.pictures.append)
         cls.folder = tempfile.TemporaryDirectory()
-        cls.file = os.path.join(cls.folder.name, "new", "projector.yaml")
         cells = np.zeros((100, 160), np.int8)
         cells[0] = 100
         cls.grid = GridMap(cells, 0.05, (-2.0, 1.0, 0.0))
@@ -100,43 +93,36 @@ class DisplayTest(unittest.TestCase):
     def tearDownClass(cls):
         cls.folder.cleanup()
 
+    def map_of(self, cells, rows, columns):
+        """Returns a map of these cells with a rectangle of occupied ones: slices of rows and columns."""
+        cells = cells.copy()
+        cells[rows, columns] = 100
+        return message_from_grid(self.grid.with_data(cells), rospy.Time.now())
+
     def publish_state(self, **changes):
         usual = {"name": "default", "available_commands": ["define_border"], "last_success": True}
         self.state.publish(InteractionState(**{**usual, **changes}))
 
-    def test_1_words_follow_the_state(self):
+    def test_words_follow_the_state(self):
         self.publish_state()
         wait_until(lambda: self.screen.text_of("words/state") == "Ready", "the default state's title")
-        self.publish_state(
-            name="seed",
-            available_commands=["save", "cancel"],
-            border_s=70.0,
-            interaction_id="i",
-            last_message="The map integrator does not answer; say save again in a moment.",
-            last_success=False,
-        )
+        refused = {"last_message": "The map integrator does not answer; say save again.", "last_success": False}
+        said = ["save", "cancel"]
+        self.publish_state(name="seed", interaction_id="i", available_commands=said, border_s=70.0, **refused)
         wait_until(lambda: self.screen.text_of("words/state") == "Seed", "the seed state's title")
         self.assertEqual([self.screen.text_of(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
         self.assertEqual(self.screen.text_of("words/elapsed"), "1:10")
         self.assertIn("say save again", self.screen.text_of("words/answer"))
-        self.publish_state(
-            name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="English, and not read."
-        )
+        self.publish_state(name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="Not read.")
         wait_until(lambda: self.screen.text_of("words/state") == "Stopped", "the stop")
         wait_until(lambda: self.screen.text_of("words/answer").startswith("Stopped: no robot"), "the code's sentence")
 
-    def test_2_drawing_belongs_to_its_interaction(self):
+    def test_a_drawing_belongs_to_its_interaction(self):
         self.publish_state(name="border", interaction_id="i7")
-        drawn = BorderProgress(
-            interaction_id="i7",
-            cameras=["red", "robot"],
-            cameras_seeing_spot=["robot"],
-            points=[Point(0, 2, 0), Point(1, 2, 0)],
-            point_cameras=bytes([0, 1]),
-            chain=[Point(0, 2, 0), Point(1, 2, 0), Point(1, 3, 0)],
-            has_seed=True,
-            seed=Point(0.5, 2.5, 0),
-        )
+        drawn = BorderProgress(interaction_id="i7", cameras=["red", "robot"], cameras_seeing_spot=["robot"])
+        drawn.points, drawn.point_cameras = [Point(0, 2, 0), Point(1, 2, 0)], bytes([0, 1])
+        drawn.chain = [*drawn.points, Point(1, 3, 0)]
+        drawn.has_seed, drawn.seed = True, Point(0.5, 2.5, 0)
         self.progress.publish(drawn)
         wait_until(lambda: self.screen.has("drawing/chain"), "the chain")
         points = self.screen.has("drawing/points")[0]
@@ -148,61 +134,38 @@ class DisplayTest(unittest.TestCase):
         wait_until(lambda: not self.screen.has("drawing/chain"), "the end of the chain")
         self.assertFalse(self.screen.has("drawing/points") or self.screen.has("drawing/seed"))
 
-    def test_3_borders_and_restricted_area(self):
+    def test_a_border_has_outline_and_label_while_it_is_stored(self):
         border = VirtualBorder(
-            id="b1",
-            name="Teppich \u00fc",
-            points=[Point(0, 2, 0), Point(2, 2, 0), Point(2, 3, 0)],
-            kind=VirtualBorder.POLYGON,
-            seed=Point(1.5, 2.2, 0),
-            occupancy=1.0,
-            enabled=True,
-            area_m2=1.0,
+            name="Teppich \u00fc", kind=VirtualBorder.POLYGON, occupancy=1.0, enabled=True, area_m2=1.0
         )
+        border.points, border.seed = [Point(0, 2, 0), Point(2, 2, 0), Point(2, 3, 0)], Point(1.5, 2.2, 0)
         self.borders.publish(borders=[border])
-        wait_until(
-            lambda: self.screen.text_of("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "the border's label"
-        )
+        wait_until(lambda: self.screen.text_of("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "its label")
         self.assertEqual(len(self.screen.has("borders/outline")[0].points), 6)
-        cells = self.grid.data.copy()
-        cells[20:40, 40:80] = 100
-        self.map_with_borders.publish(message_from_grid(self.grid.with_data(cells), rospy.Time.now()))
-        wait_until(lambda: self.overlays and np.any(self.overlays[-1].data), "stripes")
-        shown = np.asarray(self.overlays[-1].data).reshape(100, 160).copy()
-        self.assertTrue(shown[20:40, 40:80].any())
-        shown[20:40, 40:80] = 0
-        self.assertFalse(shown.any())
         self.borders.publish(borders=[])
         wait_until(lambda: not self.screen.has("borders/outline"), "the end of the border")
 
-    def test_3_preview_belongs_to_its_interaction(self):
+    def test_only_the_restricted_area_is_striped(self):
+        self.map_with_borders.publish(self.map_of(self.grid.data, slice(20, 40), slice(40, 80)))
+        wait_until(lambda: self.overlays and np.any(self.overlays[-1].data), "stripes")
+        rows, columns = np.nonzero(np.asarray(self.overlays[-1].data).reshape(100, 160))
+        self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (20, 39, 40, 79))
+
+    def test_a_preview_belongs_to_its_interaction(self):
         self.map_with_borders.publish(message_from_grid(self.grid, rospy.Time.now()))
-        self.publish_state(
-            name="seed", interaction_id="i8", available_commands=["save", "cancel"], last_message="Point at the side."
-        )
-        cells = np.zeros_like(self.grid.data)
-        cells[50:70, 20:60] = 100
-        preview = BorderPreviewArray(
-            interaction_id="i8",
-            available=True,
-            success=True,
-            area_m2=2.0,
-            issues=[BorderIssue(severity=BorderIssue.WARNING, message="it parts the room")],
-            region=message_from_grid(self.grid.with_data(cells), rospy.Time.now()),
-        )
+        self.publish_state(name="seed", interaction_id="i8", available_commands=["save"], last_message="Point.")
+        preview = BorderPreviewArray(interaction_id="i8", available=True, success=True, area_m2=2.0)
+        preview.issues = [BorderIssue(severity=BorderIssue.WARNING, message="it parts the room")]
+        preview.region = self.map_of(np.zeros_like(self.grid.data), slice(50, 70), slice(20, 60))
         self.preview.publish(preview)
 
         def orange():
             shown = np.asarray(self.overlays[-1].data).reshape(100, 160) if self.overlays else np.zeros(1)
             return np.nonzero(shown == PREVIEW)
 
-        rows, columns = wait_until(
-            lambda: orange() if len(orange()[0]) else None, "the region that save would restrict"
-        )
+        rows, columns = wait_until(lambda: orange() if len(orange()[0]) else None, "the region to restrict")
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
-        wait_until(
-            lambda: self.screen.text_of("words/notice/1") == "Saving would restrict 2.00 m\u00b2.", "its size in words"
-        )
+        wait_until(lambda: self.screen.text_of("words/notice/1") == "Saving would restrict 2.00 m\u00b2.", "its size")
         self.assertEqual(self.screen.text_of("words/notice/2"), "Note: it parts the room")
         # a code that is in no catalogue: the notice's own sentence is shown, whatever its words
         inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
@@ -214,13 +177,11 @@ class DisplayTest(unittest.TestCase):
         wait_until(is_shown, "the robot's standing")
         self.assertTrue(self.screen.has("words/notice/1/plate"))
         self.notices.publish(source="/monitor", notices=[])
-        wait_until(
-            lambda: self.screen.text_of("words/notice/1").startswith("Saving would"), "the end of the robot's standing"
-        )
+        wait_until(lambda: self.screen.text_of("words/notice/1").startswith("Saving would"), "the robot to leave")
         self.publish_state(last_message="Saved.", last_outcome="saved")
         wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
 
-    def test_4_spots_come_and_fade(self):
+    def test_spots_come_and_fade(self):
         self.publish_state(name="border", interaction_id="i")
         wait_until(lambda: self.spots.get_num_connections(), "the subscriber")
 
@@ -238,20 +199,15 @@ class DisplayTest(unittest.TestCase):
         wait_until(lambda: not self.screen.has("spots/red"), "its end")
         self.assertFalse(self.screen.has("spots/blue"))
 
-    def test_4_rviz_is_fitted_to_the_map(self):
+    def test_rviz_is_fitted_to_the_map(self):
         config = Path(__file__).resolve().parents[3] / "rviz" / "smart_display.rviz"
         with tempfile.TemporaryDirectory() as folder:
             write_program(Path(folder) / "rviz", f'shift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments')
             # a screen that is switched on after the start: the first check finds none
             write_program(Path(folder) / "xdpyinfo", f"test -e {folder}/on || {{ touch {folder}/on; exit 1; }}")
-            run = subprocess.run(
-                [*"rosrun vb_feedback smart_display __name:=display _screen:=1280x720".split(), f"_config:={config}"],
-                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":0"},
-                timeout=120,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                universal_newlines=True,
-            )
+            display = "rosrun vb_feedback smart_display __name:=display _screen:=1280x720".split()
+            environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":0"}
+            run = run_command(*display, f"_config:={config}", env=environment, timeout=120)
             self.assertEqual(run.returncode, 0, run.stdout)
             self.assertIn(sentences.translate("no_screen"), run.stdout)
             view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]
@@ -260,7 +216,7 @@ class DisplayTest(unittest.TestCase):
         self.assertAlmostEqual(view["Scale"], 1280 / layout.view.width, 1)
         self.assertAlmostEqual(view["X"], layout.view.center[0], 2)
 
-    def test_41_without_rviz_it_stays_and_names_the_page(self):
+    def test_without_rviz_it_stays_and_names_the_page(self):
         with tempfile.TemporaryDirectory() as folder:
             top = Path(__file__).resolve().parents[3]
             node = subprocess.Popen(
@@ -275,38 +231,36 @@ class DisplayTest(unittest.TestCase):
                 node.wait(120)
         self.assertIn("8420", sentences.translate("no_rviz"))
 
-    def test_5_a_newcomer_gets_everything(self):
+    def test_a_newcomer_gets_everything(self):
         self.publish_state(name="guide", interaction_id="i", available_commands=["cancel"])
         wait_until(lambda: self.screen.text_of("words/state") == "Guide", "the guide state's title")
         # two subscribers in one process share a connection, and only a new connection gets the latched messages
         self.screen.subscriber.unregister()
-        another = Screen()
-        wait_until(lambda: another.text_of("words/state") == "Guide" and another.has("robot/body"), "everything")
-        robot = another.has("robot/body")[0]
+        newcomer = type(self).screen = Screen()
+        wait_until(lambda: newcomer.text_of("words/state") == "Guide" and newcomer.has("robot/body"), "everything")
+        robot = newcomer.has("robot/body")[0]
         self.assertEqual((robot.header.frame_id, robot.frame_locked), ("base_link", True))
-        self.assertEqual(another.text_of("words/say/0"), "cancel")
-        another.subscriber.unregister()
+        self.assertEqual(newcomer.text_of("words/say/0"), "cancel")
 
     # ------------------------------------------------------------- the projector
     def shown(self):
         return array_from_image(self.pictures[-1]) if self.pictures else np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
 
     def at(self, x, y):
-        return (
-            self.shown()[int(round(SIZE[1] - 1 - (y - 1.0) * SCALE)), int(round((x - 1.0) * SCALE))].astype(int).max()
-        )
+        row, column = round(SIZE[1] - 1 - (y - 1.0) * SCALE), round((x - 1.0) * SCALE)
+        return self.shown()[row, column].astype(int).max()
 
-    def test_6_calibration_by_clicks(self):
+    def test_four_clicks_on_markers_calibrate_a_projector(self):
         self.publish_state()
         output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-        size = (f"_width:={SIZE[0]}", f"_height:={SIZE[1]}")
-        node = Process("vb_feedback", "floor_projector", f"_calibration:={self.file}", *size, **output)
+        file, size = Path(self.folder.name) / "new" / "clicked.yaml", (f"_width:={SIZE[0]}", f"_height:={SIZE[1]}")
+        node = Process("vb_feedback", "floor_projector", f"_calibration:={file}", *size, **output)
         clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")
-        markers = projector_calibration.markers(*SIZE)
+        places = markers(*SIZE)
 
         def bright(number):
-            column, row = np.rint(markers[number]).astype(int)
+            column, row = np.rint(places[number]).astype(int)
             return self.shown()[row, column].max() == 255
 
         def click(x, y, frame="map"):
@@ -321,38 +275,30 @@ class DisplayTest(unittest.TestCase):
             click(float(number), 0.0)
         for number in range(4):
             wait_until(lambda: bright(number), f"marker {number} of the second try")
-            click(*floor_of(*markers[number]))
-        wait_until(lambda: os.path.exists(self.file) and not self.shown().any(), "a dark picture")
+            click(*floor_of(*places[number]))
+        wait_until(lambda: file.exists() and not self.shown().any(), "a dark picture")
         node.process.terminate()
         said, _ = node.process.communicate()
         self.assertIn("not in the frame map", said)
         self.assertIn("order of the markers", said)
-        found = projector_calibration.load(Path(self.file))
+        found = projector_calibration.load(file)
         np.testing.assert_allclose(found.footprint()[0], floor_of(0, 0), atol=1e-3)
 
-    def test_7_borders_drawing_and_preview(self):
-        node = Process("vb_feedback", "floor_projector", f"_calibration:={self.file}", "_max_rate:=20.0")
+    def test_the_projector_shows_borders_drawing_and_preview(self):
+        file, clicks = Path(self.folder.name) / "projector.yaml", [floor_of(*place) for place in markers(*SIZE)]
+        projector_calibration.save(projector_calibration.calibrate(*SIZE, clicks), file)
+        node = Process("vb_feedback", "floor_projector", f"_calibration:={file}", "_max_rate:=20.0")
         self.addCleanup(node.stop)
         self.publish_state()
         wait_until(lambda: self.spots.get_num_connections() > 1 and not self.shown().any(), "a dark picture")
-        self.borders.publish(
-            borders=[
-                VirtualBorder(
-                    name="b",
-                    points=[Point(1.5, 1.5, 0), Point(2.0, 1.5, 0)],
-                    kind=VirtualBorder.SEPARATING_CURVE,
-                    occupancy=1.0,
-                    enabled=True,
-                )
-            ]
-        )
+        border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, occupancy=1.0, enabled=True)
+        border.points = [Point(1.5, 1.5, 0), Point(2.0, 1.5, 0)]
+        self.borders.publish(borders=[border])
         wait_until(lambda: self.at(1.75, 1.5) > 100, "the border")
         self.publish_state(name="border", interaction_id="i")
         drawing = BorderProgress(interaction_id="i", chain=[Point(3.0, 1.4, 0), Point(3.0, 2.6, 0)])
         self.progress.publish(drawing)
-        wait_until(
-            lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "the drawing and the state's frame"
-        )
+        wait_until(lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "drawing and frame")
 
         def dark():
             spot = LaserSpot(camera="red", position=Point(3.0, 2.5, 0))
@@ -377,7 +323,7 @@ class DisplayTest(unittest.TestCase):
         self.publish_state()
         wait_until(lambda: self.at(3.0, 1.6) == 0 and self.at(1.75, 1.5) > 100, "the borders alone")
 
-    def test_8_without_a_calibration_it_says_so(self):
+    def test_a_projector_without_a_calibration_says_so(self):
         cases = [([], "calibration"), (["_calibration:=/"], "cannot read")]
         assert_ends_with_one_line("vb_feedback", "floor_projector", cases)
 

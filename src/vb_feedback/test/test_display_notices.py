@@ -15,7 +15,7 @@ def issue(severity, code, message=""):
     return BorderIssue(severity=severity, code=code, message=message)
 
 
-def test_what_save_would_do():
+def test_the_preview_says_what_save_would_do():
     warning, error = BorderIssue.WARNING, BorderIssue.ERROR
     assert preview_notices(None, "en") == []
     preview = BorderPreview(success=True, area_m2=2.5)
@@ -26,9 +26,8 @@ def test_what_save_would_do():
     assert texts(preview_notices(refused, "en")) == [("Saving would be refused: the seed is on a wall.", True)]
     values = values_from_mapping({"who": "$map_integrator"})
     unreached = BorderPreview(code="no_service", values=values, message="in English")
-    assert texts(preview_notices(unreached, "de")) == [
-        ("Speichern w\u00fcrde abgelehnt: Die Kartenverwaltung l\u00e4uft nicht.", True)
-    ]
+    german = "Speichern w\u00fcrde abgelehnt: Die Kartenverwaltung l\u00e4uft nicht."
+    assert texts(preview_notices(unreached, "de")) == [(german, True)]
 
 
 def test_what_others_say_is_said_whatever_its_words():

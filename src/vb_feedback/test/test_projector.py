@@ -92,7 +92,7 @@ def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
     ["", "[1, 2]", "width: 10", "{width: x, height: 400, map_to_pixels: []}", "{"]
     + [f"{{width: 640, height: 400, map_to_pixels: {matrix}}}" for matrix in ([[1, 0], [0, 1]], [[0] * 3] * 3)],
 )
-def test_files_that_are_no_calibration(tmp_path, text):
+def test_files_that_are_no_calibration_are_refused(tmp_path, text):
     path = tmp_path / "projector.yaml"
     path.write_text(text)
     with refused("bad_calibration"):
@@ -168,9 +168,8 @@ def test_nothing_looks_like_a_laser_spot():
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6))
 def test_whatever_is_drawn_nothing_breaks(chain):
-    shown = FloorImage(CALIBRATION).render(
-        FloorContent("seed", (), Drawing(chain=tuple(chain), closed=True, seed=chain[0]))
-    )
+    drawing = Drawing(chain=tuple(chain), closed=True, seed=chain[0])
+    shown = FloorImage(CALIBRATION).render(FloorContent("seed", (), drawing))
     assert shown.shape == (400, 640, 3)
 
 
@@ -179,9 +178,8 @@ def test_whatever_is_drawn_nothing_breaks(chain):
 def screen():
     # a fixed display number: servers that choose a free one at the same moment may collide
     display = f":{1000 + os.getpid() % 50000}"
-    server = subprocess.Popen(
-        ["Xvfb", display, "-screen", "0", "800x600x24", "-nolisten", "tcp"], stderr=subprocess.DEVNULL
-    )
+    options = ["-screen", "0", "800x600x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(["Xvfb", display, *options], stderr=subprocess.DEVNULL)
     look = ["xwininfo", "-root", "-display", display]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     wait_until(lambda: subprocess.run(look, **quiet).returncode == 0, "Xvfb to come up")

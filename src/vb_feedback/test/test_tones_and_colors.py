@@ -23,7 +23,7 @@ def state(name, second=0, refused="", **values):
     return InteractionState(name=name, **answer, **values)
 
 
-def test_tones_of_an_interaction():
+def test_each_change_of_an_interaction_has_its_sound():
     tones = SoundEvents()
     assert tones.on_spot(0.0) == []
     steps = (
@@ -65,18 +65,12 @@ def test_ticks_go_on_after_time_jumped_back():
     assert tones.on_spot(1000.0) and tones.on_spot(1.0)
 
 
-# Machado, Oliveira, Fernandes (2009), severity 1, on linear RGB
+# Machado, Oliveira, Fernandes (2009), severity 1: matrices (3, 3), row by row, on linear RGB
 VISIONS = {
-    "normal": np.eye(3),
-    "protan": np.array(
-        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
-    ),
-    "deutan": np.array(
-        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
-    ),
-    "tritan": np.array(
-        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
-    ),
+    "normal": [1, 0, 0, 0, 1, 0, 0, 0, 1],
+    "protan": [0.152286, 1.052583, -0.204868, 0.114503, 0.786281, 0.099216, -0.003882, -0.048116, 1.051998],
+    "deutan": [0.367322, 0.860646, -0.227968, 0.280085, 0.672501, 0.047413, -0.011820, 0.042940, 0.968881],
+    "tritan": [1.255528, -0.076749, -0.178779, -0.078411, 0.930809, 0.147602, 0.004733, 0.691367, 0.303900],
 }
 
 
@@ -86,32 +80,21 @@ def linear(color):
 
 
 def lab(color, vision):
-    seen = np.clip(vision @ linear(color), 0, 1)
+    seen = np.clip(np.reshape(vision, (3, 3)) @ linear(color), 0, 1)
     return cv2.cvtColor(np.float32([[seen]]), cv2.COLOR_LRGB2Lab)[0, 0]
 
 
 CAMERAS = {f"camera {name}": colors.camera_color(name) for name in ("red", "green", "blue", "robot")}
 GROUND = colors.rgb(30, 34, 42)  # behind the words, rviz/smart_display.rviz
-# colours that may be adjacent on the display and have different meanings
-GROUPS = {
+FLOOR, WALL = {"floor": colors.WHITE}, {"wall": colors.BLACK}
+# RViz's costmap colours 98 and 200 on white floor, with the configuration's alpha
+SAVED, PREVIEW = (colors.blend(colors.WHITE, colors.rgb(*color), 0.6) for color in ((249, 0, 5), (255, 145, 0)))
+BORDERS = {"hard": colors.CRIMSON, "soft": colors.blend(colors.CRIMSON, colors.WHITE, 0.33), "off": colors.GRAY}
+GROUPS = {  # colours that may be adjacent on the display and have different meanings
     "states": {name: colors.state_color(name) for name in STATES},
-    # RViz's costmap colours 98 and 200 on white floor, with the configuration's alpha
-    "areas": {
-        "saved": colors.blend(colors.WHITE, colors.rgb(249, 0, 5), 0.6),
-        "preview": colors.blend(colors.WHITE, colors.rgb(255, 145, 0), 0.6),
-        "floor": colors.WHITE,
-        "wall": colors.BLACK,
-    },
-    "lines": {
-        "drawn": colors.ORANGE,
-        "hard": colors.CRIMSON,
-        "soft": colors.blend(colors.CRIMSON, colors.WHITE, 0.33),
-        "off": colors.GRAY,
-        "path": colors.rgb(117, 80, 160),
-        "floor": colors.WHITE,
-        "wall": colors.BLACK,
-    },
-    "discs": {"robot": colors.YELLOW, "seed": colors.SKY_BLUE, "floor": colors.WHITE, **CAMERAS},
+    "areas": {"saved": SAVED, "preview": PREVIEW, **FLOOR, **WALL},
+    "lines": {"drawn": colors.ORANGE, "path": colors.rgb(117, 80, 160), **BORDERS, **FLOOR, **WALL},
+    "discs": {"robot": colors.YELLOW, "seed": colors.SKY_BLUE, **FLOOR, **CAMERAS},
     "strip": {"ground": GROUND, "answer": colors.WHITE, "hint": colors.SKY_BLUE, "warning": colors.YELLOW},
 }
 
@@ -147,7 +130,6 @@ def test_letters_contrast_with_their_ground(letters, ground):
     assert (light + 0.05) / (dark + 0.05) > 4.0
 
 
-# ------------------------------------------------------------------ on a Kobuki base
 class KobukiMessages:
     """The messages of kobuki_msgs, with the package's own constants."""
 
@@ -161,13 +143,11 @@ class KobukiMessages:
 def test_lights_show_the_state_and_the_stop_and_errors_beep(monkeypatch):
     sent = []
     monkeypatch.setattr(rospy, "Subscriber", lambda *_args, **_named: None)
-    monkeypatch.setattr(
-        rospy,
-        "Publisher",
-        lambda topic, *_args, **_named: SimpleNamespace(
-            publish=lambda message: sent.append((topic.rsplit("/", 1)[1], message.value))
-        ),
-    )
+
+    def publisher(topic, *_args, **_named):
+        return SimpleNamespace(publish=lambda message: sent.append((topic.rsplit("/", 1)[1], message.value)))
+
+    monkeypatch.setattr(rospy, "Publisher", publisher)
     node, red = KobukiFeedbackNode(KobukiMessages), KobukiMessages.Led.RED
     node._on_state(InteractionState(name="guide"))
     node._on_state(InteractionState(name="guide", border_s=1.0))  # unchanged lights are not sent again

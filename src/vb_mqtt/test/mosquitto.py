@@ -13,11 +13,7 @@ PROGRAM = "/usr/sbin/mosquitto"  # Debian's location, which is in the PATH only 
 
 
 class Mosquitto:
-    """A broker without persistence: a kill loses all its retained messages and sessions.
-
-    Args:
-        options: lines of its configuration.
-    """
+    """A broker with these lines in its configuration; a kill loses all its retained messages and sessions."""
 
     def __init__(self, folder, options=("allow_anonymous true",)):
         self.port = free_port()

@@ -214,9 +214,7 @@ class MqttTest(unittest.TestCase):
         # a new process starts with fresh rate limits
         self.node.kill()
         self.node.start()
-        wait_until(
-            lambda: self.is_done("resume", seen_stop=self.shown("stopped")["stop_number"]), "robots that may drive"
-        )
+        wait_until(lambda: self.is_done("resume", seen_stop=self.shown("stopped")["stop_number"]), "the resume")
 
     # ------------------------------------------------------------------ a broker that dies
     def test_commands_are_done_once_whenever_the_broker_dies(self):

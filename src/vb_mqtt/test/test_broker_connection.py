@@ -4,7 +4,6 @@ import os
 
 import pytest
 from mosquitto import PROGRAM, Hub, Mosquitto
-
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_mqtt.broker_connection import MqttClient, Connection, read_connection

@@ -60,12 +60,8 @@ def test_every_part_of_the_lab_has_its_entity():
     assert {key for key, kind in kinds.items() if kind == "button"} == {*COMMANDS, "confirm"}
     assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", key_of("border", "ü/#+")]
     assert [kinds[key] for key in ("camera_red", "camera_green", "robot", "robot_ada")] == ["binary_sensor"] * 4
-    assert [kinds[key] for key in ("state", "question", "stopped", "map")] == [
-        "sensor",
-        "sensor",
-        "binary_sensor",
-        "image",
-    ]
+    others = {"state": "sensor", "question": "sensor", "stopped": "binary_sensor", "map": "image"}
+    assert others.items() <= kinds.items()
 
 
 @pytest.mark.parametrize("language", sentences.languages())
@@ -169,9 +165,8 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     cells[:10, 100:] = -1
     before = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
     after = before.with_data(np.where(np.indices(cells.shape)[0] >= 50, 100, cells).astype(np.int8))
-    border = VirtualBorder(
-        kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=[Point(0, 2.5, 0), Point(10, 2.5, 0)]
-    )
+    line = [Point(0, 2.5, 0), Point(10, 2.5, 0)]
+    border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=line)
 
     def drawn(*borders):
         return cv2.imdecode(np.frombuffer(entity_states.draw_map(before, after, borders), np.uint8), cv2.IMREAD_COLOR)

@@ -118,9 +118,8 @@ def test_malformed_messages_are_refused(inbox, message):
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 values = st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=5)
 keys = st.sampled_from(["command", "border", "enabled", "at", "id", "seen_stop"]) | st.text()
-messages = st.dictionaries(keys, st.sampled_from([*KNOWN, NOW, True]) | values).map(
-    lambda fields: json.dumps(fields).encode()
-)
+fields = st.dictionaries(keys, st.sampled_from([*KNOWN, NOW, True]) | values)
+messages = fields.map(lambda given: json.dumps(given).encode())
 
 
 @settings(max_examples=400, deadline=None)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from plain_rooms import VIEW, empty, scan_of
-
 from vb_core.geometry import to_base
 from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import StopLatch

@@ -28,9 +28,8 @@ class FaultyMoveBase:
         """Starts the server if it is dead, as a new process would."""
         if self._server is not None:
             return
-        self._server = actionlib.ActionServer(
-            f"{self.name}/move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False
-        )
+        name = f"{self.name}/move_base"
+        self._server = actionlib.ActionServer(name, MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False)
         # one common lock: the server holds its own during callbacks, and needs it when a goal is answered
         self._server.lock = self._lock
         self._server.start()

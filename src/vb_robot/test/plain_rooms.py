@@ -13,9 +13,7 @@ from vb_robot.dispatching.floor_view import FloorView
 # an ideal camera with a 58 degree field of view, 0.45 m above the floor, pitched 30 degrees down
 VIEW = FloorView(
     CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(29.0))),
-    geometry.transform(
-        geometry.rotation_from_rpy(0.0, math.radians(30.0), 0.0) @ geometry.optical_rotation(), (0.10, 0.0, 0.45)
-    ),
+    geometry.transform(geometry.rotation_from_rpy(0, math.pi / 6, 0) @ geometry.optical_rotation(), (0.1, 0, 0.45)),
 )
 
 

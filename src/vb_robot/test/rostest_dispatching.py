@@ -15,7 +15,6 @@ from move_base_msgs.msg import MoveBaseActionGoal
 from plain_rooms import VIEW, room, with_border
 from stimulus import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
-
 from vb_core import names
 from vb_core.geometry import to_base
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
@@ -89,7 +88,6 @@ class DispatcherTest(unittest.TestCase):
     def is_sent(self, name):
         return wait_until(lambda: self.bases[name].goals, f"a goal of {name}")[-1]
 
-    # ------------------------------------------------------------- who goes
     def test_waits_for_a_stationary_camera_then_sends_one_once_and_cancels(self):
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (*SPOT, "ada", True)
@@ -148,7 +146,6 @@ class DispatcherTest(unittest.TestCase):
         self.is_sent("ada")
         self.assertEqual(self.bases["bob"].goals, [])
 
-    # ------------------------------------------------------------- faults
     def test_navigation_that_never_comes_and_then_does(self):
         for base in self.bases.values():
             base.die()

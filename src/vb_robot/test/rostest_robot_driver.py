@@ -16,7 +16,6 @@ from std_srvs.srv import Empty, EmptyResponse
 from plain_rooms import room, with_border
 from stimulus import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
-
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.vocabulary import DEFAULT, GUIDE

@@ -10,7 +10,6 @@ from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, LaserScan
 
 from plain_rooms import VIEW, room
-
 from vb_core import geometry, names
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
@@ -37,12 +36,10 @@ class Body:
             if self._time is not None and now > self._time:
                 dt = min(0.2, (now - self._time).to_sec())
                 self.pose = advance(self.pose, self.velocity[0] * dt, self.velocity[1] * dt)
-            self._time, pose = now, self.pose
+            self._time, place = now, geometry.transform_from_pose2d(*self.pose)
         return [
             message_from_transform(np.eye(4), "map", self.prefix + "odom", now),
-            message_from_transform(
-                geometry.transform_from_pose2d(*pose), self.prefix + "odom", self.prefix + "base_link", now
-            ),
+            message_from_transform(place, self.prefix + "odom", self.prefix + "base_link", now),
             message_from_transform(self.view.T_base_camera, self.prefix + "base_link", self.prefix + "optical", now),
         ]
 
@@ -101,9 +98,8 @@ class Stimulus(Body):
         with self.lock:
             spot, frame = self.spot, self.spot_frame
         # a scanner at the robot's centre with nothing in range, its frame_id with a slash as in tf1
-        scan = LaserScan(
-            angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0, ranges=[math.inf] * 361
-        )
+        scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
+        scan.ranges = [math.inf] * 361
         # the stamp is that of the first beam, and the scanner turns slowly: its scan counts as new all the same
         scan.header.stamp, scan.time_increment = now - rospy.Duration(0.4), 0.4 / 360
         scan.header.frame_id = "/base_laser_link"

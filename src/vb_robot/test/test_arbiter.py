@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
-
 from vb_core.geometry import to_base
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_of
+from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import FREE, PINCHED_AFTER
+from vb_robot.driving.gate import NAVIGATION, TELEOP
 from vb_robot.driving.spot_follower import FAR_DISTANCE, MAX_TURN, NEAR_DISTANCE
 from vb_robot.driving.workspace import MIN_UNCERTAINTY
 from vb_robot.spot_sightings import Sighting, Sightings
@@ -83,6 +84,52 @@ def test_a_restarted_driver_stays_stopped(tmp_path):
     assert rig.step(1.0).source == "stop"
     rig.silent.clear()  # the manager is back, and has not heard of the stop either
     assert rig.step(5.0).source == "stop"
+
+
+def published(arbiter, listeners, *times):
+    """Returns for each of these times [s] whether a command is published to so many listeners."""
+    return [arbiter.step(now, listeners).publish for now in times]
+
+
+def test_a_new_listener_hears_zeros_for_three_seconds():
+    arbiter = Arbiter(PROFILE)
+    assert published(arbiter, 0, 9.0) == [False]
+    assert published(arbiter, 1, 10.0, 12.9, 13.1) == [True, True, False]
+
+
+def test_a_listener_that_leaves_ends_no_zeros():
+    arbiter = Arbiter(PROFILE)
+    assert published(arbiter, 2, 14.0) == [True]
+    assert published(arbiter, 1, 14.5, 16.9, 17.1) == [True, True, False]
+
+
+def test_a_command_that_ends_is_followed_by_no_zeros():
+    arbiter = Arbiter(PROFILE)
+    assert published(arbiter, 2, 20.0) == [True]
+    arbiter.request(TELEOP, 0.0, 0.0, 20.5)
+    assert published(arbiter, 2, 20.5, 21.2, 21.3) == [True, True, False]
+
+
+@pytest.mark.parametrize("age, drives", [(-0.11, False), (-0.09, True), (0.49, True), (0.51, False)])
+@pytest.mark.parametrize("source", [TELEOP, NAVIGATION])
+def test_a_command_expires_after_half_a_second(source, age, drives):
+    arbiter = Arbiter(PROFILE)
+    arbiter.request(source, 0.1, 0.0, 50.0)
+    assert (arbiter.step(50.0 + age).source == source) is drives
+
+
+@pytest.mark.parametrize("age, cancels", [(-0.1, False), (0.0, True), (0.9, True), (1.1, False)])
+def test_following_cancels_a_goal_reported_within_a_second(age, cancels):
+    rig = Rig().follows()
+    rig.arbiter.set_goal(True, rig.now)
+    assert rig.arbiter.step(rig.now + age).cancel is cancels
+    rig.arbiter.set_goal(False, rig.now)
+    assert not rig.arbiter.step(rig.now + age + 2.0).cancel
+
+
+def test_halting_stops_the_robot_with_the_faults_code():
+    halted = Rig().drives().arbiter.halt("fault")
+    assert (halted.v, halted.w, halted.source, halted.code, halted.publish) == (0.0, 0.0, "navigation", "fault", True)
 
 
 # ------------------------------------------------------------ the gate
@@ -247,9 +294,7 @@ def test_a_pinched_robot_is_helped_away_and_keeps_its_goal(gap, yaw):
     assert rig.step().source == "navigation"
 
 
-@pytest.mark.parametrize(
-    "wish, yaw", [((0.2, 0.1), 0.0), ((0.2, 0.0), math.pi / 2)], ids=["into a border", "past a wall"]
-)
+@pytest.mark.parametrize("wish, yaw", [((0.2, 0.1), 0.0), ((0.2, 0.0), math.pi / 2)], ids=["at_border", "past_wall"])
 def test_a_robot_that_the_gate_holds_is_helped_away_too(wish, yaw):
     rig = beside(0.01, yaw)
     ahead = np.abs(np.linspace(-math.pi, math.pi, 360, endpoint=False)) < math.radians(20)

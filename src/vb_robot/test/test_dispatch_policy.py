@@ -92,6 +92,12 @@ class Then(NamedTuple):
     bench: dict = {}
 
 
+def flickers(x, now_and_then=iter([True, False] * 100)):
+    """Returns whether a robot at x [m] sees the spot: not where it stands, and every second time elsewhere."""
+    return x != 9.0 and next(now_and_then)
+
+
+THERE = dict(goal=REACHED, pose=(1.0, 0.0, 0.0))
 # What becomes of a robot on its way to x = 1 m, from where it would see the spot.
 AFTERWARDS = {
     "another goal is another place, and it comes after some patience": [
@@ -101,19 +107,11 @@ AFTERWARDS = {
         Then(1, [5]),
     ],
     "one that has arrived is not sent to about the same place again": [
-        Then(20, [], dict(goal=REACHED, pose=(1.0, 0.0, 0.0), offers=[place(1.1)], sees=at())),
+        Then(20, [], dict(**THERE, offers=[place(1.1)], sees=at())),
         Then(20, [1.3], dict(offers=[place(1.3)])),
     ],
-    "a goal that a new border takes is replaced": [
-        Then(12, [3], dict(room=lambda x: x != 1, offers=[place(3)], sees=at(1, 3)))
-    ],
-    "flicker at the edge does not change it": [
-        Then(
-            60,
-            [],
-            dict(offers=[place(5)], sees=lambda x, flicker=iter([True, False] * 100): x != 9.0 and next(flicker)),
-        )
-    ],
+    "a goal within a new border is replaced": [Then(12, [3], dict(room=at(3), offers=[place(3)], sees=at(1, 3)))],
+    "flicker at the edge does not change it": [Then(60, [], dict(offers=[place(5)], sees=flickers))],
     "a spot that is lost is no matter of patience": [
         Then(4, []),
         Then(1, [3], dict(offers=[place(3)], sees=at(3)), dict(unseen_s=1.0)),
@@ -121,21 +119,10 @@ AFTERWARDS = {
         Then(1, [5]),
     ],
     "into the interaction's next state it goes on": [Then(20, [], bench=dict(key=("a", 2)))],
-    "the next interaction begins from scratch even if no decision fell between": [
-        Then(1, [1], dict(goal=NONE), dict(key=("b", 1)))
-    ],
-    "one that was carried away comes back": [
-        Then(10, [], dict(goal=REACHED, pose=(1.0, 0.0, 0.0))),
-        Then(10, [1], dict(pose=(5.0, 0.0, 0.0))),
-    ],
-    "a place that failed is tried again after a while": [
-        Then(int(4 * FAILED_MEMORY), [], dict(goal=FAILED)),
-        Then(8, [1]),
-    ],
-    "it is left for a while to the node that preempted the goal": [
-        Then(4 * 15, [], dict(goal=PREEMPTED)),
-        Then(2, [1]),
-    ],
+    "the next interaction begins from scratch at once": [Then(1, [1], dict(goal=NONE), dict(key=("b", 1)))],
+    "one that was carried away comes back": [Then(10, [], THERE), Then(10, [1], dict(pose=(5.0, 0.0, 0.0)))],
+    "a place that failed is tried again later": [Then(int(4 * FAILED_MEMORY), [], dict(goal=FAILED)), Then(8, [1])],
+    "it is left to who preempted the goal for a while": [Then(4 * 15, [], dict(goal=PREEMPTED)), Then(2, [1])],
     "time that jumps back does not silence it": [
         Then(1, [], dict(goal=PREEMPTED)),
         Then(1, [1], dict(goal=NONE), dict(now=5.0)),

@@ -7,7 +7,6 @@ import pytest
 from shapely.geometry import Point, Polygon
 
 from plain_rooms import VIEW, room
-
 from vb_core.grid_map import GridMap
 from vb_core.geometry import to_base
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
@@ -171,9 +170,8 @@ def test_choosing_a_place_costs_the_same_in_a_hotel():
 def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     robot = (-25.0, 0.0, 0.0)
     outlook = look(1200, DrawingState(np.array([0.5, 0.3])), robot)
-    assert not outlook.clearance_map.grid.contains_cells(
-        outlook.clearance_map.grid.world_to_cell(np.array([robot[:2]]))
-    )[0]
+    grid = outlook.clearance_map.grid
+    assert not grid.contains_cells(grid.world_to_cell(np.array([robot[:2]])))[0]
     best = outlook.best_viewpoint(robot)
     length = outlook.clearance_map.path_lengths(robot[:2], np.array([best.pose[:2]]))[0]
     assert best.pose[0] < 0.5 and length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)

@@ -11,7 +11,6 @@ import roslib.packages
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import empty, scan_of
-
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
@@ -19,7 +18,6 @@ from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.subscriptions import message_class
 
 
-# ------------------------------------------------------------ one way to the wheels
 @pytest.mark.parametrize("situation", ["idle", "stopped", "driving"])
 def test_another_publisher_is_reported_in_every_state(situation):
     rig = Rig()
@@ -61,7 +59,6 @@ def test_an_unsupported_kind_of_robot_is_refused_in_one_sentence(kind):
         RobotProfile.from_mapping({"base": {"kind": kind}})
 
 
-# ------------------------------------------------------------ what each source needs
 def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     rig = Rig().drives()
     rig.goal = True
@@ -72,7 +69,6 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     assert rig.step(1.0).v == 0.3
 
 
-# ------------------------------------------------------------ where it is
 @pytest.mark.parametrize("known", [True, False])
 def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
     """Without a pose, AMCL itself assumes (0, 0, 0) with variances of 0.25 m^2: the robot does not know where it is."""
@@ -80,9 +76,8 @@ def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
     file = tmp_path / "navigation.launch"
     file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # these check whether AMCL is installed
     config, pose = roslaunch.config.ROSLaunchConfig(), {"x": 2.0, "y": 3.0, "yaw": 1.5}
-    roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(
-        str(file), config, argv=[f"{name}:={value}" for name, value in pose.items() if known], verbose=False
-    )
+    given = [f"{name}:={value}" for name, value in pose.items() if known]
+    roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(str(file), config, argv=given, verbose=False)
     told = {name: entry.value for name, entry in config.params.items() if name.startswith("/amcl/initial_pose")}
     names = ("/amcl/initial_pose_x", "/amcl/initial_pose_y", "/amcl/initial_pose_a")
     assert told == (dict(zip(names, pose.values())) if known else {})
@@ -92,7 +87,6 @@ def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
     assert uncertainty.lost is not known
 
 
-# ------------------------------------------------------------ contacts
 @pytest.mark.parametrize(
     "more, complaint",
     [
@@ -107,7 +101,6 @@ def test_a_contact_that_cannot_be_heard_or_read_is_refused(more, complaint):
         message_class(RobotProfile.from_mapping({"contacts": [given]}).contacts[0])
 
 
-# ------------------------------------------------------------ scanners
 class SlowScanner(Rig):
     """A robot with a 5 Hz scanner: each scan takes 0.2 s, and is stamped with its end."""
 
@@ -128,7 +121,6 @@ def test_a_scanner_of_5_hz_does_not_slow_the_robot():
     assert np.mean([command.w for command in rig.commands]) >= 0.95
 
 
-# ------------------------------------------------------------ inputs lost while it drives
 def sets(name, value, clear):
     """Returns a fault that sets an attribute of the gate."""
     return lambda rig, faulty: setattr(rig.arbiter.gate, name, value if faulty else clear)
@@ -145,6 +137,10 @@ def mixes_maps(rig, faulty):
         rig.set_grid(empty())
 
 
+def drops_a_wheel(rig, faulty):
+    rig.arbiter.gate.set_contact(("wheel_drop", 0), "all" * faulty)
+
+
 LATEST = 0.5  # [s], as robots.md promises
 FAULTS = {
     # what is lost: (how, the code, the time [s] by which the wheels must stand still)
@@ -156,11 +152,7 @@ FAULTS = {
     "clock": (silences("clock"), "clock_stopped", LATEST),
     "certainty of the localisation": (sets("pose_uncertain", True, False), "pose_uncertain", DT),
     "maps that belong together": (mixes_maps, "no_map", DT),
-    "a wheel's floor": (
-        lambda rig, faulty: rig.arbiter.gate.set_contact(("wheel_drop", 0), "all" * faulty),
-        "contact",
-        DT,
-    ),
+    "a wheel's floor": (drops_a_wheel, "contact", DT),
     "being its only commander": (sets("registered", ("/move_base",), ()), "other_cmd_vel_publisher", DT),
 }
 

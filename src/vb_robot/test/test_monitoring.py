@@ -15,7 +15,6 @@ from scipy.spatial import cKDTree
 
 from plain_rooms import room, with_border
 from vb_testing import wait_until
-
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray

@@ -25,11 +25,7 @@ def align(shim, v, w, yaw, now=NOW):
 
 
 def turned_round(seed, shim, sweep_s):
-    """Returns whether a robot that faces away turns round, with a controller that turns to and fro while facing away.
-
-    Args:
-        sweep_s: [s] for how long the controller keeps one direction: 1 to 10 s were observed with DWA.
-    """
+    """Returns whether a robot that faces away turns round though its controller turns to and fro, each for `sweep_s` [s]."""
     rng = np.random.default_rng(seed)
     x, y, yaw, w = 1.0, 0.0, math.pi + rng.uniform(-0.2, 0.2), 0.0
     for step in range(int(30.0 / STEP)):

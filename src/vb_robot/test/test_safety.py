@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plain_rooms import empty, scan_of, with_border
-
 from vb_core.robot_profile import Limits, RobotProfile
 from vb_robot.driving.gate import CLEARANCES, TELEOP, Gate
 from vb_robot.driving.safety import Clearance, Fix, arc, limit_around, pose_jump, safe_speed, stop_distance
@@ -22,9 +21,8 @@ LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
 @given(st.floats(-0.5, 2.0), st.floats(0.1, 0.5))
 def test_safe_speed_stops_in_time(free, delay):
     v = safe_speed(free, LIMITS, delay)
-    assert (
-        stop_distance(-v, LIMITS, delay) == stop_distance(v, LIMITS, delay) == pytest.approx(max(free, 0.0), abs=1e-9)
-    )
+    assert stop_distance(v, LIMITS, delay) == stop_distance(-v, LIMITS, delay)
+    assert stop_distance(v, LIMITS, delay) == pytest.approx(max(free, 0.0), abs=1e-9)
     assert stop_distance(v, LIMITS, delay) == pytest.approx(v * delay + v * v / 3.0)
 
 
@@ -81,9 +79,8 @@ def test_a_jump_is_what_odometry_or_top_speed_cannot_explain(before, after, odom
         (a, turned_a), (b, turned_b) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in odometry)
         moved, turned, spare = (b - a) / turned_a * turned_p, turned_b / turned_a, 0.0
     off, angle = abs(q - p - moved), abs(cmath.phase(turned_q / turned_p / turned))
-    found = pose_jump(
-        *(Fix(at, *pose) for at, *pose in zip((10.0, 10.0 + seconds), (before, after), odometry or 2 * [None]))
-    )
+    fixes = zip((10.0, 10.0 + seconds), (before, after), odometry or 2 * [None])
+    found = pose_jump(*(Fix(*fix) for fix in fixes))
     assert found == pytest.approx(max(0.0, off - spare) + 0.5 * max(0.0, angle - 3.0 * spare), abs=1e-9)
 
 
@@ -116,9 +113,8 @@ def test_navigations_map_has_what_the_driver_keeps_out_of():
     plain, physical = workspace()
     data = plain.borders.data.copy()
     data[31:, :] = -1
-    here = Workspace(
-        plain.borders.with_data(data), physical.with_data(np.minimum(data, physical.data)), 0.18, uncertainty=0.1
-    )
+    physical = physical.with_data(np.minimum(data, physical.data))
+    here = Workspace(plain.borders.with_data(data), physical, 0.18, uncertainty=0.1)
     grown = here.keep_out.data != here.borders.data
     assert grown.any() and (here.keep_out.data[grown] == 100).all() and (here.borders.data[grown] == 0).all()
     assert (here.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"

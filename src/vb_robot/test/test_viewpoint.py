@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
 from plain_rooms import VIEW, room
-
 from vb_core.grid_layers import clearance_grid
 from vb_core.geometry import to_base
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap

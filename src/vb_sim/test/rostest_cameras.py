@@ -10,7 +10,6 @@ from geometry_msgs.msg import Point, Pose2D
 from sensor_msgs.msg import CameraInfo, Image
 
 from vb_testing import Newest, wait_until
-
 from vb_core import geometry
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import array_from_image

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from refusals import refused
-
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, intersect_floor
 from vb_core.image_format import PixelReader
@@ -36,13 +35,9 @@ WORLD = {
     ],
 }
 RADII = {"robot": 0.18, "other": 0.18}
-MANY_E = 1e12  # electrons: no photon noise
-QUIET = Models(
-    camera_noise=CameraNoise(read_sigma=0.0, full_well_e=MANY_E, prnu=0.0),
-    robot_camera=RobotCamera(
-        read_sigma=0.0, full_well_e=MANY_E, depth_sigma=0.0, depth_sigma_quadratic=0.0, depth_holes=0.0
-    ),
-)
+NO_NOISE = {"read_sigma": 0.0, "full_well_e": 1e12}  # so many electrons have no photon noise
+NO_DEPTH_NOISE = {"depth_sigma": 0.0, "depth_sigma_quadratic": 0.0, "depth_holes": 0.0}
+QUIET = Models(camera_noise=CameraNoise(prnu=0.0, **NO_NOISE), robot_camera=RobotCamera(**NO_NOISE, **NO_DEPTH_NOISE))
 
 
 @pytest.fixture(scope="module")
@@ -144,9 +139,8 @@ def test_person_and_furniture_hide_the_spot(lab):
 def test_a_frame_leaves_no_trace_in_the_next(lab):
     view = ceiling(lab, "bayer")
     empty = view.frame(Snapshot(1.0)).copy()
-    scene = Snapshot(
-        1.0, {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2)
-    )
+    robots = {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}
+    scene = Snapshot(1.0, robots, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2))
     busy = view.frame(scene).copy()
     assert (busy != empty).sum() > 10000
     np.testing.assert_array_equal(view.frame(Snapshot(1.1)), empty)

@@ -27,19 +27,12 @@ EXACT = RobotModel(
 
 
 def small_world(**more):
-    return world_from_mapping(
-        {
-            "room": {"size": [4.0, 3.0]},
-            "furniture": [{"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}],
-            "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}],
-            **more,
-        }
-    )
+    world = {"room": {"size": [4.0, 3.0]}, "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}]}
+    pillar = {"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}
+    return world_from_mapping({**world, "furniture": [pillar], **more})
 
 
-def body(
-    model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)
-):
+def body(model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0, 0, 0)):
     models = Models(robot=model, localisation=localization)
     return RobotBody(start, 0.18, models, clearance, np.random.default_rng(seed))
 
@@ -106,9 +99,8 @@ def test_exact_wheels_measure_the_true_path():
     robot = body(EXACT, start=(2.0, 1.0, 0.7))
     _, now = drive(robot, 0.4, 0.5, 2.0)
     drive(robot, -0.2, -0.9, 2.0, now)
-    start, odometry, end = (
-        geometry.transform_from_pose2d(*pose) for pose in ((2.0, 1.0, 0.7), robot.odometry, robot.pose)
-    )
+    poses = (2.0, 1.0, 0.7), robot.odometry, robot.pose
+    start, odometry, end = (geometry.transform_from_pose2d(*pose) for pose in poses)
     assert np.allclose(start @ odometry, end, atol=1e-9)
 
 

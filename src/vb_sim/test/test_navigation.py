@@ -12,7 +12,6 @@ from scipy.sparse import lil_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from refusals import refused
-
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
@@ -43,7 +42,7 @@ def with_wall(gap=True):
 
 
 # ------------------------------------------------------------ costmap
-def test_inflation_follows_costmap_2d():
+def test_inflation_is_that_of_costmap_2d():
     grid = room()
     costmap = Costmap(grid, RADIUS)
     obstacles = grid.data == OCCUPIED
@@ -58,7 +57,7 @@ def test_inflation_follows_costmap_2d():
 
 
 @pytest.mark.parametrize("value, cost", [(0, 0), (75, 190), (100, LETHAL), (UNKNOWN, NO_INFORMATION)])
-def test_static_values_as_static_layer(value, cost):
+def test_map_values_cost_what_costmap_2ds_static_layer_says(value, cost):
     grid = GridMap(np.full((3, 3), value, np.int8), 0.05)
     assert (Costmap(grid, RADIUS).costs == cost).all()
 

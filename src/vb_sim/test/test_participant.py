@@ -16,7 +16,6 @@ from vb_sim.person.participant import Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript, choose_order
 from vb_sim.room.world import load_world
-
 from closed_loop import DT, System
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -48,6 +47,7 @@ def check_drawing(key, sim):
 
 
 SCENARIOS = ("room", "carpet", "corner")
+ROBOT_ALONE = {"dispatch_after": 1e9, "follows": True}
 
 
 @pytest.mark.parametrize(
@@ -55,20 +55,14 @@ SCENARIOS = ("room", "carpet", "corner")
     [
         *[(key, "nrs", 120.0, {}, []) for key in SCENARIOS],
         *[(key, "robot_only", 280.0, {"covered": NOWHERE}, ["guide_robot"]) for key in SCENARIOS],
-        # the end of the border is not covered, or its beginning
         ("corner", "nrs", 200.0, {"covered": lambda spot: spot[0] < 7.0, "dispatch_after": 4.0}, []),
         ("corner", "nrs", 200.0, {"covered": lambda spot: spot[1] < 4.2, "dispatch_after": 4.0}, []),
-        # no camera, but a robot
-        (
-            "room",
-            "nrs",
-            280.0,
-            {"covered": NOWHERE, "dispatch_after": 1e9, "follows": True},
-            ["define_border", "guide_robot"],
-        ),
+        ("room", "nrs", 280.0, {**ROBOT_ALONE, "covered": NOWHERE}, ["define_border", "guide_robot"]),
         ("room", "nrs", 200.0, {"model": SLIPS}, ["define_border", "cancel"]),
         ("room", "robot_only", 200.0, {"model": SLIPS}, ["guide_robot", "define_border", "cancel", "guide_robot"]),
     ],
+    ids=[*SCENARIOS, *(f"{key} by robot" for key in SCENARIOS)]
+    + ["end not covered", "beginning not covered", "no camera", "slips", "slips by robot"],
 )
 def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, more, first):
     sim = system(key, method, **more)
@@ -126,7 +120,7 @@ def test_mistakes_are_drawn_for_each_run():
 
 
 @pytest.mark.parametrize("key", SCENARIOS)
-def test_a_seed_on_the_wrong_side(key):
+def test_a_person_may_show_the_seed_on_the_wrong_side(key):
     sim = system(key, model=ParticipantModel(wrong_side=1.0))
     assert sim.run(120.0) == "saved"
     side = Polygon(WORLD.scenario(key).region)

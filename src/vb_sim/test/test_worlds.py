@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from refusals import refused
-
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import RobotProfile
 from vb_sim.models import MODELS, BodyProportions, Models, load_models

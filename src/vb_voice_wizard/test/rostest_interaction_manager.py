@@ -17,22 +17,11 @@ from std_msgs.msg import Header
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
-
 from neighbors import StubNeighbors, point
 from terminal import Terminal
 from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
-
-from vb_msgs.msg import (
-    BorderPreview,
-    BorderProgress,
-    BorderIssue,
-    DriverState,
-    InteractionState,
-    LaserSpot,
-    NoticeArray,
-    Stop,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DriverState, InteractionState, LaserSpot
+from vb_msgs.msg import NoticeArray, Stop, VirtualBorderArray
 from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
@@ -117,7 +106,7 @@ class InteractionManagerTest(unittest.TestCase):
             other.kill()
             self.node.start()
 
-    def test_a_whole_interaction(self):
+    def test_an_interaction_ends_with_its_border_saved_and_recorded(self):
         self.assertTrue(self.command("define_border", "voice").success)
         drawing = self.in_state("border")
         self.assertTrue(drawing.interaction_id and not drawing.started.is_zero())
@@ -143,15 +132,9 @@ class InteractionManagerTest(unittest.TestCase):
 
     def draw(self, identity, dx=0.0):
         """Publishes progress with border and seed, as the border fusion does."""
-        self.progress.publish(
-            interaction_id=identity,
-            code="ok",
-            border_spots=5,
-            seed_spots=5,
-            has_seed=True,
-            seed=point(0.5 + dx, 0.5),
-            chain=[point(0, 0), point(1, 0), point(1, 1)],
-        )
+        progress = BorderProgress(interaction_id=identity, code="ok", border_spots=5, seed_spots=5, has_seed=True)
+        progress.chain, progress.seed = [point(0, 0), point(1, 0), point(1, 1)], point(0.5 + dx, 0.5)
+        self.progress.publish(progress)
 
     def test_the_preview_follows_what_is_drawn_and_is_what_is_saved(self):
         self.command("define_border")
@@ -167,9 +150,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
         # a moved seed causes a new preview, and so do borders that others change
         refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
-        refusal.issues = [
-            BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message="It separates nothing.")
-        ]
+        refusal.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message=refusal.message)]
         good, self.stub.preview = self.stub.preview, refusal
         self.draw(identity, dx=0.2)
         refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
@@ -295,9 +276,8 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.command("yes save", source="voice", uncertain=True).code, "saved")
 
     def test_a_border_is_not_saved_unasked_while_cameras_disagree(self):
-        notice = Notice(
-            "cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "11"}
-        )
+        values = {"first": "north", "second": "south", "cm": "11"}
+        notice = Notice("cameras_disagree", Severity.ERROR, camera="south", values=values)
         doubt = NoticePublisher()
         self.addCleanup(doubt.close)
         doubt.set([notice])
@@ -363,9 +343,8 @@ class InteractionManagerTest(unittest.TestCase):
             os.mkdir(f"{folder}/stop")
             # the answer waits only briefly for the disk, the notice comes in any case
             self.assertTrue(self.command("stop").success)
-            wait_until(
-                lambda: any(n.code == "stop_not_stored" for said in notices.all for n in said.notices), "the notice"
-            )
+            code = "stop_not_stored"
+            wait_until(lambda: code in [n.code for said in notices.all for n in said.notices], "the notice")
             other.kill()
             del self.state.all[:]
             other.start()
@@ -384,10 +363,8 @@ class InteractionManagerTest(unittest.TestCase):
             self.assertTrue(self.command("define_border").success)
             # on a slow machine they may be over when it looks, so all messages count
             wait_until(lambda: any(not message.ends_at.is_zero() for message in self.state.all), "the warning")
-            wait_until(
-                lambda: ["interaction_ends_soon"] in [[n.code for n in said.notices] for said in notices.all],
-                "the notice",
-            )
+            alone = ["interaction_ends_soon"]
+            wait_until(lambda: alone in [[n.code for n in said.notices] for said in notices.all], "the notice")
             self.state.wait(lambda message: message.last_outcome == "abandoned", "the end")
             wait_until(lambda: self.records()[-1]["outcome"] == "abandoned", "the record")
 
@@ -399,9 +376,8 @@ class InteractionManagerTest(unittest.TestCase):
         terminal.press("b")
         drawing = self.state.wait(lambda message: message.name == "border", "the border state")
         self.assertEqual(drawing.last_source, "wizard")
-        self.progress.publish(
-            interaction_id=drawing.interaction_id, border_spots=321, cameras_seeing_spot=["red"], code="ok"
-        )
+        seen = {"border_spots": 321, "cameras_seeing_spot": ["red"]}
+        self.progress.publish(interaction_id=drawing.interaction_id, code="ok", **seen)
         terminal.shows("321 border")
         seen = len(terminal.text)  # the console waited at its start, too
         self.node.kill()
@@ -422,7 +398,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertNotIn("Traceback", terminal.text)
         self.assertEqual(terminal.leave(), (0, True))
 
-    def test_without_a_terminal(self):
+    def test_the_console_is_refused_without_a_terminal(self):
         assert_ends_with_one_line("vb_voice_wizard", "wizard_console", [([], "needs a terminal")])
 
 

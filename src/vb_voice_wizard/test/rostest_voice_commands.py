@@ -9,7 +9,6 @@ import rostest
 
 from vb_testing import Newest, Process, wait_until
 from speech import RATE, pieces, say
-
 from vb_msgs.msg import Audio, SpeechCommand, NoticeArray, Sound
 from vb_msgs.srv import Command, CommandResponse
 
@@ -70,9 +69,7 @@ class VoiceCommandsTest(unittest.TestCase):
             self.audio.publish(broken)  # dropped
         self.give("define border")
         heard = self.heard.wait(lambda message: message.accepted, "the command")
-        wait_until(
-            lambda: "recognized" in [sound.name for sound in self.sounds.all], "the sound of what was understood"
-        )
+        wait_until(lambda: "recognized" in [sound.name for sound in self.sounds.all], "the sound of a command")
         self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
         self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
         self.assertGreater(heard.confidence, 0.0)
@@ -101,13 +98,9 @@ class VoiceCommandsTest(unittest.TestCase):
 
     def test_silence_is_reported(self):
         notices = Newest("/virtual_borders/notices", NoticeArray)
-        notices.wait(
-            lambda message: [n.code for n in message.notices] == ["microphone_silent"], "silence that is noticed"
-        )
+        notices.wait(lambda message: [n.code for n in message.notices] == ["microphone_silent"], "the silence")
         self.speak("define border")
-        notices.wait(
-            lambda message: "microphone_silent" not in [n.code for n in message.notices], "the end of the silence"
-        )
+        notices.wait(lambda message: "microphone_silent" not in [n.code for n in message.notices], "its end")
 
     def test_a_missing_microphone_is_reported(self):
         notices = Newest("/virtual_borders/notices", NoticeArray)

@@ -12,7 +12,7 @@ FIVE = {"define_border": 0, "define_seed": 1, "guide_robot": 2, "save": 3, "canc
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.lists(st.integers(0, 1), min_size=8, max_size=8), max_size=40))
-def test_as_many_commands_as_rising_edges(readings):
+def test_each_rising_edge_is_one_command(readings):
     buttons, before, given_commands, edges = ButtonMap(FIVE, {}), [0] * 8, 0, 0
     for reading in readings:
         given_commands += len(buttons.update(reading, "border"))

@@ -1,7 +1,5 @@
 """Repeated commands, doubts about a drawing, when a preview is made again, and what was undone."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import threading
@@ -116,9 +114,7 @@ def changed(**changes) -> PreviewInputs:
     return dataclasses.replace(DRAWN, **changes)
 
 
-def shown(
-    situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True
-) -> PreviewScheduler:
+def shown(situation=DRAWN, started=100.0, took=0.0, answered=True) -> PreviewScheduler:
     pace = PreviewScheduler()
     pace.record_preview(situation, started, started + took, answered)
     return pace
@@ -178,9 +174,7 @@ def test_nothing_is_previewed_before_there_are_border_and_seed(missing):
 # ------------------------------------------------------------------ what was undone
 def test_what_was_undone_is_named():
     def undone(before, after, command="undo"):
-        answer = _what_changed(
-            command, {border.id: border for border in before}, {border.id: border for border in after}
-        )
+        answer = _what_changed(command, *({border.id: border for border in borders} for borders in (before, after)))
         return answer.code, answer.values.get("borders")
 
     rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)

@@ -10,7 +10,7 @@ import pytest
 
 from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
-
+from vb_core.sentences import spelled_out
 from vb_core.sounds import SOUNDS, Note, Tones
 from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer, RecognitionResult
 from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound
@@ -20,17 +20,8 @@ from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 from vb_voice_wizard.voice_commands_node import VoiceCommandsNode
 
 
-COMMANDS = {
-    "define_border": ("define border", "en-us"),
-    "define_seed": ("define seed", "en-gb"),
-    "guide_robot": ("guide robot", "en-us+f2"),
-    "save": ("save", "en-gb+m3"),
-    "cancel": ("cancel", "en-us+f4"),
-    "stop": ("stop", "en-us"),
-    "resume": ("resume", "en-gb"),
-    "undo": ("undo", "en-us+m3"),
-    "redo": ("redo", "en-gb+f2"),
-}
+VOICES = "en-us en-gb en-us+f2 en-gb+m3 en-us+f4 en-us en-gb en-us+m3 en-gb+f2".split()
+SPOKEN = dict(zip("define_border define_seed guide_robot save cancel stop resume undo redo".split(), VOICES))
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +31,7 @@ def recognizer():
 
 def test_commands_are_recognised_most_of_the_time(recognizer):
     """One voice in one noise each: bench/voice/command_recognition.py measures how often they are."""
-    issues = {command: examine(recognizer, say(*spoken))[0] for command, spoken in COMMANDS.items()}
+    issues = {name: examine(recognizer, say(spelled_out(name), voice))[0] for name, voice in SPOKEN.items()}
     assert all(issue.command in (None, command) for command, issue in issues.items()), issues
     heard = [issue for command, issue in issues.items() if issue.command == command]
     assert len(heard) >= 6, issues
@@ -48,7 +39,7 @@ def test_commands_are_recognised_most_of_the_time(recognizer):
     assert all(issue.confidence >= THRESHOLD for issue in heard)
 
 
-def test_what_was_made_of_it_can_be_seen(recognizer):
+def test_a_result_tells_the_best_guess_and_why_it_is_no_command(recognizer):
     (issue,) = examine(recognizer, say("has anyone seen my glasses"))
     assert issue.command is None and issue.best and issue.confidence < THRESHOLD
     assert issue.reason == "unlike_a_command"
@@ -81,7 +72,7 @@ def test_the_speech_model_tells_what_was_said_not_how_loud():
     assert np.isfinite(model.log_likelihood_ratios(np.zeros(RATE // 5, np.int16), every)).all()
 
 
-def test_bad_files_are_named(tmp_path):
+def test_a_missing_or_damaged_file_of_the_model_is_named(tmp_path):
     (tmp_path / "encoder_model.ort").write_bytes(b"nothing")
     for folder, name in ((tmp_path / "none", "encoder_model.ort"), (tmp_path, "encoder_model.ort")):
         with refused("no_speech_model") as caught:
@@ -100,9 +91,8 @@ def test_bad_files_are_named(tmp_path):
 )
 def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
     """One voice in one noise each: bench/voice/command_recognition.py measures how often it does."""
-    heard = [
-        command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")
-    ]
+    voices = ("en-us", "en-gb", "en-us+f2")
+    heard = [command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in voices]
     assert set(heard) <= {"stop", None} and "stop" in heard
 
 
@@ -182,9 +172,8 @@ def spoken_at(spans, faint=()):
         assert len(data) == 2 * CHUNK
         middle = (next(count) + 0.5) * STEP
         levels = [0.9] * len(spans) + [0.4] * len(faint)
-        return max(
-            [level for (start, end), level in zip([*spans, *faint], levels) if start <= middle < end], default=0.1
-        )
+        heard = [level for (start, end), level in zip([*spans, *faint], levels) if start <= middle < end]
+        return max(heard, default=0.1)
 
     return probability
 
@@ -221,7 +210,7 @@ def test_long_speech_is_told_once_and_a_pause_ends_it():
         ([(1.0, 1.5)], [(1.5, 2.5), (3.5, 4.5)], 5.0, [(1.0, 2.5)]),  # faint speech only continues it
     ],
 )
-def test_what_is_one_utterance(spans, faint, total, expected):
+def test_a_click_is_no_utterance_and_a_short_pause_ends_none(spans, faint, total, expected):
     found = [(one.start, one.end) for one in cut(spans, total, faint=faint)]
     np.testing.assert_allclose(np.reshape(found, (-1, 2)), np.reshape(expected, (-1, 2)), atol=STEP)
 

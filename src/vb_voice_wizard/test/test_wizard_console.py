@@ -14,19 +14,13 @@ from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, WRONG, Consol
 
 
 def drawing(language="en"):
-    return ConsoleContent(
-        InteractionState(name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3),
-        BorderProgress(
-            interaction_id="ab12", border_spots=120, seed_spots=3, ignored_spots=7, cameras_seeing_spot=["south"]
-        ),
-        BorderPreview(
-            available=True,
-            success=True,
-            area_m2=2.5,
-            issues=[BorderIssue(severity=BorderIssue.WARNING, message="The robot stands inside the new border.")],
-        ),
-        language=language,
-    )
+    """Returns the console's content while somebody draws a border that has a preview with an issue."""
+    state = InteractionState(name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3)
+    progress = BorderProgress(interaction_id="ab12", border_spots=120, seed_spots=3, ignored_spots=7)
+    progress.cameras_seeing_spot = ["south"]
+    preview = BorderPreview(available=True, success=True, area_m2=2.5)
+    preview.issues = [BorderIssue(severity=BorderIssue.WARNING, message="The robot stands inside the new border.")]
+    return ConsoleContent(state, progress, preview, language=language)
 
 
 def text(view, now=0.0, width=300):
@@ -35,28 +29,33 @@ def text(view, now=0.0, width=300):
     return console.file.getvalue()
 
 
-def test_what_holds_is_said():
+@pytest.mark.parametrize(
+    "words", ["BORDER", "1:13", "120 border, 3 seed, 7 ignored", "south", "restrict 2.50 m\u00b2", "! The robot stands"]
+)
+def test_the_console_tells_state_time_spots_cameras_and_preview(words):
+    assert words in text(drawing())
+
+
+@pytest.mark.parametrize("parts, is_told", [(0, False), (1, False), (2, True)])
+def test_the_console_tells_in_how_many_parts_a_border_would_leave_the_floor(parts, is_told):
     view = drawing()
-    found = text(view)
-    for word in (
-        "BORDER",
-        "1:13",
-        "120 border, 3 seed, 7 ignored",
-        "south",
-        "restrict 2.50 m\u00b2",
-        "! The robot stands",
-    ):
-        assert word in found, word
-    for view.preview.free_parts in (0, 1, 2):
-        split = view.words("preview_parts", parts=view.preview.free_parts)
-        assert (split in text(view)) == (view.preview.free_parts == 2)
+    view.preview.free_parts = parts
+    assert (view.words("preview_parts", parts=parts) in text(view)) is is_told
+
+
+@pytest.mark.parametrize("words", ["STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"])
+def test_the_console_tells_of_a_stop_the_end_a_question_and_notices(words):
+    view = drawing()
     view.state.stopped, view.state.stopped_by, view.state.confirm_save = True, "voice", True
     view.state.ends_at = rospy.Time(145)
-    view.notices = (Notice("stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
-    found = text(view, 100.0)
-    for word in ("STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"):
-        assert word in found, word
-    assert "! Stopped: no robot drives" not in found  # the state's line says so already
+    view.notices = (Notice("of_a_newer_version", Severity.ERROR, message="Look!"),)
+    assert words in text(view, 100.0)
+
+
+def test_the_notice_of_a_stop_is_told_only_if_the_state_is_not_known():
+    view = drawing()
+    view.state.stopped, view.notices = True, (Notice("stopped", Severity.WARNING),)
+    assert "! Stopped: no robot drives" not in text(view)
     view.state = None
     assert "! Stopped: no robot drives" in text(view)
 

@@ -16,7 +16,7 @@ from vb_msgs.srv import RemoveBorder, RenameBorder
 
 
 class BordersTest(PageTest):
-    def test_a_border_round_the_carpet_from_the_phone(self):
+    def test_a_border_is_drawn_undone_switched_and_edited_on_a_phone(self):
         draw_carpet(self.browser)
         self.browser.field("#review input[data-key=name]").send_keys("Küche 厨房")
         self.browser.click("#review button", "Save")
@@ -26,9 +26,7 @@ class BordersTest(PageTest):
         area, seed = Polygon(array_from_points(border.points)), Point(border.seed.x, border.seed.y)
         np.testing.assert_allclose(area.bounds, (*CARPET[0], *CARPET[2]), atol=0.1)
         self.assertTrue(area.contains(seed))
-        self.browser.wait(
-            "document.getElementById('restricted').classList.contains('there')", what="the restricted floor"
-        )
+        self.browser.wait("document.getElementById('restricted').classList.contains('there')", what="the restriction")
         self.browser.wait_text("#borders", "Küche 厨房")
         # undo and redo
         self.browser.click("#undo")
@@ -60,7 +58,7 @@ class BordersTest(PageTest):
         self.assertEqual(self.browser.run("return window.virtualBorders.view.borders.revision"), revision)
         self.assertEqual(self.browser.faults(), [])
 
-    def test_a_second_tap_a_second_finger_a_turned_phone_and_back(self):
+    def test_no_touch_of_a_phone_loses_or_doubles_a_drawing(self):
         corners = "return document.querySelectorAll('#placed .knob').length"
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
@@ -98,9 +96,8 @@ class BordersTest(PageTest):
         self.browser.click("#zoom-fit")
         # two taps on Save make one border: one undo leaves none
         draw_carpet(self.browser)
-        self.browser.run(
-            "const save = [...document.querySelectorAll('#review button')].pop(); save.click(); save.click()"
-        )
+        save = "const save = [...document.querySelectorAll('#review button')].pop();"
+        self.browser.run(f"{save} save.click(); save.click()")
         self.wait_borders(1)
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         self.browser.click("#undo")
@@ -212,7 +209,7 @@ class BordersTest(PageTest):
         self.assertEqual(seen, [["Rug", "b"], ["review", "go", "look"], True])
         self.browser.driver.refresh()
 
-    def test_lengths_a_scale_corners_and_the_caret(self):
+    def test_a_drawing_shows_its_lengths_and_keeps_seed_and_caret(self):
         scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
         for factor in (1, 3, 3):
@@ -232,11 +229,8 @@ class BordersTest(PageTest):
         for _ in range(2):
             self.browser.click("#review button", "Remove last corner")
         self.assertEqual(self.browser.run(corners), 0)
-        self.assertTrue(
-            self.browser.run(
-                "return [...document.querySelectorAll('#review button')].find((e) => e.textContent === 'Remove last corner').disabled"
-            )
-        )
+        buttons = "return [...document.querySelectorAll('#review button:disabled')].map((one) => one.textContent)"
+        self.assertIn("Remove last corner", self.browser.run(buttons))
         self.browser.stroke(round_the(CARPET))
         self.browser.wait_text("#review", "m²")
         self.assertEqual(self.browser.run(lengths), [])
@@ -276,9 +270,8 @@ class BordersTest(PageTest):
         speed.send_keys("0.")
         self.browser.run("window.virtualBorders.map.on.choose(1)")
         speed.send_keys("35")
-        self.assertEqual(
-            self.browser.run("arguments[0].blur(); return window.virtualBorders.draft().max_speed", speed), 0.35
-        )
+        self.browser.run("arguments[0].blur()", speed)
+        self.assertEqual(self.browser.run("return window.virtualBorders.draft().max_speed"), 0.35)
         self.browser.click("#review button", "Cancel")
 
     def test_a_wall_with_a_warning_hides_no_name(self):
@@ -335,12 +328,8 @@ class BordersTest(PageTest):
                 self.assertGreaterEqual(box["left"], frame["left"] - 1, text)
                 self.assertLessEqual(box["right"], frame["right"] + 1, text)
                 for other, there in boxes[:number]:
-                    apart = (
-                        box["left"] >= there["right"] - 1
-                        or there["left"] >= box["right"] - 1
-                        or box["top"] >= there["bottom"] - 1
-                        or there["top"] >= box["bottom"] - 1
-                    )
+                    beside = box["left"] >= there["right"] - 1 or there["left"] >= box["right"] - 1
+                    apart = beside or box["top"] >= there["bottom"] - 1 or there["top"] >= box["bottom"] - 1
                     self.assertTrue(apart, f"{text} and {other} at {view}")
         self.browser.driver.refresh()
         self.browser.wait_ready()

@@ -20,7 +20,7 @@ from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, Rob
 
 
 class SeenTest(PageTest):
-    def test_two_browsers_two_sizes_two_languages(self):
+    def test_browsers_of_any_size_show_the_same_in_their_languages(self):
         with closing(Browser(self.browser.url, WALL, "de", dark=True)) as other:
             other.wait_ready()
             self.assertEqual(other.run("return document.documentElement.lang"), "de")
@@ -34,13 +34,9 @@ class SeenTest(PageTest):
             other.click("#undo", "Rückgängig")
             other.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            notices.set(
-                [
-                    Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_caught_in_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
-                    Notice("robot_caught_in_border", values={"who": "ada", "border": "$border_without_name"}),
-                ]
-            )
+            caught = [(sentences.robot_value(""), "Rug"), ("ada", "$border_without_name")]
+            said = [Notice("robot_caught_in_border", values={"who": who, "border": border}) for who, border in caught]
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING), *said])
             self.browser.wait_text("#notices", "discarded soon")
             self.browser.wait_text("#notices", "The robot is inside Rug")
             other.wait_text("#notices", "Der Roboter ist in Rug")
@@ -56,9 +52,8 @@ class SeenTest(PageTest):
         self.store_carpet("The longest name that anybody thought of for a piece of floor", "The longest name")
         with self.small_phone("de") as small:
             small.wait("document.querySelector('#borders .switch')", what="the border")
-            self.assertLessEqual(
-                small.run("return document.querySelector('#borders .switch').getBoundingClientRect().right"), 360
-            )
+            switch = "document.querySelector('#borders .switch').getBoundingClientRect()"
+            self.assertLessEqual(small.run(f"return {switch}.right"), 360)
             within = """const low = document.getElementById('line').getBoundingClientRect().bottom;
                 return [...document.querySelectorAll('#dialog > *')].every((one) => {
                 const box = one.getBoundingClientRect(); return box.top >= low && box.bottom <= innerHeight; })"""
@@ -160,9 +155,7 @@ class SeenTest(PageTest):
         )
         self.assertEqual(on, ["true", "false", "false"])
         # a map with another origin is shown in its place
-        moved = (
-            "const { map } = window.virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
-        )
+        moved = "const { map } = virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
         self.assertGreater(self.browser.run(moved), 50)
         self.browser.driver.refresh()
 
@@ -176,11 +169,10 @@ class SeenTest(PageTest):
         evil = "<img src=x onerror=window.evil=1>"
         self.store_carpet(evil, evil)
         self.browser.wait(
-            "document.getElementById('events').textContent.includes(arguments[0])", evil, what="the name in the history"
+            "document.getElementById('events').textContent.includes(arguments[0])", evil, what="its event"
         )
-        self.assertFalse(
-            self.browser.run("return document.querySelectorAll('#borders img, #events img').length || window.evil || 0")
-        )
+        self.assertFalse(self.browser.run("return document.querySelectorAll('#borders img, #events img').length"))
+        self.assertFalse(self.browser.run("return window.evil"))
 
     # ------------------------------------------------------------- missing parts
     def test_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
@@ -217,9 +209,7 @@ class SeenTest(PageTest):
         ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
         said = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
         self.browser.run("document.getElementById('health').open = true")
-        wait_until(
-            lambda: robots.publish(said) or self.browser.text("#health-sum") == "1 problem", "the robot in the border"
-        )
+        wait_until(lambda: robots.publish(said) or self.browser.text("#health-sum") == "1 problem", "the problem")
         self.browser.wait_text("#banners", "robot_monitor has fallen silent")
         self.assertEqual(self.browser.text("#health-sum"), "1 problem")
         notices.close()
@@ -231,9 +221,7 @@ class SeenTest(PageTest):
         self.restart_page("_address:=0.0.0.0")
         # for later tests, which have no code: parameters stay on the server
         self.addCleanup(self.restart_page, "_address:=127.0.0.1")
-        self.browser.wait(
-            "document.querySelector('#login input').getClientRects().length", what="the form for the code"
-        )
+        self.browser.wait("document.querySelector('#login input').getClientRects().length", what="the login form")
         # the list is as it was before
         self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
         field = self.browser.field("#login input")

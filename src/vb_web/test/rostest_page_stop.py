@@ -16,26 +16,20 @@ from vb_msgs.msg import DriverState
 
 
 class StopTest(PageTest):
-    def test_commands_stop_and_go_on(self):
+    def test_commands_go_on_after_a_stop(self):
         self.browser.click("#commands button", "Define border")
         self.browser.wait("document.body.dataset.state == 'border'", what="the state border")
         self.browser.click("#settings-button")  # stop can be reached even while a dialog is open
         self.browser.click("#stop")
         wait_until(lambda: self.heard[names.STATE].stopped and names.STOP in self.heard, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
-        self.assertGreaterEqual(
-            self.browser.run(
-                "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"
-            ),
-            0,
-        )  # wherever the page is scrolled
+        self.browser.run("window.scrollTo(0, 300)")  # the banner is seen wherever the page is scrolled
+        banners = "return document.getElementById('banners').getBoundingClientRect().top"
+        self.assertGreaterEqual(self.browser.run(banners), 0)
         self.browser.run("window.scrollTo(0, 0)")
         # the banner shows the stop of all robots, so neither the answer nor a notice repeats it
-        self.browser.wait(
-            "document.getElementById('toast').dataset.code == 'stopped'"
-            " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')",
-            what="the answer and the notice",
-        )
+        self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'", what="the answer")
+        self.browser.wait("virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the notice")
         self.assertEqual(self.browser.text("#toast"), "")
         self.assertNotIn("topped", self.browser.text("#notices"))
         self.assertEqual(self.browser.text("#state"), "Stopped")
@@ -44,9 +38,8 @@ class StopTest(PageTest):
         self.browser.wait_text("#toast", "Robots may drive again.")
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
-        events = (
-            "window.virtualBorders.view.events.map((event) => event.values.command)"  # sent separately from the state
-        )
+        # sent separately from the state
+        events = "window.virtualBorders.view.events.map((event) => event.values.command)"
         self.browser.wait(f"{events}.slice(-1)[0] == 'cancel'", what="the last event")
         told = self.browser.run(f"return {events}")
         self.assertEqual(told[-4:], ["define_border", "stop", "resume", "cancel"])  # each once
@@ -59,9 +52,8 @@ class StopTest(PageTest):
         place = self.browser.run(f"{box} return JSON.stringify(box)")
 
         def check(what):
-            top = self.browser.run(
-                f"{box} return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).id"
-            )
+            middle = "box.left + box.width / 2, box.top + box.height / 2"
+            top = self.browser.run(f"{box} return document.elementFromPoint({middle}).id")
             self.assertEqual(top, "resume", what)
             self.assertEqual(self.browser.run(f"{box} return JSON.stringify(box)"), place, what)
             self.assertFalse(

@@ -102,12 +102,9 @@ def test_camera_pictures_are_made_smaller_never_larger():
 def test_floor_without_a_camera_is_made_again_for_the_next_browser(monkeypatch):
     there, made = {"red"}, []
     monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
-    monkeypatch.setattr(
-        page_images, "draw_floor", lambda _grid, views: made.append(views) or page_images.EncodedImage(b"", "", 1)
-    )
-    found = camera_images.CameraImages(
-        dict, ["red", "blue"], "raw", lambda: GridMap(np.zeros((2, 2), np.int8), 0.05), None
-    )
+    drawn, grid = page_images.EncodedImage(b"", "", 1), GridMap(np.zeros((2, 2), np.int8), 0.05)
+    monkeypatch.setattr(page_images, "draw_floor", lambda _grid, views: made.append(views) or drawn)
+    found = camera_images.CameraImages(dict, ["red", "blue"], "raw", lambda: grid, None)
     monkeypatch.setattr(found, "_view", lambda camera: camera if camera in there else None)
     found.floor_webp()
     there.add("blue")

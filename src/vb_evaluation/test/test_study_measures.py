@@ -1,0 +1,281 @@
+"""Measures of people's recordings: ground truths, the rows of all runs, and what becomes of every mishap."""
+
+import json
+import shutil
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from refusals import refused
+from study_recordings import BLUE, EXACT, RED, ROOM, TRUTH, YELLOW, RecordedLab
+from study_recordings import measure_study, painted_room, picture_of_room, write_protocol
+from vb_core.errors import CodedError
+from vb_core.files import append_line
+from vb_evaluation import metrics
+from vb_evaluation.report.study_files import read_sheet, read_study
+from vb_evaluation.report.html_page import write_report
+from vb_evaluation.user_study import recording_measures
+from vb_evaluation.user_study.__main__ import main
+from vb_evaluation.user_study.recording import Recording
+
+
+# ------------------------------------------------------------------ ground truths
+LAYER = np.zeros((*ROOM.shape, 4), np.uint8)  # a separate layer: transparent black marks nothing
+LAYER[::-1][10:30, 20:50] = (0, 215, 247, 255)
+
+
+@pytest.mark.parametrize(
+    "picture, least",
+    [
+        (painted_room(YELLOW), 1.0),
+        (painted_room(RED), 1.0),
+        (painted_room(BLUE), 1.0),
+        (LAYER, 1.0),
+        (cv2.GaussianBlur(painted_room((0, 200, 255)), (5, 5), 0), 0.91),
+    ],
+    ids=["yellow", "red", "blue", "transparent layer", "soft edge"],
+)
+def test_any_strong_colour_marks_free_floor(picture, least, tmp_path):
+    cv2.imwrite(str(tmp_path / "carpet.png"), picture)
+    assert metrics.jaccard(recording_measures.read_ground_truth(tmp_path / "carpet.png", ROOM), TRUTH) >= least
+
+
+@pytest.mark.parametrize(
+    "picture, words",
+    [
+        (picture_of_room(), "no free floor is marked"),
+        (np.zeros((35, 45, 3), np.uint8), "45 x 35 pixels, the map 90 x 70"),
+        (None, "damaged"),
+    ],
+    ids=["nothing marked", "another size", "no picture"],
+)
+def test_a_picture_that_is_no_ground_truth_is_named(picture, words, tmp_path):
+    (tmp_path / "a.png").write_text("no picture")
+    if picture is not None:
+        cv2.imwrite(str(tmp_path / "a.png"), picture)
+    with refused("bad_ground_truth") as caught:
+        recording_measures.read_ground_truth(tmp_path / "a.png", ROOM)
+    assert words in str(caught.value) and "a.png" in str(caught.value)
+
+
+def test_a_seed_is_right_if_the_nearest_free_floor_was_asked_for():
+    """The oracle searches all free cells; one of the two truths reaches to the walls."""
+    free = np.argwhere(ROOM.data == 0)
+    centers = ROOM.cell_to_world(free)
+    for seed in np.random.default_rng(6).uniform(-0.6, 4.4, (300, 2)):
+        away = np.hypot(*(centers - seed).T)
+        nearest = int(away.argmin())
+        for truth in (TRUTH, ROOM.data == 0):
+            assert recording_measures.seed_is_right(seed, ROOM, truth) == (
+                away[nearest] <= 0.2 and truth[tuple(free[nearest])]
+            )
+
+
+def test_no_seed_is_right_where_no_floor_is_free():
+    walls = ROOM.with_data(np.full(ROOM.shape, 100, np.int8))
+    assert not recording_measures.seed_is_right((1.0, 1.0), walls, ROOM.data == 0)
+
+
+# ------------------------------------------------------------------ one recording for each run
+def make_study(folder):
+    """Makes the folder of a study with a ground truth of the scenario carpet."""
+    (folder / "ground_truth").mkdir(parents=True)
+    cv2.imwrite(str(folder / "ground_truth" / "carpet.png"), painted_room(YELLOW))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def three_runs(tmp_path_factory):
+    """A measured study: an exact border; one of half the area at the second try; and one without the planned cameras."""
+    study = make_study(tmp_path_factory.mktemp("three_runs"))
+    RecordedLab(study / "exact").interaction("i", *EXACT)
+    half = RecordedLab(study / "half", cameras=()).interaction("cancelled", save=False, method="robot_only")
+    half.interaction("saved", (0.751, 0.251), (2.249, 0.749), method="robot_only")
+    RecordedLab(study / "unplanned").interaction("i", *EXACT, method="robot_only")
+    (study / "exact" / "run.yaml").write_text("revision: abc\n")
+    runs = ["p1,1,nrs,carpet,exact,,", "p1,2,robot_only,carpet,half,yes,slow", "p2,1,robot_only,carpet,unplanned,,"]
+    write_protocol(study, *runs)
+    rows, notes = measure_study(study)
+    return SimpleNamespace(folder=study, rows=rows, notes=notes)
+
+
+@pytest.mark.parametrize(
+    "column, exact, half, unplanned",
+    [
+        ("participant", "p1", "p1", "p2"),
+        ("order", "1", "2", "1"),
+        ("method", "nrs", "robot_only", "robot_only"),
+        ("completed", "1", "1", "0"),
+        ("outcome", "completed", "completed", "not_as_planned"),
+        ("as_planned", "1", "1", "0"),
+        ("jaccard", "1.0", "0.5", "1.0"),
+        ("time_border_s", "8.0", "16.0", "8.0"),
+        ("time_seed_s", "2.0", "4.0", "2.0"),
+        ("time_total_s", "10.0", "20.0", "10.0"),  # of all attempts
+        ("interaction", "i", "saved", "i"),
+        ("note", "", "slow", ""),
+        ("revision", "abc", "", ""),
+    ],
+)
+def test_each_run_is_measured(three_runs, column, exact, half, unplanned):
+    assert [three_runs.rows[run][column] for run in ("exact", "half", "unplanned")] == [exact, half, unplanned]
+
+
+def test_an_exact_border_has_no_error(three_runs):
+    assert float(three_runs.rows["exact"]["error_mean_cm"]) == 0.0
+
+
+def test_a_run_in_another_condition_is_told(three_runs):
+    (note,) = three_runs.notes
+    assert "cameras green instead of none" in note
+
+
+def test_the_report_reads_what_was_measured_as_a_study_of_people(three_runs):
+    assert list(read_study(three_runs.folder / "out").runs.recording) == ["exact", "half"]
+    assert json.loads((three_runs.folder / "out" / "study.json").read_text())["people"] is True
+
+
+@pytest.mark.parametrize("log, words", [('{"interaction_id": "a"}\n', "line 1"), ("\n{broken\n", "line 2")])
+def test_a_damaged_recording_names_file_and_line(log, words, tmp_path):
+    (tmp_path / "interactions.jsonl").write_text(log)
+    with pytest.raises(CodedError, match=f"interactions.jsonl, {words}"):
+        Recording(tmp_path)
+
+
+def test_a_missing_recording_is_named(tmp_path):
+    with pytest.raises(CodedError, match="nowhere"):
+        Recording(tmp_path / "nowhere")
+
+
+@pytest.fixture
+def plain_study(tmp_path):
+    """A study of one run."""
+    study = make_study(tmp_path)
+    RecordedLab(study / "a").interaction("i")
+    write_protocol(study, "p1,1,nrs,carpet,a,,")
+    return study
+
+
+def test_other_files_beside_the_maps_stay(plain_study):
+    (plain_study / "out" / "maps").mkdir(parents=True)
+    (plain_study / "out" / "maps" / "mine.txt").write_text("keep me")
+    measure_study(plain_study)
+    assert (plain_study / "out" / "maps" / "mine.txt").read_text() == "keep me"
+
+
+def test_another_study_is_not_overwritten(plain_study):
+    measure_study(plain_study)
+    (plain_study / "out" / "study.json").write_text("{}")
+    with refused("other_study"):
+        measure_study(plain_study)
+
+
+# ------------------------------------------------------------------ mishaps
+CANCELLED, WRONG_SEED = dict(save=False), dict(seed=(3.2, 2.0))
+MISHAPS = {  # recording: its interaction, if one was begun; what was noted; the outcome, and whether it was completed
+    "good": ({}, None, "completed", "1"),
+    "never begun": (None, False, "not_started", ""),
+    "cancelled with help": (CANCELLED, None, "not_saved", "0"),
+    "cancelled, noted as completed": (CANCELLED, True, "disputed", "0"),
+    "wrong seed": (WRONG_SEED, None, "wrong_seed", "0"),
+    "wrong seed, noted as completed": (WRONG_SEED, True, "disputed", "0"),
+    "judged as not completed": ({}, None, "judged_failed", "0"),
+    "with the other method": (dict(method="robot_only"), None, "not_as_planned", "0"),
+    "torn by a full disk": ({}, None, "unreadable", ""),
+    "lost": ({}, None, "unreadable", ""),
+}
+
+
+def record_mishaps(study):
+    """Records each mishap with the method nrs, beside a good run of the same person with robot_only."""
+    runs = []
+    for number, (name, (interaction, noted, *_)) in enumerate(MISHAPS.items(), 1):
+        lab = RecordedLab(study / name)
+        if interaction is not None:
+            lab.interaction("i", *EXACT, **interaction)
+        if noted is not None:
+            (study / name / "run.yaml").write_text(f"completed: {str(noted).lower()}\nended: now\n")
+        RecordedLab(study / f"{name} alone", cameras=()).interaction("i", *EXACT, method="robot_only")
+        runs += [f'p{number},1,nrs,carpet,"{name}",,', f'p{number},2,robot_only,carpet,"{name} alone",,']
+    for key in "hhp":
+        append_line(study / "cancelled with help" / "events.jsonl", json.dumps({"key": key, "time": "now"}))
+    (study / "torn by a full disk" / "bags" / "session.bag").write_bytes(b"#ROSBAG V2.0\n")
+    shutil.rmtree(study / "lost")
+    write_protocol(study, *runs)
+    (study / "demographics.csv").write_text("participant,age,experience\np1,28,3\np2,55,5\n")
+
+
+@pytest.fixture(scope="module")
+def mishaps(tmp_path_factory):
+    """A study of all mishaps, judged, measured and reported: its folder, rows, warnings, page and tables."""
+    study = make_study(tmp_path_factory.mktemp("mishaps"))
+    record_mishaps(study)
+    measure_study(study)
+    assert main(["judge", str(study / "out")]) == 0
+    codes = read_sheet(study / "judging_key.csv", ("code", "recording")).set_index("recording").code
+    judgements = f"code,completed\n{codes['judged as not completed']},no\n{codes['good']},yes\n"
+    (study / "judging" / "judgements.csv").write_text(judgements)
+    rows, notes = measure_study(study)
+    page = write_report(study / "out").read_text()
+    tables = {path.stem: read_sheet(path, ()).to_dict("records") for path in (study / "out" / "tables").glob("*.csv")}
+    return SimpleNamespace(folder=study, codes=codes, rows=rows, notes=notes, page=page, tables=tables)
+
+
+@pytest.mark.parametrize("name, outcome, completed", [(name, *row[2:]) for name, row in MISHAPS.items()])
+def test_each_mishap_has_its_outcome(mishaps, name, outcome, completed):
+    assert (mishaps.rows[name]["outcome"], mishaps.rows[name]["completed"]) == (outcome, completed)
+
+
+def test_the_judge_sees_each_saved_border_under_a_number_alone(mishaps):
+    assert {path.stem for path in (mishaps.folder / "judging").glob("*.png")} == set(mishaps.codes)
+    assert not {"never begun", "cancelled with help"} & set(mishaps.codes.index)
+
+
+@pytest.mark.parametrize("name, helped, problems", [("cancelled with help", "2", "1"), ("good", "0", "0")])
+def test_help_and_problems_are_counted(mishaps, name, helped, problems):
+    assert (mishaps.rows[name]["helped"], mishaps.rows[name]["problems"]) == (helped, problems)
+
+
+def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(mishaps):
+    assert float(mishaps.rows["wrong seed"]["jaccard"]) < 0.01
+    assert mishaps.rows["never begun"]["time_total_s"] == ""
+
+
+def test_each_doubtful_run_has_a_warning(mishaps):
+    written = read_sheet(mishaps.folder / "out" / "warnings.csv", ()).to_dict("records")
+    assert [line["warning"] for line in written] == mishaps.notes and len(mishaps.notes) == 7
+    assert "session.bag" in mishaps.notes[-2] and "there is no folder" in mishaps.notes[-1]
+
+
+@pytest.mark.parametrize(
+    "table, row, cells",
+    [
+        ("completeness", 0, {"completed": "1 of 6"}),
+        ("completeness", 1, {"completed": "10 of 10"}),
+        ("outcomes", 0, {"not_started": "1", "unreadable": "2", "disputed": "2", "judged_failed": "1"}),
+        ("outcomes", 0, {"helped": "1", "problems": "1"}),
+        (
+            "who_completed",
+            0,
+            {"both": "1", "first": "0", "second": "5", "neither": "0", "p": ".062"},
+        ),  # exact, of 0 of 5
+        ("summary", 0, {"pairs": "6"}),
+        ("summary_without_help", 0, {"pairs": "5"}),
+        ("not_completed", 0, {"outcome": "not_saved"}),
+        ("accuracy", 0, {"method": "Network robot system", "runs": "1", "least": "1"}),  # of the completed run alone
+    ],
+)
+def test_each_table_counts_mishaps_as_what_they_are(mishaps, table, row, cells):
+    assert cells.items() <= mishaps.tables[table][row].items()
+
+
+def test_a_run_that_was_not_as_planned_is_no_outcome(mishaps):
+    assert "not_as_planned" not in mishaps.tables["outcomes"][0] and len(mishaps.tables["who_completed"]) == 1
+
+
+def test_the_page_tells_of_mishaps_and_people(mishaps):
+    assert "nothing was begun in this recording" in mishaps.page
+    assert "1 runs were not done in the planned condition" in mishaps.page
+    assert "M = 41.5, SD = 19.1, 28 to 55" in mishaps.page
