@@ -1,1 +1,1 @@
-"""The lab as a whole: a folder with its settings, the checks of its launch, and whether it is ready."""
+"""Tools for a whole lab: creating its folder of settings, checking its launch, checking whether it is ready."""

@@ -1,8 +1,8 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-Each argument of the stack's launch files has a kind, and a wrong value is refused in one sentence, before several nodes
-start and die again and again. The launch files begin with `<param command="python3 -m
-vb_bringup.launch_check ...">`; roslaunch runs that command while it is still reading the file.
+Each argument of the stack's launch files has a kind, and a wrong value is refused in one sentence; otherwise several
+nodes would start and die again and again. The launch files begin with `<param command="python3 -m
+vb_bringup.launch_check ...">`; roslaunch runs that command while it reads the file.
 
     launch_check lab cameras:="north south" robot:=false      as lab.launch and borders_only.launch call it
     launch_check simulation navigation:=standin               as simulation.launch calls it
@@ -32,8 +32,8 @@ from vb_core.parameters import NAME
 from vb_core.robot_profile import RobotProfile, find_profile
 
 STARTED, REFUSED = 0, 1
-ANSWER_TIMEOUT = 3.0  # [s] within which a running node answers with its process id
-UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
+ANSWER_TIMEOUT = 3.0  # [s] for a running node to answer with its process id
+UNIQUE_NODE = "/map_integrator"  # every lab has exactly one, since two would publish to the same topic
 _CALLER = "/launch_check"
 
 
@@ -45,15 +45,15 @@ def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
     """
     for name in arguments:
         if name not in declared:
-            nearest = difflib.get_close_matches(name, declared, 1)
-            if nearest:
-                raise CodedError("launch_mistyped_argument", argument=name, nearest=nearest[0])
+            matches = difflib.get_close_matches(name, declared, 1)
+            if matches:
+                raise CodedError("launch_mistyped_argument", argument=name, nearest=matches[0])
             raise CodedError("launch_unknown_argument", argument=name, known=", ".join(sorted(declared)) or "-")
 
 
 # ------------------------------------------------------------ kinds of arguments
 def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
-    """Raises CodedError "launch_bad_choice" for other values: they would mean the default, or a node would fail."""
+    """Raises CodedError "launch_bad_choice" for a value that would mean the default, or make a node fail."""
     if value not in choices:
         raise CodedError("launch_bad_choice", argument=argument, value=value, choices=", ".join(choices))
 
@@ -61,22 +61,22 @@ def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
 def check_names(argument: str, value: str) -> None:
     """Raises CodedError "launch_bad_names" unless the value is empty or unique names separated by spaces."""
     names = value.split()
-    wrong = [name for name in names if not NAME.fullmatch(name) or names.count(name) > 1]
-    if wrong:
-        raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(wrong))
+    invalid = [name for name in names if not NAME.fullmatch(name) or names.count(name) > 1]
+    if invalid:
+        raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(invalid))
 
 
 def parse_pairs(argument: str, value: str) -> Dict[str, str]:
-    """Reads NAME=VALUE separated by spaces; returns the values by their names.
+    """Parses NAME=VALUE pairs separated by spaces; returns the values by name.
 
     Raises:
         CodedError: "launch_bad_pairs"
     """
     pairs = [word.partition("=") for word in value.split()]
-    wrong = ["".join(parts) for parts in pairs if not (NAME.fullmatch(parts[0]) and parts[2])]
-    if wrong:
-        raise CodedError("launch_bad_pairs", argument=argument, wrong=" ".join(wrong))
-    return {name: what for name, _, what in pairs}
+    invalid = ["".join(parts) for parts in pairs if not (NAME.fullmatch(parts[0]) and parts[2])]
+    if invalid:
+        raise CodedError("launch_bad_pairs", argument=argument, wrong=" ".join(invalid))
+    return {name: text for name, _, text in pairs}
 
 
 def check_file(argument: str, value: str) -> None:
@@ -91,7 +91,7 @@ def check_file(argument: str, value: str) -> None:
 
 
 def check_map(_argument: str, value: str) -> None:
-    """Raises CodedError "bad_map_file" unless the value is empty or a map with its image, as map_server reads it."""
+    """Raises CodedError "bad_map_file" unless the value is empty or a map that map_server can read."""
     if value:
         from vb_core.map_files import map_path, read_map
 
@@ -109,23 +109,23 @@ def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
 
     check_file(argument, path)
     try:
-        loaded = [values for values, _ in rosparam.load_file(path)]
+        documents = [values for values, _ in rosparam.load_file(path)]
     except (rosparam.RosParamException, yaml.YAMLError, ValueError) as error:
         raise CodedError("launch_bad_file", file=path, why=" ".join(str(error).split())) from None
-    if not all(isinstance(values, dict) for values in loaded):
+    if not all(isinstance(values, dict) for values in documents):
         raise CodedError("launch_bad_file", file=path, why="expected keys and values")
-    return {key: value for values in loaded for key, value in values.items()}
+    return {key: value for values in documents for key, value in values.items()}
 
 
 def check_detector(argument: str, value: str) -> None:
-    """Raises CodedError "bad_parameter", naming file and key, and those of `read_parameters`."""
+    """Raises CodedError "bad_parameter", which names file and key, and the errors of `read_parameters`."""
     from vb_laser_detect.detector_params import SpotDetectorNodeParams
 
     SpotDetectorNodeParams.from_mapping(read_parameters(argument, value), value)
 
 
 def check_detectors(argument: str, value: str) -> None:
-    """Checks the files of single cameras as `check_detector` does; raises "launch_bad_pairs" too."""
+    """Checks the files of single cameras as `check_detector` does; also raises "launch_bad_pairs"."""
     for path in parse_pairs(argument, value).values():
         check_detector(argument, path)
 
@@ -148,7 +148,7 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 
 
 Kind = Callable[[str, str], Any]
-# arguments that roslaunch itself or one node checks, such as a condition or a port, have no kind
+# arguments that roslaunch or a node checks itself, such as a condition or a port, have no kind
 KINDS: Dict[str, Kind] = {
     "robot": partial(check_choice, choices=("true", "false", "1", "0")),
     "cameras": check_names,
@@ -172,7 +172,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
     """Checks each argument by its kind, then whether the arguments fit together.
 
     Raises:
-        CodedError: as the kind raises it; "launch_navigation_without_robot"
+        CodedError: the kind's errors; "launch_navigation_without_robot"
     """
     without_robot = values.get("robot") in ("false", "0")
     for name, value in values.items():
@@ -184,7 +184,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
 
 # ------------------------------------------------------------ what is installed, and what runs
 def declared_arguments(files: Iterable[Path]) -> List[str]:
-    """Lists the arguments that launch files declare and leave open; included files do not count."""
+    """Lists the arguments that launch files declare without a fixed value; included files do not count."""
     names = []
     for path in files:
         pending = [ElementTree.parse(str(path)).getroot()]
@@ -197,7 +197,7 @@ def declared_arguments(files: Iterable[Path]) -> List[str]:
 
 
 def check_installed(programs: Iterable[str]) -> None:
-    """Refuses programs of ROS's navigation stack that are not installed; each is in the package of its name.
+    """Refuses programs of ROS's navigation stack that are not installed; each is in a package of the same name.
 
     Raises:
         CodedError: "launch_not_installed"
@@ -215,12 +215,12 @@ def check_installed(programs: Iterable[str]) -> None:
 
 
 def check_alone(master_uri: str) -> None:
-    """Refuses a second lab on one ROS master: each would end the other's nodes and restart its own, for ever.
+    """Refuses a second lab on one ROS master: each would end the other's nodes and restart its own for ever.
 
     Raises:
         CodedError: "lab_already_running"
     """
-    before = socket.getdefaulttimeout()
+    previous_timeout = socket.getdefaulttimeout()
     socket.setdefaulttimeout(ANSWER_TIMEOUT)
     try:
         address = rosgraph.Master(_CALLER, master_uri).lookupNode(UNIQUE_NODE)
@@ -228,55 +228,55 @@ def check_alone(master_uri: str) -> None:
     except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
         return  # no master, no lab, or a lab that was killed
     finally:
-        socket.setdefaulttimeout(before)
+        socket.setdefaulttimeout(previous_timeout)
     raise CodedError("lab_already_running", node=UNIQUE_NODE, process=process)
 
 
 def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
-    """Finds how roslaunch was called: names of the arguments, launch files, URI of the master that it will use.
+    """Finds roslaunch's arguments: names of the launch arguments, launch files, URI of the master that it will use.
 
-    All are empty if the process starts nothing, or is another program: a test runs its own master.
+    All are empty if the process starts nothing, or is another program, such as a test that runs its own master.
     """
     words = [os.fsdecode(word) for word in Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[:-1]]
-    start = next((index for index, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
-    if start is None:
+    position = next((index for index, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
+    if position is None:
         return [], [], ""
     import roslaunch
     import roslaunch.rlutil
 
-    options, rest = roslaunch._get_optparse().parse_args(words[start + 1 :])
+    options, remaining = roslaunch._get_optparse().parse_args(words[position + 1 :])
     if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
         return [], [], ""
-    files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(rest) if os.path.isfile(name)]
-    arguments = [word.split(":=")[0] for word in rest if ":=" in word and not word.startswith("_")]
+    files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(remaining) if os.path.isfile(name)]
+    arguments = [word.split(":=")[0] for word in remaining if ":=" in word and not word.startswith("_")]
     uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()
     return arguments if files else [], files, uri
 
 
 def run() -> int:
-    """Checks what the parent process, roslaunch, is to start; returns the exit status, 0 or 1."""
+    """Checks what the parent process, roslaunch, is about to start; returns the exit status, 0 or 1."""
     parser = argparse.ArgumentParser(prog="launch_check", description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=("lab", "simulation", "navigation"))
     parser.add_argument(
         "words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack"
     )
-    chosen, process = parser.parse_args(), os.getppid()
+    options, process = parser.parse_args(), os.getppid()
     files: List[Path] = []
     try:
         arguments, files, master_uri = launch_of(process)
         check_arguments(arguments, declared_arguments(files))
-        if chosen.what == "navigation":
-            check_installed(chosen.words)
+        if options.what == "navigation":
+            check_installed(options.words)
         else:
-            values = {name: value for name, _, value in (word.partition(":=") for word in chosen.words)}
-            check_values(values, {**KINDS, **(SIMULATION if chosen.what == "simulation" else {})})
+            values = {name: value for name, _, value in (word.partition(":=") for word in options.words)}
+            check_values(values, {**KINDS, **(SIMULATION if options.what == "simulation" else {})})
             if master_uri:
                 check_alone(master_uri)
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         if files:
-            # The exit status would end roslaunch too, but with a page in red below the sentence that counts: how
-            # it called this program. It has started nothing yet that it would have to end.
+            # The exit status would end roslaunch too, but with a page of red text below the important sentence.
+            # roslaunch has not started anything yet that it would have to end.
             os.kill(process, signal.SIGTERM)
         return REFUSED
     print("ok")  # the parameter's value

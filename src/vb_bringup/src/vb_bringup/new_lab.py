@@ -1,6 +1,6 @@
-"""Writes a folder for your own lab: the only files that a lab edits, and keeps under version control.
+"""Writes a folder for your own lab: the only files that you edit, and keep under version control.
 
-The stack itself is unchanged, so that a newer version never touches a lab's settings.
+The stack itself stays unchanged, so that a newer version never changes a lab's settings.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ CREATED, REFUSED = 0, 1
 _LAUNCH = """\
 <launch>
   <!-- This lab. Start it with:  roslaunch {folder}/lab.launch   and check it with:  rosrun vb_bringup check_lab
-       What is declared here can also be given at the start, as in  roslaunch {folder}/lab.launch navigation:=move_base
+       Arguments declared here can also be given at the start, as in  roslaunch {folder}/lab.launch navigation:=move_base
        Any other argument of the stack's lab.launch can be declared too: $(find vb_bringup)/launch/lab.launch explains them. -->
   <arg name="cameras" default="{cameras}"/>
   <arg name="configs" default="{configs}"/>
@@ -56,8 +56,8 @@ _LAUNCH = """\
 
 _CAMERAS = """\
 <launch>
-  <!-- Drivers, only for cameras without `source` in detectors/NAME.yaml. What matters is the same for every one:
-       - each camera has a topic /NAME/image_raw, a camera_info beside it, and a frame of its own, NAME_optical_frame: a
+  <!-- Drivers, only for cameras without `source` in detectors/NAME.yaml. For every camera:
+       - it needs a topic /NAME/image_raw, a camera_info beside it, and its own frame, NAME_optical_frame: a
          driver's default frame is the same for all cameras and leads to wrong places.
        - raw images, not rectified ones. If you have only image_rect_color, set `image` in detectors/NAME.yaml to it.
        - a RealSense: roslaunch realsense2_camera rs_camera.launch camera:=NAME enable_depth:=false, and in
@@ -67,7 +67,7 @@ _CAMERAS = """\
 """
 
 _DETECTOR = """\
-# What is different for camera '{name}'. It is read after the common file of the stack (vb_laser_detect/config/stationary.yaml,
+# Settings of camera '{name}'. They are read after the common file of the stack (vb_laser_detect/config/stationary.yaml,
 # which explains every value): write only what you change, for instance
 #
 # source: /dev/video0                 # the camera itself: a device, rtsp://..., http://... or a file; or, from a driver:
@@ -76,8 +76,8 @@ _DETECTOR = """\
 """
 
 _NETWORK = """\
-# To be sourced before roslaunch, on each computer of this lab:  . network.sh
-# One computer: leave both lines out, ROS then stays on it. Several: see docs/how-to/protect-the-network.md for who else can listen.
+# Source this before roslaunch, on each computer of this lab:  . network.sh
+# One computer: keep both lines commented out, so that ROS stays on it. Several: read docs/how-to/protect-the-network.md first.
 # export ROS_MASTER_URI=http://ROBOT:11311
 # export ROS_IP=ADDRESS_OF_THIS_COMPUTER
 """
@@ -85,28 +85,28 @@ _NETWORK = """\
 _README = """\
 # {title}
 
-| file | what it says |
+| file | contents |
 |---|---|
-| `lab.launch` | which cameras, map and robot; all arguments of the stack |
+| `lab.launch` | cameras, map and robot; all arguments of the stack |
 | `cameras.launch` | drivers of cameras that have no `source` |
 | `lenses/` | one file per camera: its lens, from calibrate_camera |
-| `calibration/` | one file per camera: where it hangs, from calibrate_camera |
-| `detectors/` | one file per camera: its source, exposure and delay, and what its spot detector does differently |
+| `calibration/` | one file per camera: its pose, from calibrate_camera |
+| `detectors/` | one file per camera: its source, exposure and delay, and its spot detector's settings |
 | `map.yaml` | the map, with its image beside it |
 | `robot.yaml` | the robot: its size, speeds, scanner |
 | `network.sh` | addresses, if there are several computers |
 | `state/` | borders, records, logs; not for version control, but for the backup |
 
-The way to the first border:
+Steps to the first border:
 
-1. Start the lab: `roslaunch {folder}/lab.launch`, on a computer without a screen with `rviz:=false`. It says what
-   is still wrong, and how to fix it, whenever something has changed.
-2. Fix the exposure, so that the floor is grey and the spot white: `rosrun vb_laser_detect calibrate_camera exposure {first}`.
+1. Start the lab: `roslaunch {folder}/lab.launch`, with `rviz:=false` on a computer without a screen. Whenever
+   something changes, it says what is still wrong, and how to fix it.
+2. Set the exposure, so that the floor is grey and the spot white: `rosrun vb_laser_detect calibrate_camera exposure {first}`.
 3. Calibrate each lens once: `rosrun vb_laser_detect calibrate_camera lens {first}`, with the board that
    `calibrate_camera print_board board.pdf` writes.
-4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`; with places measured by tape add
-   `--point_sigma 0.005`. It writes into `calibration/`, and the running lab takes it.
-5. `rosrun vb_bringup check_lab` says once more what is wrong, one line each.
+4. Calibrate each camera's pose: `rosrun vb_laser_detect calibrate_camera spots {first}`; for places measured by tape, add
+   `--point_sigma 0.005`. It writes into `calibration/`, and the running lab loads the file.
+5. `rosrun vb_bringup check_lab` lists the remaining faults, one per line.
 6. Say *define border*, or press `b` in `rosrun vb_voice_wizard wizard_console`, and draw.
 """
 
@@ -118,9 +118,9 @@ def write_lab(
 
     Args:
         folder: may exist, but must be empty.
-        cameras: each ceiling camera's source, by name; "" if a driver publishes it; empty for a lab with a robot only.
-        robot: a type of which the stack has a profile; "" without a robot.
-        map_file: in map_server's format, to be copied; None if others publish /map.
+        cameras: each ceiling camera's source by name, "" if a driver publishes it; empty for a lab with only a robot.
+        robot: a robot type with a profile in the stack; "" without a robot.
+        map_file: a map in map_server's format, to be copied; None if others publish /map.
         profiles: folder of the robot types.
 
     Raises:
@@ -131,9 +131,9 @@ def write_lab(
         raise CodedError("folder_with_space", folder=folder)
     if folder.exists() and any(folder.iterdir()):
         raise CodedError("folder_not_empty", folder=folder)
-    wrong = [name for name in cameras if not NAME.fullmatch(name)]
-    if wrong:
-        raise CodedError("bad_camera_name", name=", ".join(wrong))
+    invalid = [name for name in cameras if not NAME.fullmatch(name)]
+    if invalid:
+        raise CodedError("bad_camera_name", name=", ".join(invalid))
     profile = find_profile(robot or "template", profiles)
     if map_file is not None:
         read_map(map_file)
@@ -174,7 +174,7 @@ def parse_source(text: str) -> str:
 
 
 def parse_cameras(text: str) -> Dict[str, str]:
-    """Reads NAME or NAME=SOURCE separated by spaces, with sources as `parse_source` takes them.
+    """Parses NAME or NAME=SOURCE separated by spaces, with sources as in `parse_source`.
 
     Raises:
         CodedError: "bad_camera_name" if two have the same name.
@@ -190,37 +190,37 @@ def _copy_map(map_file: Path, folder: Path) -> None:
     """Copies a readable map as map.yaml, with its image."""
     description = yaml.safe_load(map_file.read_text(encoding="utf-8"))
     image = map_file.parent / description["image"]
-    copy = folder / f"map{image.suffix}"
-    shutil.copyfile(str(image), str(copy))
-    (folder / "map.yaml").write_text(yaml.safe_dump({**description, "image": copy.name}), encoding="utf-8")
+    image_copy = folder / f"map{image.suffix}"
+    shutil.copyfile(str(image), str(image_copy))
+    (folder / "map.yaml").write_text(yaml.safe_dump({**description, "image": image_copy.name}), encoding="utf-8")
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Writes the folder and says what comes next; exit status 0, or 1 if nothing was written."""
+    """Writes the folder and prints the next step; returns the exit status, 0, or 1 if nothing was written."""
     parser = argparse.ArgumentParser(prog="new_lab", description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path, help="a new one, for instance ~/my_lab")
+    parser.add_argument("folder", type=Path, help="a new folder, for instance ~/my_lab")
     parser.add_argument(
         "--cameras",
         default="",
         help='ceiling cameras: "north south" from drivers, "north=/dev/video0 south=rtsp://192.168.1.7/stream" without',
     )
-    parser.add_argument("--robot", default="", help="its type, for instance turtlebot2; left out: no robot")
+    parser.add_argument("--robot", default="", help="robot type, for instance turtlebot2; by default, no robot")
     parser.add_argument(
-        "--map", default="", help="YAML file of the map, which is copied; left out: /map is published by others"
+        "--map", default="", help="YAML file of the map, which is copied; by default, others publish /map"
     )
-    chosen = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
+    options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
     import rospkg
 
     profiles = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
     try:
-        folder = chosen.folder.expanduser().resolve()
-        map_file = Path(chosen.map).expanduser().resolve() if chosen.map else None
-        for path in write_lab(folder, parse_cameras(chosen.cameras), chosen.robot, map_file, profiles):
+        folder = options.folder.expanduser().resolve()
+        map_file = Path(options.map).expanduser().resolve() if options.map else None
+        for path in write_lab(folder, parse_cameras(options.cameras), options.robot, map_file, profiles):
             print(path)
     except CodedError as error:
         print(error, file=sys.stderr)
         return REFUSED
-    print(f"Next: read {chosen.folder}/README.md")
+    print(f"Next: read {options.folder}/README.md")
     return CREATED
 
 

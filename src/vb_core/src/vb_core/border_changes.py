@@ -1,4 +1,4 @@
-"""Derives what happened to borders by comparing two snapshots of them; no ROS."""
+"""Compares two snapshots of the borders and lists what changed. No ROS."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ ADDED, REMOVED, RENAMED, ENABLED, DISABLED, CHANGED = "added", "removed", "renam
 
 
 def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[Tuple[str, Any]]:
-    """Compares two sets of borders, vb_msgs/VirtualBorder by id; returns at most one change per border, with it."""
+    """Compares two sets of borders, vb_msgs/VirtualBorder by id; returns (change, border), at most one per border."""
     changes = [(REMOVED, border) for key, border in before.items() if key not in after]
     for key, border in after.items():
-        old = before.get(key)
-        if old is None:
+        previous = before.get(key)
+        if previous is None:
             changes.append((ADDED, border))
-        elif old.enabled != border.enabled:
+        elif previous.enabled != border.enabled:
             changes.append((ENABLED if border.enabled else DISABLED, border))
-        elif old.name != border.name:
+        elif previous.name != border.name:
             changes.append((RENAMED, border))
-        elif _drawn(old) != _drawn(border):
+        elif _editable_properties(previous) != _editable_properties(border):
             changes.append((CHANGED, border))
     return changes
 
 
-def _drawn(border: Any) -> Tuple:
+def _editable_properties(border: Any) -> Tuple:
     """Returns the properties of a border that a person can change, apart from its name and whether it is enabled.
 
-    Points are rounded to 1 cm: on a map that has grown, a border is aligned with its walls again, which moves it less.
+    Points are rounded to 1 cm, because realigning a border with the walls of a larger map moves it by less than that.
     """
-    places = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
-    return places, border.kind, border.zone, border.occupancy, border.max_speed, tuple(border.robots)
+    points = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
+    return points, border.kind, border.zone, border.occupancy, border.max_speed, tuple(border.robots)

@@ -32,7 +32,7 @@ class CameraModel:
         distortion: (4,), (5,), (8,), (12,) or (14,) coefficients in OpenCV's order: plumb_bob, rational_polynomial and its
             extensions; (4,) for a fisheye.
         fisheye: whether the distortion is OpenCV's fisheye model, which ROS calls equidistant. Rays have z = 1, so
-            nothing at 90 degrees or more from the axis is seen.
+            points at 90 degrees or more from the axis are not visible.
 
     Raises:
         CodedError: "bad_camera_info" if no camera can have these values.
@@ -82,22 +82,22 @@ class CameraModel:
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         result = np.ones((len(pixels), 3))
         if not self.distorted:
-            focal, middle = self._pinhole
-            np.multiply(pixels - middle, 1.0 / focal, out=result[:, :2])
+            focal, center = self._pinhole
+            np.multiply(pixels - center, 1.0 / focal, out=result[:, :2])
             return result
         if len(pixels) == 0:
             return result
         # OpenCV is fast, but accurate only near the axis: each result is verified by projecting it again
         if self.fisheye:
-            plane = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
+            xy = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
         else:
             criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-            plane = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)[:, 0]
-        wrong = self._wrong(plane, pixels)
-        if wrong.any():
-            plane[wrong] = self._invert(pixels[wrong])
-            plane[self._wrong(plane, pixels)] = np.nan
-        result[:, :2] = plane
+            xy = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)[:, 0]
+        inaccurate = self._inaccurate(xy, pixels)
+        if inaccurate.any():
+            xy[inaccurate] = self._undistort_by_newton(pixels[inaccurate])
+            xy[self._inaccurate(xy, pixels)] = np.nan
+        result[:, :2] = xy
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
@@ -115,8 +115,8 @@ class CameraModel:
             pixels[~visible] = np.nan
             return pixels
         depths = np.where(points[:, 2:] > 0, points[:, 2:], np.nan)
-        focal, middle = self._pinhole
-        return points[:, :2] * (1.0 / depths) * focal + middle
+        focal, center = self._pinhole
+        return points[:, :2] * (1.0 / depths) * focal + center
 
     @cached_property
     def distorted(self) -> bool:
@@ -132,50 +132,50 @@ class CameraModel:
     def limit(self) -> float:
         """Tangent of the angle from the axis at which the model ends: farther out the image would fold back."""
         k = np.concatenate([self.distortion, np.zeros(8)])
-        odd, one = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
-        square = odd * odd
+        r, unit = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
+        r2 = r * r
         if self.fisheye:
-            above, below = odd * (one + sum(k[i] * square ** (i + 1) for i in range(4))), one
+            numerator, denominator = r * (unit + sum(k[i] * r2 ** (i + 1) for i in range(4))), unit
         else:
-            above = odd * (one + k[0] * square + k[1] * square**2 + k[4] * square**3)
-            below = one + k[5] * square + k[6] * square**2 + k[7] * square**3
+            numerator = r * (unit + k[0] * r2 + k[1] * r2**2 + k[4] * r2**3)
+            denominator = unit + k[5] * r2 + k[6] * r2**2 + k[7] * r2**3
         # where the radius in the image stops growing, or has no value at all
-        ends = [(above.deriv() * below - above * below.deriv()).roots(), below.roots()]
-        ends = [float(root.real) for roots in ends for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
+        radii = [(numerator.deriv() * denominator - numerator * denominator.deriv()).roots(), denominator.roots()]
+        radii = [float(root.real) for roots in radii for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
         if not self.fisheye:
-            return min(ends, default=_TAN_90_DEGREES)
-        angle = min(ends, default=math.pi)
-        return math.tan(angle) if angle < math.pi / 2 else _TAN_90_DEGREES
+            return min(radii, default=_TAN_90_DEGREES)
+        limit_angle = min(radii, default=math.pi)
+        return math.tan(limit_angle) if limit_angle < math.pi / 2 else _TAN_90_DEGREES
 
-    def _wrong(self, normalized: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    def _inaccurate(self, normalized: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         """Returns, as (N,) bool, which normalised coordinates (N, 2) are not projected to their pixels (N, 2)."""
         points = np.ones((len(normalized), 3))
         points[:, :2] = normalized
         return ~(np.abs(self.project(points) - pixels).max(axis=1) < _EXACT_PX)
 
-    def _invert(self, pixels: np.ndarray) -> np.ndarray:
+    def _undistort_by_newton(self, pixels: np.ndarray) -> np.ndarray:
         """Undistorts pixels to normalised coordinates (N, 2) by Newton's method, starting within the model's limit."""
-        focal, middle = self._pinhole
-        target = (pixels - middle) / focal
+        focal, center = self._pinhole
+        target = (pixels - center) / focal
         # the start: the undistorted radius, interpolated in a table
         radii = np.tan(np.linspace(0.0, math.atan(self.limit), 2000))
-        shown = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
-        finite = np.isfinite(shown[:, 0])
+        projected = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
+        finite = np.isfinite(projected[:, 0])
         radius = np.hypot(*target.T)
-        start = np.interp(radius, np.maximum.accumulate((shown[finite, 0] - middle[0]) / focal[0]), radii[finite])
-        plane = target * (start / np.maximum(radius, 1e-12))[:, None]
+        initial = np.interp(radius, np.maximum.accumulate((projected[finite, 0] - center[0]) / focal[0]), radii[finite])
+        xy = target * (initial / np.maximum(radius, 1e-12))[:, None]
         for _ in range(_STEPS):
-            ends = plane[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
-            here = self.project(np.dstack([ends, np.ones(ends.shape[:2])]).reshape(-1, 3)).reshape(-1, 5, 2)
-            here = (here - middle) / focal
-            (a, c), (b, d) = ((here[:, 1] - here[:, 2]) / 2e-6).T, ((here[:, 3] - here[:, 4]) / 2e-6).T
-            off, area = target - here[:, 0], a * d - b * c
+            stencil = xy[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+            uv = self.project(np.dstack([stencil, np.ones(stencil.shape[:2])]).reshape(-1, 3)).reshape(-1, 5, 2)
+            uv = (uv - center) / focal
+            (a, c), (b, d) = ((uv[:, 1] - uv[:, 2]) / 2e-6).T, ((uv[:, 3] - uv[:, 4]) / 2e-6).T
+            e, det = target - uv[:, 0], a * d - b * c
             with np.errstate(all="ignore"):
-                step = np.column_stack([d * off[:, 0] - b * off[:, 1], a * off[:, 1] - c * off[:, 0]]) / area[:, None]
+                step = np.column_stack([d * e[:, 0] - b * e[:, 1], a * e[:, 1] - c * e[:, 0]]) / det[:, None]
                 # close to the limit, a full step may lead beyond it
-                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*plane.T))))
-                plane = plane + step / length[:, None]
-        return plane
+                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*xy.T))))
+                xy = xy + step / length[:, None]
+        return xy
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
         """Returns, as (N,) bool, which pixels (N, 2) are in the image."""
@@ -209,10 +209,10 @@ def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 
         (N, 3) [m], map frame; rows of NaN for rays that do not meet the floor in front of the camera.
     """
     origin, directions = T_map_camera[:3, 3], rays @ T_map_camera[:3, :3].T
-    down = directions[:, 2:]
-    steps = np.divide(height - origin[2], down, out=np.full(down.shape, np.nan), where=down != 0)
-    points = origin + steps * directions
-    points[~((steps > 0) & (steps < np.inf))[:, 0]] = np.nan
+    vertical = directions[:, 2:]
+    scales = np.divide(height - origin[2], vertical, out=np.full(vertical.shape, np.nan), where=vertical != 0)
+    points = origin + scales * directions
+    points[~((scales > 0) & (scales < np.inf))[:, 0]] = np.nan
     return points
 
 

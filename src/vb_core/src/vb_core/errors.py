@@ -1,4 +1,4 @@
-"""Errors that a program can tell apart and a person can act on."""
+"""Errors with a code for programs and a sentence for people."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class CodedError(Exception):
         code: lower-case words joined by underscores, stable across releases.
         message: one English sentence that says what is wrong and what to do, for a code without one in
             vb_core/languages; by default the sentence from there.
-        values: the values in the sentence, also for other languages.
+        values: the values that the sentence contains, in any language.
     """
 
     def __init__(self, code: str, message: str = "", **values: Any) -> None:
@@ -30,7 +30,7 @@ class CodedError(Exception):
         """Returns a copy without a traceback, for a variable that outlives the handler.
 
         A raised error references all frames of its stack, one of which holds the variable: that reference cycle, with
-        every image in it, stays in memory until the next garbage collection.
+        every image that the frames hold, stays in memory until the next garbage collection.
         """
         return CodedError(self.code, self.message, **self.values)
 

@@ -29,19 +29,19 @@ def keep_private(path: Path) -> bool:
 
 
 def write_atomically(path: Path, content: bytes, private: bool = False) -> None:
-    """Writes a file so that it always has either the old or the new content, complete.
+    """Writes a file so that it always holds either the complete old or the complete new content.
 
     Args:
         private: whether only its owner may read it.
 
     Raises:
-        CodedError: "cannot_write"; the old content is still there.
+        CodedError: "cannot_write"; the file keeps its old content.
     """
     write_together({path: content}, private)
 
 
 def write_together(contents: Mapping[Path, bytes], private: bool = False) -> None:
-    """Writes files as `write_atomically` does, but replaces none until all are on disk; a crash can separate them."""
+    """Writes files as `write_atomically` does, and replaces none before all are on disk. A crash may replace only some."""
     temporary: Dict[Path, str] = {}
     path = Path()
     try:
@@ -70,7 +70,7 @@ def write_together(contents: Mapping[Path, bytes], private: bool = False) -> Non
 
 
 def append_line(path: Union[str, Path], line: str, private: bool = False) -> None:
-    """Appends a line to a file in one write, so that lines of two writers never mix; creates its folder.
+    """Appends a line to a file in one write, so that lines of two writers never mix; creates the file's folder.
 
     Args:
         private: whether only its owner may read the file, if this call creates it.

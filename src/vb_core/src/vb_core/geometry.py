@@ -42,7 +42,7 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0; inverse of `rotation_from_quaternion`."""
     m = np.asarray(rotation, dtype=float)
-    # the largest of the four components is found first: dividing by it is well conditioned
+    # dividing by the largest of the four components is well conditioned
     xx, yy, zz = np.diag(m)
     squares = [1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz]
     products = np.zeros((4, 4))
@@ -92,7 +92,7 @@ def invert(T: np.ndarray) -> np.ndarray:
 
 
 def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Applies a 4x4 transform to points (N, 3) or (3,) [m]; the shape stays."""
+    """Applies a 4x4 transform to points (N, 3) or (3,) [m]; returns them in the same shape."""
     points = np.asarray(points, dtype=float)
     return points @ T[:3, :3].T + T[:3, 3]
 
@@ -135,17 +135,17 @@ def optical_rotation() -> np.ndarray:
 def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:
     """Converts points (N, 2) [m] to coordinates along an arc.
 
-    The arc begins at the origin along x and bends to the left by `curvature` [1/m].
+    The arc starts at the origin in the direction of x and bends to the left by `curvature` [1/m].
 
     Returns:
-        The points' distances along the arc, (N,) [m], and to its left, (N,) [m].
+        The points' distances along the arc, (N,) [m], and their distances to its left, (N,) [m].
     """
     x, y = points[:, 0], points[:, 1]
     if abs(curvature) < 1e-3:
         return x, y
-    center, side = 1.0 / curvature, math.copysign(1.0, curvature)
-    across = (abs(center) - np.hypot(x, y - center)) * side
-    return np.arctan2(x, (center - y) * side) * abs(center), across
+    radius, side = 1.0 / curvature, math.copysign(1.0, curvature)
+    across = (abs(radius) - np.hypot(x, y - radius)) * side
+    return np.arctan2(x, (radius - y) * side) * abs(radius), across
 
 
 def chain_length(points: np.ndarray, closed: bool = False) -> float:
@@ -171,23 +171,23 @@ def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> 
     points = np.asarray(points, dtype=float)
     if closed:
         points = np.vstack([points, points[:1]])
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    keep = np.concatenate([[True], steps > 0])
-    points, arc = points[keep], np.concatenate([[0.0], np.cumsum(steps[steps > 0])])
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    moved = np.concatenate([[True], lengths > 0])
+    points, arc = points[moved], np.concatenate([[0.0], np.cumsum(lengths[lengths > 0])])
     if arc[-1] == 0.0:
         return points[:1].copy()
-    count = max(1, int(math.ceil(arc[-1] / spacing - 1e-9)))
-    at = np.linspace(0.0, arc[-1], count + 1)
-    sampled = np.column_stack([np.interp(at, arc, points[:, i]) for i in range(2)])
+    segments = max(1, int(math.ceil(arc[-1] / spacing - 1e-9)))
+    positions = np.linspace(0.0, arc[-1], segments + 1)
+    sampled = np.column_stack([np.interp(positions, arc, points[:, i]) for i in range(2)])
     return sampled[:-1] if closed else sampled
 
 
 def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, float, float]:
-    """Finds the point of a path (N, 2) [m] a distance [m] ahead of the path's point nearest to `place` (2,) [m].
+    """Finds the point of a path (N, 2) [m] that is `distance` [m] ahead of the path point nearest to `place` (2,) [m].
 
     Returns:
-        The point (2,) [m], or the path's end if that is nearer; the distance [m] of `place` from the path; and the
-        length [m] of the rest of the path.
+        The point (2,) [m], or the path's end if the path is shorter; the distance [m] from `place` to the path; and the
+        length [m] of the remaining path.
     """
     distances = np.linalg.norm(path - np.asarray(place), axis=1)
     nearest = int(np.argmin(distances))

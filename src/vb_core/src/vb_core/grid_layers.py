@@ -51,12 +51,12 @@ def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[
     """
     point = np.asarray(point, dtype=float)
     row, column = grid.world_to_cell(point)[0]
-    half = int(np.ceil(reach / grid.resolution))
-    top, left = max(row - half, 0), max(column - half, 0)
-    cells = np.argwhere(mask[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]) + (top, left)
+    span = int(np.ceil(reach / grid.resolution))
+    top, left = max(row - span, 0), max(column - span, 0)
+    cells = np.argwhere(mask[top : max(row + span + 1, 0), left : max(column + span + 1, 0)]) + (top, left)
     centers = grid.cell_to_world(cells) if len(cells) else np.zeros((0, 2))
-    gaps = np.linalg.norm(centers - point, axis=1)
-    best = int(np.argmin(gaps)) if len(cells) else -1
-    if best < 0 or gaps[best] > reach:
+    distances = np.linalg.norm(centers - point, axis=1)
+    nearest = int(np.argmin(distances)) if len(cells) else -1
+    if nearest < 0 or distances[nearest] > reach:
         return None, point
-    return (int(cells[best, 0]), int(cells[best, 1])), centers[best]
+    return (int(cells[nearest, 0]), int(cells[nearest, 1])), centers[nearest]

@@ -1,4 +1,4 @@
-"""The only table of image encodings, by their sensor_msgs names: how bytes become pixels, and pixels a picture."""
+"""The table of image encodings, by their sensor_msgs names; converts bytes to pixels, and pixels to a picture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from vb_core.errors import CodedError
 
 _BAYER = {f"bayer_{name}": getattr(cv2, f"COLOR_Bayer{name.upper()}2BGR") for name in ("rggb", "bggr", "gbrg", "grbg")}
-# contents of a picture's 8-bit pixels other than bgr, with OpenCV's conversion to bgr
+# pixel contents other than bgr, with OpenCV's conversion to bgr
 _TO_BGR = {"mono": cv2.COLOR_GRAY2BGR, "rgb": cv2.COLOR_RGB2BGR, **_BAYER}
 _CHANNELS = {"mono": 1, "bgr": 3, "rgb": 3, "bgra": 4, "rgba": 4, **dict.fromkeys(_BAYER, 1)}
 # luminance and chrominance are separate: converted to bgr on reading
@@ -27,22 +27,22 @@ _KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": 
 
 
 class Encoding(NamedTuple):
-    """How an image is stored: numpy type, channels per pixel, and what these contain; "": not a picture."""
+    """An image's storage format: numpy type, channels per pixel, and the channels' content ("" if not a picture)."""
 
     dtype: np.dtype
     channels: int
     content: str
 
     def rows(self, height: int) -> int:
-        """Returns the number of byte rows of an image of a height [px]: some store chrominance below the luminance."""
+        """Returns the byte rows of an image of this height [px]: some encodings store chrominance below luminance."""
         return height * 3 // 2 if self.content in ("nv12", "nv21") else height
 
 
 def _table() -> Dict[str, Encoding]:
     table = {name: Encoding(np.dtype("u1"), channels, name) for name, (channels, _) in _YUV.items()}
     table.update({"yuv422": table["uyvy"], "yuv422_yuy2": table["yuyv"]})
-    for bits, kind in ((8, "u1"), (16, "u2")):
-        table.update({f"{name}{bits}": Encoding(np.dtype(kind), n, name) for name, n in _CHANNELS.items()})
+    for bits, dtype in ((8, "u1"), (16, "u2")):
+        table.update({f"{name}{bits}": Encoding(np.dtype(dtype), n, name) for name, n in _CHANNELS.items()})
         for general, name in (("C1", "mono"), ("", "mono"), ("C3", "bgr"), ("C4", "bgra")):
             table[f"{bits}U{general}"] = table[f"{name}{bits}"]
     return table
@@ -60,19 +60,19 @@ def encoding_of(name: str) -> Encoding:
     encoding = _ENCODINGS.get(name.lower()) or _ENCODINGS.get(name)
     if encoding is not None:
         return encoding
-    general = _GENERAL.fullmatch(name)
-    kind = _KINDS.get(general.group(1) + general.group(2)) if general else None
-    if kind is None:
+    match = _GENERAL.fullmatch(name)
+    dtype = _KINDS.get(match.group(1) + match.group(2)) if match else None
+    if dtype is None:
         raise CodedError("bad_image", f"cannot read an image with the unknown encoding '{name}'")
-    return Encoding(np.dtype(kind), int(general.group(3) or 1), "")
+    return Encoding(np.dtype(dtype), int(match.group(3) or 1), "")
 
 
 class Picture(NamedTuple):
-    """An 8-bit image of a visible scene, unlike for instance a depth image.
+    """An 8-bit image of a visible scene, unlike a depth image for instance.
 
     Attributes:
         pixels: (H, W) or (H, W, 3) uint8, contiguous.
-        content: what the pixels are: "mono", "bgr", "rgb", or a Bayer pattern by its first row, "bayer_rggb" ...
+        content: the pixels' meaning: "mono", "bgr", "rgb", or a Bayer pattern, "bayer_rggb" ...
     """
 
     pixels: np.ndarray
@@ -91,7 +91,7 @@ class Picture(NamedTuple):
 
     @property
     def mosaic(self) -> bool:
-        """Returns whether each pixel has one colour only."""
+        """Returns whether each pixel holds one colour only."""
         return self.content in _BAYER
 
     def bgr(self) -> np.ndarray:
@@ -104,11 +104,11 @@ class Picture(NamedTuple):
 
 
 class HalvedPicture:
-    """A picture that is searched for spots at half its size and measured at full size; each is decoded when needed.
+    """A picture that is searched for spots at half size and measured at full size; each size is decoded when needed.
 
     Args:
         size: width and height [px], even.
-        decode: returns the pixels (H, W, 3) uint8 bgr at the size that it is called with.
+        decode: returns the pixels (H, W, 3) uint8 bgr for a width and a height.
 
     Attributes:
         content, mosaic: as in `Picture`.
@@ -136,7 +136,7 @@ class HalvedPicture:
         return self._decode(self.size[0] // 2, self.size[1] // 2)
 
     def decode_whole(self) -> None:
-        """Decodes the full size and halves it: faster than decoding both, and different by at most one grey level."""
+        """Decodes the full size and halves it: faster than decoding both sizes, with a difference of one grey level."""
         half = self.size[0] // 2, self.size[1] // 2
         self.searched = cv2.resize(self.pixels, half, interpolation=cv2.INTER_AREA)
 
@@ -151,7 +151,7 @@ AnyPicture = Union[Picture, HalvedPicture]
 class PixelReader:
     """Converts the images of one camera to 8-bit pixels; remembers how many bits the camera really uses.
 
-    A camera of 10 or 12 bits sends them in 16: the largest value received so far shows how many it uses.
+    A camera with 10 or 12 bits sends 16-bit values; the largest value received so far shows how many bits it uses.
     """
 
     def __init__(self) -> None:
@@ -162,7 +162,7 @@ class PixelReader:
 
         Args:
             image: the message's pixels, unconverted.
-            encoding: its name in sensor_msgs/Image.
+            encoding: the encoding's name in sensor_msgs/Image.
 
         Raises:
             CodedError: "unknown_encoding" for images in which no spot can be seen, such as depth.

@@ -1,7 +1,7 @@
 """Map files as map_server reads them: an image with a YAML file beside it.
 
-Trinary files distinguish free, occupied and unknown. Raw ones keep soft values: the pixel is the occupancy, 255
-unknown. (A soft value written by map_saver comes back as 100, unknown or 0.)
+Trinary files distinguish free, occupied and unknown. Raw files keep soft values: a pixel is the occupancy, or 255 for
+unknown. (A soft value that map_saver writes is read back as 100, unknown or 0.)
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,99}")
 
 
 def safe_path(folder: Path, name: str) -> Path:
-    """Returns the path, without extension, for a file name from a request; it is never outside the folder.
+    """Returns the path, without extension, for a file name from a request; the path is never outside the folder.
 
     Raises:
         CodedError: "bad_file_name".
@@ -42,19 +42,19 @@ def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
     """Writes `<stem>.pgm` and `<stem>.yaml`; inverse of `read_map`.
 
     Args:
-        raw: False: trinary, as map_saver does; True: every occupancy is kept.
+        raw: whether to keep every occupancy value; by default the file is trinary, as map_saver's.
 
     Returns:
-        The files.
+        The paths of both files.
     """
     cells = np.ascontiguousarray(grid.data).view(np.uint8)
     if raw:
         pixels = cells
     else:
-        table = np.full(256, UNKNOWN_PIXEL, np.uint8)
-        table[: int(math.ceil(100 * FREE_THRESH))] = FREE_PIXEL
-        table[int(round(100 * OCCUPIED_THRESH)) : 101] = OCCUPIED_PIXEL
-        pixels = cv2.LUT(cells, table)
+        pixel_of_cell = np.full(256, UNKNOWN_PIXEL, np.uint8)
+        pixel_of_cell[: int(math.ceil(100 * FREE_THRESH))] = FREE_PIXEL
+        pixel_of_cell[int(round(100 * OCCUPIED_THRESH)) : 101] = OCCUPIED_PIXEL
+        pixels = cv2.LUT(cells, pixel_of_cell)
     _, image = cv2.imencode(".pgm", np.ascontiguousarray(pixels[::-1]))
     image_path, yaml_path = Path(f"{stem}.pgm"), Path(f"{stem}.yaml")
     description = {
@@ -75,7 +75,7 @@ def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
 def map_path(name: str) -> Path:
     """Returns the path of a map that was named in a terminal, relative to the folder in which roslaunch was called.
 
-    roslaunch starts nodes in another folder; the environment variable PWD still has the folder of the call.
+    roslaunch starts nodes in another folder, but the environment variable PWD still names the folder of the call.
     """
     return Path(os.environ.get("PWD", ".")) / Path(name).expanduser()
 
@@ -99,21 +99,21 @@ def read_map(path: Path) -> GridMap:
     if not isinstance(description, dict):
         raise _bad(path, "$file_no_keys")
 
-    def read(key: str, example: str, is_right: Callable[[Any], bool], default: Any = None) -> Any:
+    def read_key(key: str, example: str, is_right: Callable[[Any], bool], default: Any = None) -> Any:
         value = description.get(key, default)
         if not is_right(value):
             raise _bad(path, "$file_value", key=key, expected=example, found=repr(value))
         return value
 
-    def number(key: str, default: Optional[float] = None) -> float:
-        return float(read(key, "0.05", lambda value: type(value) in (int, float) and math.isfinite(value), default))
+    def read_float(key: str, default: Optional[float] = None) -> float:
+        return float(read_key(key, "0.05", lambda value: type(value) in (int, float) and math.isfinite(value), default))
 
-    mode = read("mode", "trinary | scale | raw", lambda value: value in ("trinary", "scale", "raw"), "trinary")
-    origin = read("origin", "[x, y, yaw]", _is_pose)
-    name = read("image", "map.pgm", lambda value: isinstance(value, str) and value != "" and "\0" not in value)
-    negate = read("negate", "0 | 1", lambda value: isinstance(value, (int, float)), 0)
+    mode = read_key("mode", "trinary | scale | raw", lambda value: value in ("trinary", "scale", "raw"), "trinary")
+    origin = read_key("origin", "[x, y, yaw]", _is_pose)
+    name = read_key("image", "map.pgm", lambda value: isinstance(value, str) and value != "" and "\0" not in value)
+    negate = read_key("negate", "0 | 1", lambda value: isinstance(value, (int, float)), 0)
     image = _read_image(path.parent / name)
-    resolution = number("resolution")
+    resolution = read_float("resolution")
     if mode == "raw":
         gray = _gray(image, colors_only=False)
         cells = np.where(gray <= 100, gray, UNKNOWN)
@@ -121,13 +121,13 @@ def read_map(path: Path) -> GridMap:
         # map_server counts alpha as a fourth colour, except in scale mode
         gray = _gray(image, colors_only=mode == "scale")
         darkness = gray / 255.0 if negate else (255.0 - gray) / 255.0
-        high, low = number("occupied_thresh", OCCUPIED_THRESH), number("free_thresh", FREE_THRESH)
-        between = np.full(gray.shape, float(UNKNOWN))
+        occupied, free = read_float("occupied_thresh", OCCUPIED_THRESH), read_float("free_thresh", FREE_THRESH)
+        undecided = np.full(gray.shape, float(UNKNOWN))
         if mode == "scale":
-            between = 1 + 98 * (darkness - low) / max(high - low, 1e-9)
+            undecided = 1 + 98 * (darkness - free) / max(occupied - free, 1e-9)
             if image.ndim == 3 and image.shape[2] == 4:
-                between = np.where(image[..., 3] < 1, UNKNOWN, between)
-        cells = np.where(darkness > high, 100, np.where(darkness < low, 0, between))
+                undecided = np.where(image[..., 3] < 1, UNKNOWN, undecided)
+        cells = np.where(darkness > occupied, 100, np.where(darkness < free, 0, undecided))
     # an image's first row is its top, a grid's first row is its lowest y
     try:
         return GridMap(np.ascontiguousarray(cells[::-1]).astype(np.int8), resolution, tuple(origin))

@@ -1,4 +1,4 @@
-"""The fixed names that other programs use: frames, topics and services of the stack."""
+"""The fixed names of the stack's frames, topics and services, which other programs use."""
 
 MAP_FRAME = "map"
 

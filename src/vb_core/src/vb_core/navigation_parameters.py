@@ -10,11 +10,11 @@ from typing import Any, Dict, Mapping
 from vb_core.robot_profile import RobotProfile
 
 INFLATION_MARGIN = 0.17  # [m] inflation beyond the radius: the robot keeps that distance where it can
-# [m] beyond the radius that a path keeps from borders and walls. Without it, paths lead through gaps in which the
-# footprint touches something as soon as the controller or the localisation is off by 3 cm; DWA then finds no more
-# trajectories, and no recovery behaviour frees the robot.
+# [m] distance beyond the radius that a path keeps from borders and walls. Without it, paths lead through gaps in which
+# the footprint touches something as soon as the controller or the localisation is off by 3 cm. DWA then finds no
+# trajectory any more, and no recovery behaviour frees the robot.
 PATH_MARGIN = 0.04
-SIM_TIME = 2.0  # [s] that DWA looks ahead: with less, the robot turns back and forth where a path bends round a border
+SIM_TIME = 2.0  # [s] DWA's look-ahead: with less, the robot turns back and forth where a path bends round a border
 
 
 def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
@@ -55,18 +55,18 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
 
 
 def amcl_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
-    """Derives the parameters of AMCL from a robot's profile; `prefix` as above."""
+    """Derives AMCL's parameters from a robot's profile; `prefix` as in `navigation_parameters`."""
     return {"base_frame_id": prefix + profile.frames.base, "odom_frame_id": prefix + profile.frames.odom}
 
 
 def is_trinary(costmap: Any) -> bool:
-    """Returns whether a costmap with parameters as from `rosparam get` treats soft occupancies as free space."""
+    """Returns whether a costmap, given its parameters as from `rosparam get`, treats soft occupancies as free space."""
     if not isinstance(costmap, Mapping):
         return False  # there is no such costmap
-    named = [
+    static_layers = [
         str(plugin.get("name", "static_layer"))
         for plugin in costmap.get("plugins") or []
         if isinstance(plugin, Mapping) and str(plugin.get("type", "")).endswith("StaticLayer")
     ]
-    layers = [costmap.get(name) for name in named or ["static_layer"]]
+    layers = [costmap.get(name) for name in static_layers or ["static_layer"]]
     return any(layer.get("trinary_costmap", True) if isinstance(layer, Mapping) else True for layer in layers)

@@ -1,4 +1,4 @@
-"""Notices for people: each node publishes all its notices together; a reader keeps those that still hold."""
+"""Notices for people: each node publishes all its notices together, and a reader keeps those that still apply."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
-# for a notice's code, the codes that make it redundant: they say the same of all robots, or give the camera's reason
+# for a notice's code, the codes that make it redundant: they concern all robots, or name the reason for a camera
 _SUPERSEDED_BY = {
     "robot_stopped": {"stopped", "stop_state_lost"},
     "camera_no_pose": {
@@ -66,19 +66,21 @@ class ActiveNotices:
     """The current notices of all nodes. Not thread safe."""
 
     def __init__(self) -> None:
-        self._said: Dict[str, Tuple[float, List[Notice]]] = {}
+        self._published: Dict[str, Tuple[float, List[Notice]]] = {}
 
     def update(self, source: str, notices: Iterable[Notice], now: float) -> None:
-        """Adopts a node's notices at a time [s]; replaces its former ones."""
-        self._said[source] = (now, list(notices))
+        """Replaces a node's notices by those that it published at time `now` [s]."""
+        self._published[source] = (now, list(notices))
 
     def current(self, now: float) -> List[Notice]:
-        """Returns the notices that hold at a time [s], most severe first; a jump back in time drops none."""
-        held = [notice for heard, notices in self._said.values() if now - heard <= EXPIRY_TIME for notice in notices]
-        said = {(notice.code, notice.camera) for notice in held}
-        held = [
-            notice
-            for notice in held
-            if said.isdisjoint((code, notice.camera) for code in _SUPERSEDED_BY.get(notice.code, ()))
+        """Returns the notices that apply at time `now` [s], most severe first; a jump back in time drops none."""
+        active = [
+            notice for time, notices in self._published.values() if now - time <= EXPIRY_TIME for notice in notices
         ]
-        return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))
+        reported = {(notice.code, notice.camera) for notice in active}
+        active = [
+            notice
+            for notice in active
+            if reported.isdisjoint((code, notice.camera) for code in _SUPERSEDED_BY.get(notice.code, ()))
+        ]
+        return sorted(active, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

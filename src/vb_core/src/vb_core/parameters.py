@@ -1,4 +1,4 @@
-"""Parameters as frozen dataclasses that are checked once, when they are made.
+"""Parameters as frozen dataclasses that are checked once, when they are constructed.
 
 A parameter class lists its values with `param`, which carries unit and limits:
 
@@ -40,7 +40,7 @@ def param(
     Args:
         default: its value unless set; its type is the parameter's type.
         low, high: the smallest and largest value allowed, both included.
-        above: a limit that the value must exceed.
+        above: an excluded lower limit.
         choices: the only values allowed.
         of: class of a list's entries, each of which is read like a group.
         doc: explains a parameter that no file in config/ lists. If a file lists it, the comment there explains it;
@@ -66,8 +66,8 @@ class Parameters:
         """Makes parameters from a mapping; missing keys keep their defaults.
 
         Args:
-            mapping: for instance a YAML document; None is an empty one.
-            where: put before the key in errors, for instance the node's name.
+            mapping: for instance a YAML document; None counts as empty.
+            where: prefix of the keys in errors, for instance the node's name.
 
         Raises:
             ParameterError: for an unknown key, a wrong type, a value out of range.
@@ -91,7 +91,7 @@ class Parameters:
         return dataclasses.replace(self, **changes)
 
     def describe(self) -> str:
-        """Lists each value that is not the default, with its unit, on one line for a node's log; "" if there is none."""
+        """Lists on one line, for a node's log, each value that differs from its default, with its unit."""
         return ", ".join(self._changed())
 
     def _changed(self) -> List[str]:
@@ -127,24 +127,24 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
     if issubclass(kind, Parameters):
         return value if isinstance(value, kind) else kind.from_mapping(value, key)
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
-    right = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
-    if kind in _EXPECTED and not (right and value == value):  # nan is not a number
+    has_type = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
+    if kind in _EXPECTED and not (has_type and value == value):  # nan is not a number
         raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
     if kind in (float, tuple):
         value = kind(value)
     if of is not None:
-        parts = enumerate(value)
-        return kind(one if isinstance(one, of) else of.from_mapping(one, f"{key}[{index}]") for index, one in parts)
-    for number in value if isinstance(value, (list, tuple)) else [value]:
-        if isinstance(number, (int, float)) and not isinstance(number, bool):
-            _check_limits(key, number, limits)
+        items = enumerate(value)
+        return kind(item if isinstance(item, of) else of.from_mapping(item, f"{key}[{index}]") for index, item in items)
+    for element in value if isinstance(value, (list, tuple)) else [value]:
+        if isinstance(element, (int, float)) and not isinstance(element, bool):
+            _check_limits(key, element, limits)
     if limits["choices"] is not None and value not in limits["choices"]:
         raise ParameterError(key, f"must be one of {', '.join(map(str, limits['choices']))}, got {value!r}")
     return value
 
 
 def _check_limits(key: str, number: float, limits: Mapping[str, Any]) -> None:
-    for name, (words, breaks) in _LIMITS.items():
+    for name, (phrase, violates) in _LIMITS.items():
         limit = limits[name]
-        if limit is not None and breaks(number, limit):
-            raise ParameterError(key, f"must be {words} {limit} {limits['unit']}".rstrip() + f", got {number}")
+        if limit is not None and violates(number, limit):
+            raise ParameterError(key, f"must be {phrase} {limit} {limits['unit']}".rstrip() + f", got {number}")

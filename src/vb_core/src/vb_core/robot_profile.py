@@ -1,7 +1,7 @@
-"""A robot type, described once: shape, limits, sensors, topics and frames.
+"""A robot type's profile: shape, limits, sensors, topics and frames.
 
-Every program that needs to know something about a robot reads the same file (robots/<type>.yaml), and derives from it
-what it can, so that another robot needs only another file.
+Every program that needs to know something about a robot reads it from the same file (robots/<type>.yaml), so that
+another robot needs only another file.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ class RobotShape(Parameters):
     """An upright cylinder about base_link."""
 
     radius: float = param(0.18, "m", above=0.0, high=2.0)
-    height: float = param(0.45, "m", above=0.0, high=3.0, doc="with all that is mounted on it")
+    height: float = param(0.45, "m", above=0.0, high=3.0, doc="including everything mounted on it")
 
 
 @dataclass(frozen=True)
 class Limits(Parameters):
-    """What the base can do, and what it is allowed to do."""
+    """Limits of the base: what it can do, and what it is allowed to do."""
 
     max_speed: float = param(0.5, "m/s", above=0.0, high=3.0, doc="whatever drives it")
     max_turn_rate: float = param(1.0, "rad/s", above=0.0, high=6.0)
@@ -37,12 +37,12 @@ class Limits(Parameters):
 
 @dataclass(frozen=True)
 class Scanner(Parameters):
-    """The laser scanner, or a depth camera used as one. Its messages tell its coverage."""
+    """The laser scanner, or a depth camera used as one. Its coverage is read from its messages."""
 
     topic: str = param("scan")
     present: bool = param(True, doc="false: the robot is driven by its map alone, and slowly")
     no_return: str = param(
-        "inf", choices=("inf", "zero", "nan"), doc="the range where nothing came back; inf always counts as that"
+        "inf", choices=("inf", "zero", "nan"), doc="the range of a beam without a return; inf always counts as one"
     )
     obstacle_range: float = param(2.5, "m", above=0.0, doc="up to here navigation marks obstacles")
 
@@ -56,10 +56,10 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Base(Parameters):
-    """What moves the robot, and the only way to its wheels: the driver checks that no untrusted node can use it too."""
+    """The robot's base. The driver checks that only itself and trusted nodes can command it."""
 
     kind: str = param("differential", choices=tuple(KINDS), doc="how it moves; only differential is supported")
-    topic: str = param("cmd_vel", doc="of the driver's commands: what the base listens to, or an input of its mux")
+    topic: str = param("cmd_vel", doc="topic of the driver's commands: the base's own, or an input of its mux")
     output: str = param("", doc="behind a mux: the topic on which the mux commands the base; empty: no mux")
     trusted: tuple = param((), doc="nodes that may command the base too, for instance a bumper's reflex")
 
@@ -71,22 +71,22 @@ class Base(Parameters):
 
 @dataclass(frozen=True)
 class OnboardCamera(Parameters):
-    """The robot's camera. Lens and mount come from camera_info and tf."""
+    """The robot's camera. Its lens is described by camera_info, its mount by tf."""
 
     info: str = param("camera/rgb/camera_info")
-    max_range: float = param(3.0, "m", above=0.0, doc="farther away a spot is too small to be found")
+    max_range: float = param(3.0, "m", above=0.0, doc="farther away, a spot is too small to be detected")
 
 
 @dataclass(frozen=True)
 class Contact(Parameters):
-    """Bumpers, cliff sensors or wheel drop sensors: a field of a message, and which values mean danger."""
+    """Bumpers, cliff sensors or wheel drop sensors: a field of a message, and which of its values mean danger."""
 
     topic: str = param("")
     type: str = param("", doc="for instance kobuki_msgs/BumperEvent")
     field: str = param("state")
     clear: int = param(0, doc="the value that means no contact; every other value counts as contact")
-    sensor: str = param("", doc="field that tells which of several sensors a message is from; empty: it tells of all")
-    blocks: str = param("forward", choices=("forward", "all"), doc="what contact forbids: to drive forward, or to move")
+    sensor: str = param("", doc="field that names the sensor a message is from; empty: a message describes all sensors")
+    blocks: str = param("forward", choices=("forward", "all"), doc="motion that contact blocks: forward only, or all")
 
 
 @dataclass(frozen=True)

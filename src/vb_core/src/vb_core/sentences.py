@@ -6,8 +6,8 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
 A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", border =
-"$border_without_name". Its words can use the other values of the sentence, and get a capital letter at its beginning.
-The values border and borders are names of borders, see `border_name`.
+"$border_without_name". Its text may contain the sentence's other values, and is capitalised where it begins the
+sentence. The values border and borders are names of borders, see `border_name`.
 
 No program parses a sentence.
 """
@@ -53,7 +53,7 @@ def spelled_out(name: str) -> str:
 
 
 class _LenientValues(dict):
-    """Shows the name of a missing value in its place, so that the sentence is still shown."""
+    """Substitutes a missing value by its name, so that the sentence can still be shown."""
 
     def __missing__(self, key: str) -> str:
         return f"({key})"
@@ -65,7 +65,7 @@ def robot_value(name: str) -> str:
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
-    """Returns one or several borders' names as people read them: an unnamed border is numbered in their language."""
+    """Returns one or several borders' names as people read them: an unnamed border's number in their language."""
     return _UNNAMED.sub(
         lambda match: translate(f"unnamed_{match.group(1)}", {"number": match.group(2)}, language), name
     )
@@ -82,12 +82,12 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
     sentence = catalog(language).get(code) or catalog(ENGLISH).get(code)
     if sentence is None:
         return default or spelled_out(code)
-    words = {}
+    texts = {}
     for name, value in values.items():
-        words[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)
-        if words[name].startswith("$") and len(words[name]) > 1:
-            others = {other: word for other, word in values.items() if other != name}
-            words[name] = translate(words[name][1:], others, language)
+        texts[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)
+        if texts[name].startswith("$") and len(texts[name]) > 1:
+            other_values = {other: text for other, text in values.items() if other != name}
+            texts[name] = translate(texts[name][1:], other_values, language)
             if sentence.startswith(f"{{{name}}}"):
-                words[name] = words[name][:1].upper() + words[name][1:]
-    return sentence.format_map(_LenientValues(words))
+                texts[name] = texts[name][:1].upper() + texts[name][1:]
+    return sentence.format_map(_LenientValues(texts))

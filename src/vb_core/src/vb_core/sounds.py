@@ -1,10 +1,10 @@
-"""The system's sounds: one table, by the names that vb_msgs/Sound carries.
+"""The table of the system's sounds, by the names that vb_msgs/Sound carries.
 
-Rising tones: the interaction goes on; each active state ends on its own tone, a third or more from the next (see the
-states' rows in vb_core.vocabulary). Falling tones: back to Default, or paused. A refusal is low and repeated, a
-success the longest rise: people recognise both without knowing the other sounds. A question is one tone twice; a stop
-falls from high to low. A spoken command that was understood is acknowledged at once by a short tone, before its own.
-A tick comes often, so it is soft, and far above all the others.
+Rising tones mean that the interaction continues; each active state ends on its own tone, at least a third from any
+other (see vb_core.vocabulary). Falling tones mean a return to Default, or a pause. A refusal is low and repeated, and a
+success is the longest rise, so that people recognise both without knowing the other sounds. A question repeats one
+tone; a stop falls from high to low. A short tone acknowledges a spoken command at once, before the command's own sound.
+Ticks are frequent, so they are soft, and far above all other sounds.
 
 >>> round(SOUNDS["success"].seconds, 2), SOUNDS["border"].beep
 (0.57, 'BUTTON')
@@ -43,7 +43,7 @@ class Note:
 
 @dataclass(frozen=True)
 class Tones:
-    """A sound: its notes, and a constant of kobuki_msgs/Sound for what a Kobuki plays instead; "": nothing."""
+    """A sound: its notes, and the constant of kobuki_msgs/Sound that a Kobuki plays instead ("" for none)."""
 
     notes: Tuple[Note, ...]
     beep: str = ""

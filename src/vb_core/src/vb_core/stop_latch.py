@@ -1,11 +1,11 @@
-"""The stop of all robots: who holds it, what releases it, and how it outlives crashes and full disks.
+"""The stop of all robots, which persists through crashes and full disks until a person releases it.
 
-With each stop the latch makes a new number, and only a `resume` that names the newest number releases it: its sender
-has seen that stop. So no command that was given before a stop can undo it, however late it arrives. There are two
-sides: `StopLatch` answers commands (in the interaction manager), `HeldStops` is what one robot obeys (in its driver).
+The latch generates a new number for each stop, and only a `resume` that names the newest number releases it, because
+its sender has seen that stop. So no command given before a stop can release it, however late it arrives. The stop has
+two sides: `StopLatch` answers commands (in the interaction manager), and one robot obeys `HeldStops` (in its driver).
 
-A robot holds every stop that it has heard of until a latch that knows all of them says that robots may drive. So a stop
-holds even if the latch has never heard of it, or has lost its memory; the robot then reports it.
+A robot holds every stop that it has received until a latch that knows all of these stops says that robots may drive. So
+a stop holds even if the latch never received it, or has lost its file; the robot then reports the stop.
 
 >>> latch, robot = StopLatch(), HeldStops()
 >>> robot.hear("1a")                        # a button's stop reaches the robot ...
@@ -32,20 +32,20 @@ from typing import Any, List, Optional, Sequence, Tuple
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-MAX_KNOWN_STOPS = 32  # that the latch remembers: a robot that missed more of them counts as stopped again
-MAX_HELD_STOPS = 4  # that a robot holds singly: eight robots hold no more than the latch remembers
+MAX_KNOWN_STOPS = 32  # stops that the latch remembers: a robot that missed more of them counts as stopped again
+MAX_HELD_STOPS = 4  # stops that a robot holds one by one: eight robots hold no more than the latch remembers
 
 
 def new_id() -> str:
-    """Makes an id or a number for a stop, different from all earlier ones, even those lost from memory."""
+    """Generates an id or a number for a stop that differs from all earlier ones, even forgotten ones."""
     return uuid.uuid4().hex[:12]
 
 
 class _Stored:
-    """Values kept in a file. If they cannot be read or stored, that counts as a stop. Thread safe.
+    """State that is kept in a file; if the file cannot be read or written, that counts as a stop. Thread safe.
 
     Args:
-        path: the file; None: memory only.
+        path: the file; None keeps the state in memory only.
 
     Attributes:
         lost: whether it stopped because its file was damaged or could not be written.
@@ -80,9 +80,9 @@ class _Stored:
         raise NotImplementedError
 
     def store(self) -> bool:
-        """Brings the file up to date, durably; returns False if that is not possible.
+        """Writes the state to the file, durably; returns False if that is not possible.
 
-        A full disk has no room for a new file, but the old one can be emptied, and an empty file counts as a stop.
+        A full disk has no room for a new file. Then the old file is emptied, since an empty file counts as a stop.
         """
         with self._writing:
             with self._lock:
@@ -101,9 +101,9 @@ class StopLatch(_Stored):
     """The stop of all robots.
 
     Attributes:
-        number: number of the newest stop; there is one even before the first stop, so that each command can name it.
-        stops: ids of the newest stops, made by their senders, the newest last.
-        stopped, by: whether the newest stop holds, and who gave the first of the stops that hold.
+        number: number of the newest stop; set even before the first stop, so that every command can name it.
+        stops: ids of the latest stops, as given by their senders, the newest last.
+        stopped, by: whether the newest stop is in force, and who gave the first of the stops in force.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
@@ -112,7 +112,7 @@ class StopLatch(_Stored):
         super().__init__(path)
 
     def stop(self, identity: str, by: str) -> bool:
-        """Stops all robots; returns False, and changes nothing, for a known stop: one press may arrive twice."""
+        """Stops all robots; ignores a known stop and returns False, since one press may arrive twice."""
         with self._lock:
             if identity in self.stops:
                 return False
@@ -121,7 +121,7 @@ class StopLatch(_Stored):
             return True
 
     def read(self) -> Tuple[bool, str, str, Tuple[str, ...]]:
-        """Returns whether robots are stopped, by whom, the number and the stops, all at one moment."""
+        """Returns a consistent snapshot: whether robots are stopped, by whom, the number and the stops."""
         with self._lock:
             return self.stopped, self.by, self.number, self.stops
 
@@ -133,7 +133,7 @@ class StopLatch(_Stored):
             return not self.stopped
 
     def _restore(self, content: Any) -> None:
-        stops, stopped, by = _texts([content["number"], *content["stops"]]), content["stopped"], content["by"]
+        stops, stopped, by = _check_ids([content["number"], *content["stops"]]), content["stopped"], content["by"]
         if not isinstance(stopped, bool):
             raise ValueError("not a stop")
         self.number, *self.stops = stops
@@ -147,27 +147,27 @@ class StopLatch(_Stored):
 
 
 class HeldStops(_Stored):
-    """The stops that one robot holds: it has heard of them, and no latch that knows all of them has released them.
+    """The stops that one robot holds: those it has received and that no latch knowing all of them has released.
 
     Attributes:
-        ids: their ids.
+        ids: the stops' ids.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
         self.ids: Tuple[str, ...] = ()
-        self._said_stopped = False  # whether the latch's newest message says stopped
+        self._latch_stopped = False  # whether the latch's newest message says stopped
         super().__init__(path)
 
     @property
     def stopped(self) -> bool:
         """Whether the robot must stand still."""
-        return self._said_stopped or bool(self.ids)
+        return self._latch_stopped or bool(self.ids)
 
     @property
     def lasting(self) -> Tuple[str, ...]:
-        """The stops that are in the file, so that they outlive the process; all of them if the file cannot be written."""
-        written = self._written
-        return self.ids if written is None else tuple(one for one in self.ids if one in written)
+        """The held stops that survive the process: those in the file, or all if the file cannot be written."""
+        stored_ids = self._written
+        return self.ids if stored_ids is None else tuple(identity for identity in self.ids if identity in stored_ids)
 
     def hear(self, identity: str) -> None:
         """Adds a stop. If there are too many, one new stop replaces all of them."""
@@ -176,16 +176,16 @@ class HeldStops(_Stored):
                 self.ids = (*self.ids, identity) if len(self.ids) < MAX_HELD_STOPS else (new_id(),)
 
     def update_from_latch(self, stopped: bool, stops: Sequence[str]) -> None:
-        """Adopts what the latch says: whether robots are stopped, and which stops it knows, the newest last."""
+        """Applies the latch's message: whether robots are stopped, and which stops it knows, the newest last."""
         if stopped and stops:
             self.hear(stops[-1])
         with self._lock:
-            self._said_stopped = stopped
+            self._latch_stopped = stopped
             if not stopped and set(self.ids) <= set(stops):
                 self.ids, self.lost = (), False
 
     def _restore(self, content: Any) -> None:
-        self.ids = tuple(_texts(content))
+        self.ids = tuple(_check_ids(content))
 
     def _content(self) -> Any:
         return list(self.ids)
@@ -194,7 +194,7 @@ class HeldStops(_Stored):
         self.hear(new_id())
 
 
-def _texts(values: Any) -> List[str]:
+def _check_ids(values: Any) -> List[str]:
     if not isinstance(values, list) or not all(isinstance(value, str) and value for value in values):
         raise ValueError("expected a list of ids")
     return values

@@ -1,9 +1,9 @@
-"""The commands and the states of the interaction (paper, Sect. 4.2): one table each.
+"""The tables of the interaction's commands and states (paper, Sect. 4.2).
 
-The row of a command or a state defines what it means to the interaction, the fusion, robots, the display, LED, sounds,
-voice, buttons, console, and the page, which gets both tables when it connects. Messages carry the names
-(vb_msgs/Command, vb_msgs/InteractionState). The words for people are in languages/<language>/interaction.yaml:
-command_<name>, state_<name>, page_command_<name>, page_state_<name>.
+A row defines what a command or a state means to the interaction, the fusion, robots, the display, LED, sounds, voice,
+buttons, console, and the page, which receives both tables when it connects. Messages carry the names (vb_msgs/Command,
+vb_msgs/InteractionState). The texts for people are in languages/<language>/interaction.yaml: command_<name>,
+state_<name>, page_command_<name>, page_state_<name>.
 
 >>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, spelled_out(DEFINE_SEED)
 ('seed', 'seed', 'define seed')
@@ -27,7 +27,7 @@ class State:
         prompt: code of the sentence that says what to do in this state; "" in Default.
         color: on the display, the LED, the page and the console, "#rrggbb"; distinguishable with any colour vision
             (orange and sky blue are Okabe and Ito's, 2008).
-        led: a Kobuki's LED, the constant of kobuki_msgs/Led nearest to the colour; dark where spots are ignored.
+        led: a Kobuki's LED, the constant of kobuki_msgs/Led nearest to the colour; BLACK where spots are ignored.
         tone: the two notes that announce the state.
     """
 
@@ -57,17 +57,17 @@ DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES
 
 
 def state_of(name: str) -> State:
-    """Returns the state with a name; for an unknown name, a state in which nothing is done."""
+    """Returns the named state; for an unknown name, a state in which nothing is done."""
     return STATES.get(name, State(name))
 
 
-# what must be connected for a command to have an effect
+# needs: what must be connected for a command to have an effect
 CAMERA = "camera"  # cameras that report
 DRIVER = "driver"  # cameras, and a robot with this stack's driver
 STOPPABLE = "stoppable"  # a robot that obeys Stop
 
-# when a command would at once move a robot, change the map or lose a drawing: if it may then have been misheard, the
-# person is asked to confirm it
+# when a command has consequences: it moves a robot, changes the map or loses a drawing at once, so the person must
+# confirm it if it may have been misheard
 ALWAYS = "always"
 NEVER = "never"
 WHILE_DRAWN = "while_drawn"  # there is a drawing that can be lost
@@ -77,17 +77,18 @@ WHILE_POINTING = "while_pointing"  # the laser is on: a robot would follow it, o
 
 @dataclass(frozen=True)
 class Command:
-    """A command; people say its name, and vb_msgs/Command carries it.
+    """A command, whose name people say and vb_msgs/Command carries.
 
     Attributes:
         key: its key on the wizard's console.
-        needs: what must be connected; "": nothing.
+        needs: what must be connected; "" for nothing.
         matters: when it has consequences: ALWAYS, NEVER or one of WHILE_...
-        enters: name of the state that it leads to; "": the state stays, or depends on the interaction.
-        carried_out_elsewhere: whether another node does it; until it answers, other commands are refused as "busy".
-        phrases: what people may say instead of its name, in English.
-        button_place: its position among the page's buttons for the laser pointer; 0: no button. Of two commands at the
-            same position, the available one is shown.
+        enters: name of the state that it leads to; "" if the state stays, or depends on the interaction.
+        carried_out_elsewhere: whether another node carries it out; until that node answers, other commands are refused
+            as "busy".
+        phrases: English phrases that people may say instead of its name.
+        button_place: its position among the page's laser pointer buttons, 0 for no button. If two commands share a
+            position, the available one is shown.
     """
 
     name: str
@@ -116,7 +117,7 @@ _COMMANDS = (
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
 DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS
 
-# codes of answers that ask whether a command was meant; the replies to them, each with the command that it confirms
+# codes of answers that ask for confirmation; the replies to them, each with the command that it confirms
 QUESTIONS = ("confirm_save", "confirm_command")
 ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.matters != NEVER}
 

@@ -1,1 +1,1 @@
-"""What people see and hear: RViz markers, LED, sound, a projector's image on the floor."""
+"""Output for people: RViz markers, LED, sound, a projector's image on the floor."""

@@ -1,4 +1,4 @@
-"""Node: makes light and sound."""
+"""Node: controls light and sound."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ class FeedbackNode:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._sound_events = SoundEvents()
-        self._lit: Optional[colors.Color] = None
+        self._led_color: Optional[colors.Color] = None
         self._led = rospy.Publisher(names.LED, ColorRGBA, queue_size=1, latch=True)
         self._sound = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=10)
 
     def _on_state(self, message: InteractionState) -> None:
-        light = colors.STOPPED if message.stopped else colors.state_color(message.name)
+        color = colors.STOPPED if message.stopped else colors.state_color(message.name)
         with self._lock:
             self._play(self._sound_events.on_state(message))
-            if light != self._lit:
-                self._lit = light
-                self._led.publish(ColorRGBA(*light, 1.0))
+            if color != self._led_color:
+                self._led_color = color
+                self._led.publish(ColorRGBA(*color, 1.0))
 
     def _on_spot(self, _message: LaserSpot) -> None:
         with self._lock:
@@ -56,5 +56,5 @@ class FeedbackNode:
 
 
 def build() -> FeedbackNode:
-    """Makes the node."""
+    """Constructs the node."""
     return FeedbackNode()

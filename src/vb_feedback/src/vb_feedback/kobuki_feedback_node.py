@@ -30,7 +30,7 @@ class KobukiFeedbackNode:
 
     def __init__(self, messages: ModuleType) -> None:
         self._messages = messages
-        self._lit = ("", "")
+        self._led_colors = ("", "")
         self._leds = [
             rospy.Publisher(f"mobile_base/commands/{led}", messages.Led, queue_size=1, latch=True)
             for led in ("led1", "led2")
@@ -40,10 +40,10 @@ class KobukiFeedbackNode:
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=5)
 
     def _on_state(self, message: InteractionState) -> None:
-        lit = (state_of(message.name).led, "RED" if message.stopped else "BLACK")
-        if lit != self._lit:
-            self._lit = lit
-            for led, color in zip(self._leds, lit):
+        led_colors = (state_of(message.name).led, "RED" if message.stopped else "BLACK")
+        if led_colors != self._led_colors:
+            self._led_colors = led_colors
+            for led, color in zip(self._leds, led_colors):
                 led.publish(self._messages.Led(value=getattr(self._messages.Led, color)))
 
     def _on_sound(self, message: Sound) -> None:
@@ -53,9 +53,9 @@ class KobukiFeedbackNode:
 
 
 def build() -> KobukiFeedbackNode:
-    """Makes the node; raises CodedError "no_kobuki" if kobuki_msgs is not installed."""
+    """Constructs the node; raises CodedError "no_kobuki" if kobuki_msgs is not installed."""
     try:
-        # imported by name: the package is no dependency, as only robots with this base have it
+        # imported by name: the package is not a dependency, because only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")
     except ImportError:
         raise CodedError(

@@ -26,8 +26,8 @@ from vb_feedback.display.layout import Box
 from vb_feedback.display.rviz_config import overlay_fonts, screen_size, write_fitted
 
 _ASPECT = "/display_markers/screen_aspect"
-_USUAL = (1920, 1080)
-_LOOK_FOR_SCREEN = 2.0  # [s] between two checks whether a screen has been switched on
+_DEFAULT_SIZE = (1920, 1080)
+_SCREEN_CHECK_PERIOD = 2.0  # [s] between two checks whether a screen has been switched on
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class SmartDisplayParams(Parameters):
             if len(sides) != 2 or not all(side.isdigit() for side in sides):
                 raise ParameterError("~screen", f"must be auto or for instance 1920x1080, got '{self.screen}'")
             return int(sides[0]), int(sides[1])
-        return screen_size(_query_screen() or "") or _USUAL
+        return screen_size(_query_screen() or "") or _DEFAULT_SIZE
 
 
 def _query_screen() -> Optional[str]:
@@ -57,40 +57,40 @@ def _query_screen() -> Optional[str]:
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return None
     try:
-        asked = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
+        query = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
     except OSError:
         return ""
-    return asked.stdout if asked.returncode == 0 else None
+    return query.stdout if query.returncode == 0 else None
 
 
 def _report_missing(code: str) -> None:
-    """Logs what RViz lacks, and keeps its code in a parameter for check_lab; "" if it lacks nothing."""
+    """Logs what RViz lacks, and stores its code in a parameter for check_lab; "" if nothing is missing."""
     if code:
-        # before the parameter is set: its reader may end this node, and rospy can hang if interrupted while logging
+        # logged before the parameter is set: its reader may end this node, and rospy can hang if interrupted in logging
         rospy.logwarn("smart_display: %s", sentences.translate(code))
     rospy.set_param("~lacking", code)
 
 
 def _wait_for_screen() -> None:
-    """Waits for a screen: without one, RViz would exit at once, again and again."""
+    """Waits for a screen; without one, RViz would exit at once and be restarted again and again."""
     _report_missing("no_screen" if _query_screen() is None else "")
     while _query_screen() is None and not rospy.is_shutdown():
-        rospy.rostime.wallsleep(_LOOK_FOR_SCREEN)
+        rospy.rostime.wallsleep(_SCREEN_CHECK_PERIOD)
     rospy.set_param("~lacking", "")
 
 
-def _fitted(params: SmartDisplayParams) -> str:
+def _write_fitted_config(params: SmartDisplayParams) -> str:
     """Waits for the map, and writes the fitted RViz configuration; returns its path."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, OccupancyGridArray)).corners())
-    # one file per node, rewritten at each start: RViz reads it once it has replaced this process
+    # one file per node, rewritten at each start; RViz reads it after it has replaced this process
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
     write_fitted(params.config, Path(path), extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
     return path
 
 
 def _install_fonts(name: str) -> None:
-    """Makes RViz draw more characters than its package requests; if that fails, RViz starts with fewer."""
+    """Makes RViz draw more characters than its package requests; if that fails, RViz starts without them."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
         folder = overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
@@ -110,7 +110,7 @@ def main() -> None:
             _report_missing("no_rviz")
             return rospy.spin()
         _wait_for_screen()
-        path = _fitted(params)
+        path = _write_fitted_config(params)
     except CodedError as error:
         rospy.logfatal("smart_display: %s", error)
         sys.exit(1)

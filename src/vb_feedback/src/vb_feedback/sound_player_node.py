@@ -18,8 +18,8 @@ from vb_feedback.sound.audio_sink import play
 from vb_feedback.sound.tone_synthesis import synthesize
 
 
-_RETRY_DELAY = 5.0  # [s] after a failure: a device may be plugged in later
-_MAX_WAITING = 16  # sounds that may wait; they are too old long before that
+_RETRY_DELAY = 5.0  # [s] after a failure, because a device may be plugged in later
+_MAX_WAITING = 16  # sounds in the queue; sounds become too old long before it is full
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class SoundParams(Parameters):
 class SoundPlayerNode:
     """Plays sounds on this computer. Without a sound device it logs one warning and stays silent.
 
-    Sounds may arrive faster than they can be played: a tick is played only if nothing else is playing or waiting, and a
-    sound that has waited longer than ~max_age is dropped, because what it reports is over.
+    Sounds may arrive faster than they can be played. So a tick is played only if nothing else is playing or waiting,
+    and a sound that has waited longer than ~max_age is dropped, because it is outdated.
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): names from vb_core.sounds, which defines the sounds.
@@ -65,14 +65,14 @@ class SoundPlayerNode:
             self._waiting.put((message.name, time.monotonic()))
 
     def _play(self, sound: Tuple[str, float]) -> None:
-        (name, since), now = sound, time.monotonic()
-        if now < self._silent_until or now - since > self._params.max_age:
+        (name, queued), now = sound, time.monotonic()
+        if now < self._silent_until or now - queued > self._params.max_age:
             return
         self._busy = True
         try:
             play(synthesize(name, self._params.volume), self._params.device, self._params.program)
         except CodedError as error:
-            # a device may be plugged in later, so it is tried again now and then, without a second warning
+            # a device may be plugged in later, so the node tries again periodically, without a second warning
             self._silent_until = time.monotonic() + _RETRY_DELAY
             if not self._has_warned:
                 self._has_warned = True

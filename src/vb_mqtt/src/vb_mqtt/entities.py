@@ -1,10 +1,10 @@
 """Describes a lab to Home Assistant: its entities, and the topics of their states. No ROS, no broker.
 
-One retained message per entity describes it (Home Assistant's MQTT discovery), another with the same key has its state.
-An empty message removes an entity that no longer exists, even one that an earlier process left on the broker.
+Each entity has a retained message with its description (Home Assistant's MQTT discovery), and another one, with the
+same key, with its state. An empty message removes an entity that no longer exists, even one from an earlier process.
 
-A button sends the time, and the number of the newest stop in its own attributes, so that `resume` releases the stop
-that was on the screen, and no later one.
+A button sends the time, and the number of the newest stop in its own attributes, so that `resume` releases only the
+stop that was on the screen.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vb_core import sentences
 from vb_core.sentences import border_name, translate
 from vb_core.vocabulary import COMMANDS, STATES, STOP
 
-PREFIX = "homeassistant"  # Home Assistant looks for descriptions below this topic
+PREFIX = "homeassistant"  # topic below which Home Assistant searches for descriptions
 ONLINE, OFFLINE = "online", "offline"
 MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, beside commands
 COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages that are not states
@@ -35,10 +35,10 @@ class Lab:
     """The lab to be described.
 
     Attributes:
-        device: its id, with which its own topics begin.
+        device: its id, the prefix of its topics.
         language: the language of all names.
-        cameras, robots: their names; None: not known yet.
-        borders: their names by id; None: not known yet.
+        cameras, robots: their names; None if not known yet.
+        borders: their names by id; None if not known yet.
     """
 
     device: str
@@ -48,12 +48,12 @@ class Lab:
     borders: Optional[Mapping[str, str]] = None
 
     def topic(self, key: str) -> str:
-        """Returns the topic of an entity's state, or of one of the other messages."""
+        """Returns the topic of an entity's state or of another message."""
         return f"{self.device}/{key}"
 
     @property
     def discovery(self) -> str:
-        """Returns the filter of all topics that describe entities of this lab."""
+        """Returns the topic filter for the descriptions of this lab's entities."""
         return f"{PREFIX}/+/{self.device}/+/config"
 
 
@@ -65,13 +65,13 @@ def key_of(kind: str, name: str) -> str:
 
 
 def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
-    """Returns the description of each entity, by the topic that it is published on."""
+    """Returns the description of each entity, by its topic."""
 
-    def word(code: str, **values: str) -> str:
+    def title(code: str, **values: str) -> str:
         name = translate(code, values, lab.language)
         return name[:1].upper() + name[1:]
 
-    def press(needs: str, shows: str, command: str) -> Dict[str, Any]:
+    def button(needs: str, shows: str, command: str) -> Dict[str, Any]:
         template = f'{{"command": "{command}", "seen_stop": "{_SEEN}", {_DATED}}}'
         return {"needs": needs, "shows": shows, "command_template": template}
 
@@ -88,18 +88,18 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
         ("event", NOTICE): {"event_types": list(NOTICES)},
         ("event", ANSWER): {"event_types": list(ANSWERS)},
         ("image", "map"): {"needs": INTEGRATOR, "content_type": "image/png"},
-        ("button", CONFIRM): press(CONFIRM, "question", _ANSWER),
+        ("button", CONFIRM): button(CONFIRM, "question", _ANSWER),
     }
     for (_, key), config in entities.items():
-        config["name"] = word("mqtt_" + key)
+        config["name"] = title("mqtt_" + key)
     for command in COMMANDS:
         needs = "" if command == STOP else command
-        entities["button", command] = {"name": word("command_" + command), **press(needs, "stopped", command)}
+        entities["button", command] = {"name": title("command_" + command), **button(needs, "stopped", command)}
     problem = {"device_class": "problem", "entity_category": "diagnostic", "value_template": _flag("problem")}
     for camera in lab.cameras:
-        entities["binary_sensor", key_of("camera", camera)] = {"name": word("mqtt_camera", camera=camera), **problem}
+        entities["binary_sensor", key_of("camera", camera)] = {"name": title("mqtt_camera", camera=camera), **problem}
     for robot in lab.robots or ():
-        name = word("mqtt_robot", who=sentences.robot_value(robot))
+        name = title("mqtt_robot", who=sentences.robot_value(robot))
         entities["binary_sensor", key_of("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
     for identity, name in (lab.borders or {}).items():
         key = key_of("border", identity)
@@ -121,9 +121,9 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
 
 
 def leftovers(lab: Lab, described: Iterable[str]) -> List[str]:
-    """Returns the topics of those descriptions on the broker that no longer belong to the lab.
+    """Returns the topics of descriptions on the broker whose entities no longer belong to the lab.
 
-    Entities of a kind that is not known yet are left alone.
+    Entities of a kind that is not known yet are kept.
     """
     current = describe(lab)
     unknown = [kind for kind, names in (("border", lab.borders), ("robot", lab.robots)) if names is None]
@@ -139,11 +139,11 @@ def _complete(lab: Lab, platform: str, key: str, needs: str = "", shows: str = "
     """Adds the fields that all entities have.
 
     Args:
-        needs: field of `health` that must be online for it; "": none.
-        shows: key of the state that provides its attributes, if not its own.
+        needs: field of `health` that must be online for the entity; "" for none.
+        shows: key of the state that provides its attributes; "" for its own.
     """
     config["unique_id"] = f"{lab.device}_{key}"
-    if platform != "switch":  # Home Assistant derives a border's from its name
+    if platform != "switch":  # Home Assistant derives a border's id from its name
         config["default_entity_id"] = f"{platform}.{lab.device}_{key}"
     if platform != "button":
         config["image_topic" if platform == "image" else "state_topic"] = lab.topic(key)

@@ -1,1 +1,1 @@
-"""Robots that go to the spot, follow it and stay out of the borders."""
+"""Makes robots go to the spot, follow it and keep out of borders."""

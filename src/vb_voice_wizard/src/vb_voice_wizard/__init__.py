@@ -1,1 +1,1 @@
-"""The interaction: states, commands, wizard console, voice, buttons."""
+"""The interaction's states and commands, and three ways to give commands: voice, wizard console and buttons."""

@@ -9,28 +9,28 @@ from vb_core.vocabulary import COMMANDS, STATES, normalize
 
 
 class ButtonMap:
-    """Turns presses of buttons into commands, once per press.
+    """Turns button presses into commands, one command per press.
 
     Args:
-        mapping: from command to the index, or list of indices, of its buttons; empty: in the order of the commands.
-        by_state: for a device with few buttons: from state to a mapping that applies only in it;
-            buttons that it does not name keep their meaning from `mapping`.
+        mapping: from command to the index, or list of indices, of its buttons; if empty, button i gives command i.
+        by_state: for a device with few buttons, from state to a mapping that applies only in this state; buttons that
+            it does not name keep their meaning from `mapping`.
 
     Raises:
-        ParameterError: names the key that is unknown or whose buttons are invalid.
+        ParameterError: names the unknown key, or the key with invalid buttons.
     """
 
     def __init__(self, mapping: Mapping[str, object], by_state: Mapping[str, Mapping[str, object]]) -> None:
-        common = _read("mapping", mapping or {command: number for number, command in enumerate(COMMANDS)})
+        common = _read("mapping", mapping or {command: index for index, command in enumerate(COMMANDS)})
         self._commands: Dict[str, Dict[int, str]] = {state: dict(common) for state in STATES}
-        for name, special in by_state.items():
-            if name not in STATES:
-                raise ParameterError(f"by_state/{name}", f"unknown state; known are {', '.join(STATES)}")
-            self._commands[name].update(_read(f"by_state/{name}", special))
+        for state, mapping_in_state in by_state.items():
+            if state not in STATES:
+                raise ParameterError(f"by_state/{state}", f"unknown state; known are {', '.join(STATES)}")
+            self._commands[state].update(_read(f"by_state/{state}", mapping_in_state))
         self._held: frozenset = frozenset()
 
     def update(self, buttons: Sequence[int], state: str) -> List[str]:
-        """Returns the commands of the buttons just pressed, from a new reading of 0 or 1 per button.
+        """Returns the commands of the buttons just pressed, given a new reading of 0 or 1 per button.
 
         A held button does not repeat. An unknown state counts as "default".
         """
@@ -44,11 +44,11 @@ def _read(key: str, mapping: object) -> Dict[int, str]:
     if not isinstance(mapping, Mapping):
         raise ParameterError(key, f"expected commands with their buttons, got {mapping!r}")
     result: Dict[int, str] = {}
-    for name, given in mapping.items():
+    for name, buttons in mapping.items():
         command = normalize(str(name))
         if command not in COMMANDS:
             raise ParameterError(f"{key}/{name}", f"unknown command; known are {', '.join(COMMANDS)}")
-        for button in given if isinstance(given, (list, tuple)) else [given]:
+        for button in buttons if isinstance(buttons, (list, tuple)) else [buttons]:
             if isinstance(button, bool) or not isinstance(button, int) or button < 0:
                 raise ParameterError(f"{key}/{name}", f"expected the index of a button, 0 or more, got {button!r}")
             if result.get(button, command) != command:

@@ -1,4 +1,4 @@
-"""Node: takes commands from buttons."""
+"""Node: sends the commands of buttons."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class ButtonsParams(Parameters):
 
 
 class ButtonsNode:
-    """Sends the commands of buttons, such as the robot's in the baseline method, or a presenter's.
+    """Sends a command for each press of a button, on the robot (in the baseline method) or on a presenter.
 
     Subscribed topics:
         joy (sensor_msgs/Joy): a command is sent once per press, not repeatedly while the button is held.
-        /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it, and the newest stop.
+        /virtual_borders/state (vb_msgs/InteractionState): the newest stop, and the state that a button may depend on.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:
@@ -57,7 +57,7 @@ class ButtonsNode:
     def _on_joy(self, message: Joy) -> None:
         for command in self._map.update(message.buttons, self._state):
             if not self._command_sender.put(command):
-                rospy.logwarn_throttle(5.0, "buttons: pressed faster than commands are answered, some are lost")
+                rospy.logwarn_throttle(5.0, "buttons: pressed faster than commands are answered; some are lost")
 
     @staticmethod
     def _on_answer(
@@ -70,5 +70,5 @@ class ButtonsNode:
 
 
 def build() -> ButtonsNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     return ButtonsNode(parameters.read(ButtonsParams))

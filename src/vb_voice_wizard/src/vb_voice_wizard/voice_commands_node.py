@@ -24,9 +24,9 @@ from vb_voice_wizard.recognizer import CommandRecognizer
 AUDIO = "/virtual_borders/voice/audio"
 
 _WATCH_PERIOD = 0.25  # [s] wall time between two checks for sound
-_NEAR = 0.2  # confidence from which a rejected utterance gets the error sound: please repeat it
-_DEAF_TIMEOUT = 5.0  # [s] without any sound after which people are told
-_LATE = 2.0  # [s] after the end of a command that is understood later, the person may have gone on to something else
+_NEAR_MISS = 0.2  # confidence from which the error sound answers a rejected utterance, so that people repeat it
+_SILENCE_TIMEOUT = 5.0  # [s] without any sound after which a notice is published
+_LATE = 2.0  # [s] from a command's end to its recognition; if it is longer, the person may no longer want the command
 
 
 @dataclass(frozen=True)
@@ -40,35 +40,35 @@ class VoiceParams(Parameters):
 class VoiceCommandsNode:
     """Recognises spoken commands and sends them to the interaction.
 
-    Sound is handled as it arrives: people speak in wall time, whatever /clock says. An overloaded computer understands
-    late. Commands do not expire through that, as their time counts from when they are understood; but one that matters
-    is then asked about, as if it were uncertain, and a notice tells people.
+    Sound is handled in wall time, even in simulation, because people speak in wall time. An overloaded computer
+    recognises commands late. They do not expire, because their time counts from when they are recognised; but a late
+    command that matters must be confirmed, as if it were uncertain, and a notice is published.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): an utterance entirely within one that plays counts only if it is
-            *stop*.
+        /virtual_borders/sound (vb_msgs/Sound): while a sound plays, an utterance entirely within it counts only if it
+            is *stop*.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic"; 16,000 samples a second.
         /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which is sent with each spoken command.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:
-        /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.
+        /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and the answer to its command.
         /virtual_borders/stop (vb_msgs/Stop): on `stop`.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent,
             speech_late.
-        /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is understood; "error" for a near miss,
-            and for a command without an answer. The feedback node tells how the interaction answers the command.
+        /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is recognised; "error" for a near
+            miss, and for a command without an answer. The feedback node plays the sound for the interaction's answer.
 
     Services called:
         /virtual_borders/command (vb_msgs/Command): with source "voice".
 
     Args:
-        params: where sound comes from.
+        params: the source of the sound.
     """
 
     def __init__(self, params: VoiceParams) -> None:
         self._listener = CommandListener(CommandRecognizer())
-        # 20 s of sound: a node that falls further behind should not act on old commands
+        # 20 s of sound; a node that falls further behind should not act on old commands
         self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
         self._trouble = ""
@@ -76,9 +76,9 @@ class VoiceCommandsNode:
         self._heard_at = time.monotonic()
         self._notices = NoticePublisher()
         self._watch = node.WakeTimer(_WATCH_PERIOD)
-        self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
+        self._publisher = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
-        # a command's answer may take seconds; listening goes on meanwhile
+        # sends from another thread, because an answer may take seconds and listening must continue
         self._command_sender = commands.CommandSender("voice", self._on_answer)
         self._command_sender.connect()
         node.Worker(self._sound, self._listen)
@@ -88,45 +88,45 @@ class VoiceCommandsNode:
             rospy.Subscriber(AUDIO, Audio, self._on_audio, queue_size=100)
         else:
             self._microphone = Microphone(arecord(params.device), self._on_trouble)
-            node.Worker(self._microphone, self._put)
+            node.Worker(self._microphone, self._queue_sound)
 
     def close(self) -> None:
-        """Releases the microphone, and ends the workers."""
+        """Releases the microphone and ends the workers."""
         if self._microphone is not None:
             self._microphone.close()
         self._watch.close()
         self._sound.close()
 
-    # ------------------------------------------------------------------ sound in
-    def _put(self, pcm: np.ndarray) -> None:
+    # ------------------------------------------------------------------ input
+    def _queue_sound(self, pcm: np.ndarray) -> None:
         if has_sound(pcm):
             self._heard_at, self._trouble = time.monotonic(), ""
         if not self._sound.put((pcm, time.monotonic())):
-            rospy.logwarn_throttle(5.0, "voice_commands: too slow for the sound that comes in, some is lost")
+            rospy.logwarn_throttle(5.0, "voice_commands: too slow for the incoming sound; some is lost")
 
     def _on_audio(self, message: Audio) -> None:
         if message.sample_rate != SAMPLE_RATE or len(message.data) % 2:
-            what = f"{message.sample_rate} samples/s in {len(message.data)} bytes, not {SAMPLE_RATE} of 2 bytes"
-            rospy.logwarn_throttle(5.0, f"voice_commands: sound dropped: {what}")
+            mismatch = f"{message.sample_rate} samples/s in {len(message.data)} bytes, not {SAMPLE_RATE} of 2 bytes"
+            rospy.logwarn_throttle(5.0, f"voice_commands: sound dropped: {mismatch}")
             return
-        self._put(np.frombuffer(message.data, dtype="<i2"))
+        self._queue_sound(np.frombuffer(message.data, dtype="<i2"))
 
     def _on_trouble(self, sentence: str) -> None:
         self._trouble = sentence
         rospy.logwarn_throttle(30.0, f"voice_commands: no sound: {sentence}")
 
     def _on_watch(self) -> None:
-        """Publishes a notice if there is no sound, as from a muted microphone, or if speech is understood late."""
-        missing = []
+        """Publishes a notice if there is no sound, such as from a muted microphone, or if speech is recognised late."""
+        notices = []
         if self._trouble:
-            missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
-        elif time.monotonic() - self._heard_at > _DEAF_TIMEOUT:
-            missing = [Notice("microphone_silent", Severity.WARNING)]
+            notices = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
+        elif time.monotonic() - self._heard_at > _SILENCE_TIMEOUT:
+            notices = [Notice("microphone_silent", Severity.WARNING)]
         elif self._late:
-            missing = [Notice("speech_late", Severity.WARNING)]
-        self._notices.set(missing)
+            notices = [Notice("speech_late", Severity.WARNING)]
+        self._notices.set(notices)
 
-    # ------------------------------------------------------------------ own sounds
+    # ------------------------------------------------------------------ the system's sounds
     def _beep(self, name: str) -> None:
         sound = Sound(name=name)
         sound.header.stamp = rospy.Time.now()
@@ -144,7 +144,7 @@ class VoiceCommandsNode:
         result = heard.result
         self._late = time.monotonic() - heard.end > _LATE
         if not result.command:
-            if result.reason == "unlike_a_command" and result.confidence >= _NEAR:
+            if result.reason == "unlike_a_command" and result.confidence >= _NEAR_MISS:
                 self._beep("error")
             self._publish(heard)
             return
@@ -181,9 +181,9 @@ class VoiceCommandsNode:
             time.monotonic() - heard.end,
             answer.message,
         )
-        self._heard.publish(message)
+        self._publisher.publish(message)
 
 
 def build() -> VoiceCommandsNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     return VoiceCommandsNode(parameters.read(VoiceParams))

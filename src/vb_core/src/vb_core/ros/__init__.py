@@ -1,1 +1,1 @@
-"""The rospy helpers that all nodes share: start-up, parameters, messages, transforms."""
+"""The rospy helpers shared by all nodes: start-up, parameters, messages, transforms."""

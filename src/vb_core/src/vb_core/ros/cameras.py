@@ -14,7 +14,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
     """Converts CameraInfo to CameraModel; inverse of `info_from_camera`.
 
     Args:
-        rectified: whether its images are already undistorted (image_rect, image_rect_color); then P describes them.
+        rectified: whether the images are already undistorted (image_rect, image_rect_color); then P describes them.
 
     Raises:
         CodedError: "bad_camera_info" if it describes no possible camera; "unsupported_camera" for binning, a region of

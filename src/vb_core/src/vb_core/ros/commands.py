@@ -1,11 +1,10 @@
-"""Sends commands to the interaction manager; every input method uses this.
+"""Sends commands to the interaction manager; every input method uses this module.
 
-Each command has an id, so that sending it again does no harm, and an expiry time, counted from when the person gave it:
-nobody expects a button pressed a minute ago to act. It names the newest stop that its sender knew of when it was given:
-a newer stop makes it void.
+Each command has an id, so that sending it twice does no harm. It expires some seconds after the person gave it, because
+nobody expects a button pressed a minute ago to act. It names the newest stop that its sender knew at that time; a newer
+stop invalidates the command.
 
-A stop reaches the robots with or without a manager. If no manager answers, the robots do: each reports the stops that
-it holds.
+A stop reaches the robots with or without a manager. If no manager answers, the robots report the stops that they hold.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusA
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 MANAGER = "$interaction_manager"
-VALIDITY = 5.0  # [s] from when a command was given: after a longer wait for a busy manager it would surprise people
+VALIDITY = 5.0  # [s] a command is valid: carried out later, after a busy manager's delay, it would surprise people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
-_STOP_TIMEOUT = 5.0  # [s] a manager that has not answered a stop by then hangs: whoever stops a robot must not wait
-_REPORTED_WITHIN = 1.5  # [s] robots report the stops that they hold at once, and again every second
-_MAX_WAITING = 10  # commands of one person
+_STOP_TIMEOUT = 5.0  # [s] after which the manager counts as hanging: people who stop a robot must not wait longer
+_REPORTED_WITHIN = 1.5  # [s] robots report a new stop at once, and all stops that they hold every second
+_MAX_WAITING = 10  # unanswered commands of one person
 
 
 def make_request(
@@ -42,7 +41,7 @@ def make_request(
 
     Args:
         source: the input method that sends it.
-        validity: [s] from now on, ROS time.
+        validity: [s] of ROS time from now until it expires.
         uncertain: whether it may have been misunderstood.
         seen_stop: number of the newest stop that the person knew of, see vb_msgs/Command.
     """
@@ -50,7 +49,7 @@ def make_request(
         command=command, source=source, id=uuid.uuid4().hex, uncertain=uncertain, seen_stop=seen_stop
     )
     now = rospy.get_rostime()
-    # before simulated time has begun there is no time to expire at
+    # without an expiry time while simulated time has not started
     if not now.is_zero():
         request.expires = now + rospy.Duration.from_sec(validity)
     return request
@@ -59,10 +58,10 @@ def make_request(
 def send(
     request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = RESPONSE_TIMEOUT
 ) -> CommandResponse:
-    """Sends a command, and again if its answer is lost, for instance because the manager restarts.
+    """Sends a command; sends it again if the answer is lost, for instance because the manager restarts.
 
     Raises:
-        CodedError: "no_service" or "no_response", as `services.call`.
+        CodedError: "no_service" or "no_response", as in `services.call`.
     """
     try:
         return services.call(names.COMMAND, Command, request, MANAGER, service_timeout, response_timeout)
@@ -73,12 +72,13 @@ def send(
 
 
 class CommandSender:
-    """Sends people's commands: each person's one after the other, but `stop` at once, and directly to the robots too.
+    """Sends each person's commands one after the other, but a `stop` at once, and also directly to the robots.
 
-    Nothing overtakes a stop: the same person's next command waits for its answer. People do not wait for each other.
+    No command overtakes a stop: the same person's next command waits for the stop's answer. People do not wait for each
+    other.
 
     Args:
-        source: who gives the commands, for the record, unless `put` names somebody else.
+        source: the person who gives the commands, unless `put` names another one.
         on_answer: called from another thread with the command, its `context`, and either the answer or the error.
     """
 
@@ -91,13 +91,13 @@ class CommandSender:
         self._on_answer = on_answer
         self._lock = threading.Lock()
         self._unanswered: Dict[str, List[threading.Event]] = {}  # by person
-        # each with the time [s] at which it became known
+        # pairs of the time [s] at which a number became known, and the number
         self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, "")], maxlen=64)
         self._held: Dict[str, Sequence[str]] = {}  # ids of the stops that each robot holds
         self._stop: Optional[rospy.Publisher] = None
 
     def connect(self) -> None:
-        """Connects to the interaction's state and the robots, once the node is registered."""
+        """Connects to the interaction's state and the robots; the node must be registered."""
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_robot, queue_size=20)
@@ -116,7 +116,7 @@ class CommandSender:
         self._held[message.robot] = message.stops
 
     def stop_number(self, when: float) -> str:
-        """Returns the number of the newest stop that was known here at a time [s] of the monotonic clock."""
+        """Returns the number of the newest stop known to this node at time `when` [s] of the monotonic clock."""
         return next(number for since, number in reversed(list(self._stop_numbers)) if since <= when)
 
     def put(
@@ -130,15 +130,15 @@ class CommandSender:
         identity: str = "",
         carry_out: Callable[[CommandRequest], Any] = send,
     ) -> bool:
-        """Sends a command when its turn comes; returns False, and drops it, if too many of this person's wait.
+        """Sends a command after the person's earlier ones; drops it and returns False if too many of these wait.
 
         Args:
-            context: handed on to `on_answer`.
-            given: [s] of the monotonic clock, when the person gave it; by default, and at the latest, now.
+            context: passed on to `on_answer`.
+            given: [s] time on the monotonic clock when the person gave the command; at the latest, and by default, now.
             source: the person who gives it.
-            seen_stop: number of the newest stop that the person was shown; None: the newest known here at `given`.
-            identity: id of this command, if it has one already and may arrive twice.
-            carry_out: carries out any command but a stop; returns the answer or raises a `CodedError`.
+            seen_stop: number of the newest stop shown to the person; None for the newest known to this node at `given`.
+            identity: the command's id if it already has one and may arrive twice.
+            carry_out: carries out any command except a stop; returns the answer or raises a `CodedError`.
         """
         given, source = min(given, time.monotonic()), source or self._source
         if seen_stop is None:
@@ -149,12 +149,12 @@ class CommandSender:
             self._stop.publish(Stop(id=request.id, source=source))
         answered = threading.Event()
         with self._lock:
-            before = self._unanswered.setdefault(source, [])
-            # other commands leave room for as many stops
-            if len(before) >= (2 * _MAX_WAITING if command == STOP else _MAX_WAITING):
+            unanswered = self._unanswered.setdefault(source, [])
+            # the limit for stops is twice as high, so that other commands never keep a stop out
+            if len(unanswered) >= (2 * _MAX_WAITING if command == STOP else _MAX_WAITING):
                 return False
-            waits_for = [] if command == STOP else list(before)
-            before.append(answered)
+            waits_for = [] if command == STOP else list(unanswered)
+            unanswered.append(answered)
         node.start_thread(self._deliver, request, context, given, waits_for, answered, carry_out)
         return True
 
@@ -163,19 +163,19 @@ class CommandSender:
         request: CommandRequest,
         context: Any,
         given: float,
-        waits_for: List[threading.Event],
+        earlier_commands: List[threading.Event],
         answered: threading.Event,
         carry_out: Callable[[CommandRequest], Any],
     ) -> None:
-        for earlier in waits_for:
-            earlier.wait()
+        for earlier_command in earlier_commands:
+            earlier_command.wait()
         answer, error = None, None
         try:
             if request.command != STOP and time.monotonic() - given > VALIDITY:
                 raise CodedError("expired", command=f"$command_{request.command}")
             answer = carry_out(request) if request.command != STOP else self._send_stop(request)
-        except CodedError as fault:
-            error = fault
+        except CodedError as caught:
+            error = caught
         finally:
             answered.set()
             with self._lock:
@@ -185,10 +185,10 @@ class CommandSender:
         self._on_answer(request, context, answer, error)
 
     def _send_stop(self, stop: CommandRequest) -> CommandResponse:
-        """Sends a stop; returns the manager's answer or, if no manager responds, which robots hold the stop.
+        """Sends a stop; returns the manager's answer or, if no manager responds, one that names the robots holding it.
 
         Raises:
-            CodedError: "stop_unconfirmed" if no robot holds it, or as `send`.
+            CodedError: "stop_unconfirmed" if no robot holds it, or as in `send`.
         """
         given = time.monotonic()
         try:
@@ -200,6 +200,6 @@ class CommandSender:
         robots = sorted(name for name, stops in list(self._held.items()) if stop.id in stops)
         if not robots:
             raise CodedError("stop_unconfirmed")
-        # the robots keep the stop, and report it to the manager once that is running
+        # the robots keep the stop, and report it to the manager when it runs again
         code, values = "stop_held", {"robots": ", ".join(map(sentences.robot_value, robots))}
         return CommandResponse(True, code, sentences.translate(code, values), values_from_mapping(values))

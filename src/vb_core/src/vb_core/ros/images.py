@@ -1,6 +1,6 @@
 """Conversions between image messages and numpy.
 
-cv_bridge would do the same, but it loads a second OpenCV, including its video and GDAL backends: 48 MiB per process.
+cv_bridge does the same, but loads a second OpenCV with video and GDAL backends, which takes 48 MiB per process.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from vb_core.image_format import encoding_of
 
 
 def array_from_image(message: Image) -> np.ndarray:
-    """Returns an image's pixels, unconverted, (H, W) or (H, W, C); copies only where the byte order requires it.
+    """Returns an image's unconverted pixels (H, W) or (H, W, C); copies only where the byte order requires it.
 
-    Those of nv12 and nv21 are (3/2 H, W): chrominance is stored below the luminance.
+    The pixels of nv12 and nv21 are (3/2 H, W), because chrominance is stored below the luminance.
 
     Raises:
         CodedError: "bad_image" for an empty image, an unknown encoding, or too few bytes.
@@ -29,13 +29,13 @@ def array_from_image(message: Image) -> np.ndarray:
     encoding = encoding_of(message.encoding)
     channels, height = encoding.channels, encoding.rows(message.height)
     dtype = encoding.dtype.newbyteorder(">" if message.is_bigendian else "<")
-    row = message.width * channels * dtype.itemsize
+    row_bytes = message.width * channels * dtype.itemsize
     step = message.step
-    if step < row or len(message.data) < step * (height - 1) + row:
+    if step < row_bytes or len(message.data) < step * (height - 1) + row_bytes:
         raise CodedError(
             "bad_image",
             f"cannot read an image with encoding '{message.encoding}': {message.width} x {message.height} pixels need"
-            f" rows of {row} bytes, it has {len(message.data)} bytes in rows of {step}",
+            f" rows of {row_bytes} bytes, it has {len(message.data)} bytes in rows of {step}",
         )
     strides = (step, channels * dtype.itemsize, dtype.itemsize)
     pixels = np.ndarray((height, message.width, channels), dtype, bytes(message.data), strides=strides)
@@ -67,11 +67,11 @@ def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
     if isinstance(message, Image):
         return array_from_image(message), message.encoding
     image = array_from_compressed_image(message)
-    # "bayer_rggb8; jpeg compressed ..." if the driver says what it compressed
-    of_driver = message.format.split(";")[0].strip()
+    # the format is "bayer_rggb8; jpeg compressed ..." if the driver names the encoding that it compressed
+    driver_encoding = message.format.split(";")[0].strip()
     if image.ndim == 3:
         return image, "bgr8"
-    return image, of_driver if of_driver.startswith("bayer") else "mono8"
+    return image, driver_encoding if driver_encoding.startswith("bayer") else "mono8"
 
 
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:

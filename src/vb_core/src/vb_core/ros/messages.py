@@ -1,6 +1,6 @@
-"""Conversions between ROS messages and numpy. Each is next to its inverse, if it has one.
+"""Conversions between ROS messages and numpy, each next to its inverse if it has one.
 
-Images are in `images`, cameras in `cameras`: most nodes need neither, and OpenCV takes 20 MiB per process.
+Images are in `images`, cameras in `cameras`, because most nodes need neither, and OpenCV takes 20 MiB per process.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 
-# rospy packs and unpacks int8[] cell by cell; publishers and subscribers of these types copy all cells at once
+# rospy serialises int8[] cell by cell; publishers and subscribers of these types copy all cells at once
 OccupancyGridArray = numpy_msg(OccupancyGrid)
 BorderPreviewArray = numpy_msg(BorderPreview)
 
@@ -67,12 +67,12 @@ def mapping_from_values(values: Iterable[KeyValue]) -> Dict[str, str]:
 
 
 def sentence_in(message: Any, language: str, prefix: str = "") -> str:
-    """Returns, in a language, the sentence of a message with the fields code, values and message (in English).
+    """Returns a message's sentence in a language; the message has the fields code, values and message (in English).
 
     `prefix`: prefix of these fields' names, for instance "last_".
     """
-    code, values, said = (getattr(message, prefix + field) for field in ("code", "values", "message"))
-    return sentences.translate(code, mapping_from_values(values), language, said) if code else said
+    code, values, english = (getattr(message, prefix + field) for field in ("code", "values", "message"))
+    return sentences.translate(code, mapping_from_values(values), language, english) if code else english
 
 
 def points_from_array(points: np.ndarray) -> List[Point]:

@@ -1,4 +1,4 @@
-"""Reads a node's private parameters, once, into a checked dataclass."""
+"""Reads a node's private parameters once, into a checked dataclass."""
 
 from __future__ import annotations
 
@@ -23,6 +23,6 @@ def read(cls: Type[P], namespace: str = "~") -> P:
     """
     where = rospy.resolve_name(namespace).rstrip("/")
     params = cls.from_mapping(rospy.get_param(where, {}), where)
-    if params.describe():  # the defaults are in the files, and in the log of twenty nodes they would bury the warnings
+    if params.describe():  # defaults are not logged: those of twenty nodes would bury the warnings
         rospy.loginfo("%s: %s", where, params.describe())
     return params

@@ -1,4 +1,4 @@
-"""The service PreviewBorder with numpy arrays; not in `messages`, because service types cost a node 3 MiB."""
+"""The service PreviewBorder with numpy arrays; not in `messages`, because service types take 3 MiB per node."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Parameters that are changed while a node runs, with dynamic_reconfigure (rqt_reconfigure, dynparam).
+"""Changes parameters while a node runs, with dynamic_reconfigure (rqt_reconfigure, dynparam).
 
-The parameter class stays the only source of names, limits and units: the description that dynamic_reconfigure needs is
-made from its fields, not a .cfg file.
+The parameter class is the only source of names, limits and units: the description that dynamic_reconfigure needs is
+generated from its fields instead of a .cfg file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LIMIT = {bool: (False, True), int: (-(2**31), 2**31 - 1), float: (-1e9, 1e9)}
 
 
 def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
-    """Describes a parameter class's numbers and switches as a compiled .cfg file does.
+    """Describes a parameter class's numbers and booleans as a compiled .cfg file does.
 
     Args:
         params: their current values become the defaults.
@@ -32,22 +32,22 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
     entries: List[Dict[str, Any]] = []
     for field in dataclasses.fields(params):
         value = getattr(params, field.name)
-        kind = type(value)
-        if kind not in _KINDS or field.name in fixed:
+        value_type = type(value)
+        if value_type not in _KINDS or field.name in fixed:
             continue
-        limits = field.metadata
-        low = limits["low"] if limits["low"] is not None else limits["above"]
-        lowest, highest = _LIMIT[kind]
-        unit = f" [{limits['unit']}]" if limits["unit"] else ""
+        metadata = field.metadata
+        minimum = metadata["low"] if metadata["low"] is not None else metadata["above"]
+        type_minimum, type_maximum = _LIMIT[value_type]
+        unit = f" [{metadata['unit']}]" if metadata["unit"] else ""
         entries.append(
             {
                 "name": field.name,
-                "type": _KINDS[kind],
+                "type": _KINDS[value_type],
                 "default": value,
-                "min": kind(lowest if low is None else low),
-                "max": kind(highest if limits["high"] is None else limits["high"]),
+                "min": value_type(type_minimum if minimum is None else minimum),
+                "max": value_type(type_maximum if metadata["high"] is None else metadata["high"]),
                 "level": 1,
-                "description": f"{limits['doc'] or field.name.replace('_', ' ')}{unit}",
+                "description": f"{metadata['doc'] or field.name.replace('_', ' ')}{unit}",
                 "edit_method": "",
             }
         )
@@ -59,11 +59,10 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
 
 
 class ReconfigureServer(Generic[P]):
-    """Serves the numbers and switches of a parameter class for reconfiguration.
+    """Serves the numbers and booleans of a parameter class for reconfiguration.
 
-    dynamic_reconfigure clamps single values to their limits. A combination that the class itself then refuses, for
-    instance a smallest size above the largest one, changes nothing: the old values stay and are sent back, and one
-    warning says why.
+    dynamic_reconfigure clamps single values to their limits. If the class rejects a combination, for instance a
+    smallest size above the largest one, the old values stay and are sent back, and one warning says why.
 
     Services:
         <namespace>/set_parameters (dynamic_reconfigure/Reconfigure)
@@ -71,9 +70,9 @@ class ReconfigureServer(Generic[P]):
         <namespace>/parameter_descriptions, <namespace>/parameter_updates (latched)
 
     Args:
-        params: the values at the start.
+        params: the initial values.
         namespace: where `vb_core.ros.parameters.read` read them, for instance "~detector".
-        apply: adopts the new parameters, in a service's thread; a CodedError from it refuses them.
+        apply: applies the new parameters, in a service's thread; rejects them by raising a CodedError.
         fixed: names of fields that cannot be changed while the node runs.
     """
 
@@ -82,7 +81,7 @@ class ReconfigureServer(Generic[P]):
         self._apply = apply
         self._where = rospy.resolve_name(namespace)
         description = describe(params, fixed)
-        # the server adopts values from the parameter server unconverted: a 3 for a 3.0 would change the type
+        # the server does not convert values from the parameter server: a 3 instead of 3.0 would change the type
         for name, value in description.defaults.items():
             rospy.set_param(f"{namespace}/{name}", value)
         self._server = Server(description, self._change, namespace)

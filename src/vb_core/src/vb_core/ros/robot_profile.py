@@ -10,22 +10,22 @@ PARAMETER = "robot_profile"
 
 
 def read_radius(robot: str, default: float) -> float:
-    """Reads a robot's radius [m] from its profile; returns `default` where no profile is set.
+    """Reads a robot's radius [m] from its profile; returns `default` if no profile is set.
 
     For nodes that need nothing else from the profile.
 
     Args:
-        robot: its name; empty for the only one.
+        robot: the robot's name; empty for the only robot.
     """
     values = rospy.get_param(f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}", {})
     return RobotProfile.from_mapping(values, PARAMETER).radius if values else default
 
 
 def read(robot: str = "") -> RobotProfile:
-    """Reads a robot's profile; a TurtleBot 2's if none is set.
+    """Reads a robot's profile; returns a TurtleBot 2's if none is set.
 
     Args:
-        robot: its name, which is its namespace; empty for the node's own namespace.
+        robot: the robot's name, which is its namespace; empty for the node's own namespace.
 
     Raises:
         ParameterError: names the key that is wrong.

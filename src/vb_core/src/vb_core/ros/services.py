@@ -1,4 +1,4 @@
-"""Calls other nodes' services without waiting forever."""
+"""Calls other nodes' services with a time limit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import rospy
 
 from vb_core.errors import CodedError
 
-UNANSWERED = ("no_service", "no_response")  # codes for a service that does not answer; any other code is its own
+UNANSWERED = ("no_service", "no_response")  # codes for a service that does not answer; others come from the service
 
 
 def call(
@@ -18,32 +18,32 @@ def call(
 ) -> Any:
     """Calls a service; returns its response, or raises an error, within a known time.
 
-    rospy itself waits without limit for a process that accepts the connection and hangs. The limits are
-    wall time on purpose: whether a process answers does not depend on simulated time, which may stand still.
+    rospy itself waits without limit for a process that accepts the connection and hangs. The limits are in wall time on
+    purpose, since simulated time may stand still.
 
     Args:
         name: the service's name.
         service: its class, for instance vb_msgs.srv.AddBorder.
-        who: the node in the error's sentence: "the map integrator", or "$map_integrator" for the reader's language.
+        who: the node's name in the error's sentence: "the map integrator", or "$map_integrator" to translate it.
         service_timeout: [s] how long to wait for the service to appear.
         response_timeout: [s] how long to wait for its response after that.
 
     Raises:
-        CodedError: "no_service" if no node offers it: nothing was sent. "no_response" if the request was
-            sent and no response came: it may or may not have been carried out.
+        CodedError: "no_service" if no node offers it, so that nothing was sent. "no_response" if the request was sent
+            but no response came, so that it may or may not have been carried out.
     """
     answers: "queue.Queue" = queue.Queue()
     sent = threading.Event()
 
-    def work() -> None:
+    def call_service() -> None:
         try:
             rospy.wait_for_service(name, timeout=service_timeout)
             sent.set()
             answers.put((rospy.ServiceProxy(name, service)(request), None))
-        except Exception as error:  # whatever the transport raises, the caller's thread reports it
+        except Exception as error:  # the caller's thread reports anything that the transport raises
             answers.put((None, error))
 
-    threading.Thread(target=work, daemon=True).start()
+    threading.Thread(target=call_service, daemon=True).start()
     try:
         response, error = answers.get(timeout=service_timeout + response_timeout)
     except queue.Empty:

@@ -22,20 +22,19 @@ class TransformLookup:
         self._listener = tf2_ros.TransformListener(self._buffer)
 
     def lookup(self, target: str, source: str, stamp: rospy.Time, timeout: float = 0.1) -> np.ndarray:
-        """Looks up T_target_source (4, 4) at a time.
+        """Looks up T_target_source (4, 4).
 
         Args:
-            stamp: the time; rospy.Time(0) for the newest transform.
-            timeout: [s] how long to wait for a transform that is still under way.
+            stamp: the transform's time; rospy.Time(0) for the newest transform.
+            timeout: [s] how long to wait for a transform that has not arrived yet.
 
         Raises:
-            CodedError: "no_transform" if there is none at that time;
-                "bad_transform" if its rotation is invalid.
+            CodedError: "no_transform" if there is none at that time; "bad_transform" if its rotation is invalid.
         """
         try:
             stamped = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout))
         except (tf2_ros.TransformException, rospy.ROSException) as error:
-            # if tf has never heard of a frame, its error says only that the argument is wrong
+            # for a frame that tf does not know, its error says only that the argument is wrong
             known = f"Frame {source} exists" in self._buffer.all_frames_as_string()
             reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
@@ -53,7 +52,7 @@ class TransformLookup:
         return pose if np.isfinite(pose).all() else None
 
     def newest(self, target: str, source: str) -> rospy.Time:
-        """Returns the time of the newest transform; zero for a static one, and if there is none."""
+        """Returns the time of the newest transform; zero if it is static or missing."""
         try:
             return self._buffer.get_latest_common_time(target, source)
         except (tf2_ros.TransformException, rospy.ROSException):

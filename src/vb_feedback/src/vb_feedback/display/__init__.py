@@ -1,1 +1,1 @@
-"""What the smart display shows."""
+"""The content of the smart display."""

@@ -17,7 +17,7 @@ from visualization_msgs.msg import Marker
 from vb_feedback.display import scene
 from vb_feedback.display.text_panel import PanelNotice, PanelContent
 
-# with more sentences, the letters would be too small to read from across the room
+# with more sentences, the letters would be too small to read across the room
 _MAX_NOTICES = 3
 _KINDS = {
     scene.LINES: Marker.LINE_LIST,
@@ -62,7 +62,7 @@ def panel_from_state(
     has_map: bool,
     language: str,
 ) -> PanelContent:
-    """Converts the state to the panel's content; without a map that is only whether robots are stopped."""
+    """Converts the state to the panel's content; without a map, only whether robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
         return PanelContent(
@@ -72,7 +72,7 @@ def panel_from_state(
         return PanelContent(language=language)
     return PanelContent(
         state.name,
-        # whole seconds, as displayed: a fraction is no change
+        # whole seconds, as displayed, so that a fraction is not a change
         int(state.guide_s + state.border_s + state.seed_s),
         tuple(state.available_commands),
         state.last_success,
@@ -86,11 +86,11 @@ def panel_from_state(
 
 def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
     """Converts a progress message to plain values; points of an unknown camera get the name ""."""
-    known = dict(enumerate(progress.cameras))
+    camera_names = dict(enumerate(progress.cameras))
     indices = bytes(progress.point_cameras)[: len(progress.points)]
     return scene.Drawing(
         tuple(map(tuple, array_from_points(progress.points).tolist())),
-        tuple(known.get(index, "") for _, index in zip_longest(progress.points, indices)),
+        tuple(camera_names.get(index, "") for _, index in zip_longest(progress.points, indices)),
         tuple(map(tuple, array_from_points(progress.chain).tolist())),
         progress.closed,
         (progress.seed.x, progress.seed.y) if progress.has_seed else None,
@@ -112,14 +112,14 @@ def shown_border_from_message(border: VirtualBorder, language: str = sentences.E
     )
 
 
-def select_notices(held: Sequence[Notice], language: str) -> List[PanelNotice]:
-    """Selects the first of other nodes' notices, the most severe, each sentence once, and no more than can be read."""
-    found: List[PanelNotice] = []
-    for notice in held:
-        shown = PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING)
-        if shown not in found:
-            found.append(shown)
-    return found[:_MAX_NOTICES]
+def select_notices(notices: Sequence[Notice], language: str) -> List[PanelNotice]:
+    """Selects the first, most severe notices of other nodes; each sentence once, and no more than people can read."""
+    selected: List[PanelNotice] = []
+    for notice in notices:
+        panel_notice = PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING)
+        if panel_notice not in selected:
+            selected.append(panel_notice)
+    return selected[:_MAX_NOTICES]
 
 
 def preview_notices(preview: Optional[BorderPreview], language: str) -> List[PanelNotice]:

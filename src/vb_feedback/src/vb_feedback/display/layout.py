@@ -1,7 +1,7 @@
 """The layout of the smart display: the map, a panel to its right, a strip below it.
 
-The view is a rectangle in the map frame with the screen's aspect ratio. Letter sizes are shares of its height, so the
-same share gives the same size on the screen, whatever the map's size.
+The view is a rectangle in the map frame with the screen's aspect ratio. Letter sizes are shares of its height, so that
+the same share gives the same size on the screen for any map.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from PIL import ImageFont
 
 from vb_core.errors import CodedError
 
-PANEL = 0.5  # shares of the view's height: width of the panel, ...
-STRIP = 0.23  # ... height of the strip, ...
-MARGIN = 0.015  # ... and the free margin around the map
+PANEL = 0.5  # width of the panel, as a share of the view's height
+STRIP = 0.23  # height of the strip, as a share of the view's height
+MARGIN = 0.015  # free margin around the map, as a share of the view's height
 MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens hardly wider than they are high
 LINE = 1.2  # line spacing, in letter heights
-_GAP, _TOUCHING = 0.1, 1e-6  # gaps between labels, in heights of the moved one: usual, and where space is scarce
+_USUAL_GAP, _MIN_GAP = 0.1, 1e-6  # gaps between labels, in heights of the moved one: usual, and where space is scarce
 # Latin with all accents, Greek and Cyrillic, dashes, quotation marks and the ellipsis, the euro sign
 DRAWN_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
 
@@ -93,21 +93,21 @@ def fit_view(extent: Box, aspect: float) -> Layout:
         CodedError: "bad_layout" for an empty map, or an aspect not in 0.5 .. 5.
     """
     panel = min(PANEL / aspect, MAX_PANEL_WIDTH)
-    across = (1.0 - panel) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
-    upwards = 1.0 - STRIP - 2.0 * MARGIN
+    map_width = (1.0 - panel) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
+    map_height = 1.0 - STRIP - 2.0 * MARGIN
     if extent.width <= 0 or extent.height <= 0:
         raise CodedError("bad_layout", f"the map's extent is {extent.width} m x {extent.height} m")
     if not 0.5 <= aspect <= 5.0:
         raise CodedError("bad_layout", f"the screen's aspect must be 0.5 to 5, got {aspect}")
-    height = max(extent.width / across, extent.height / upwards)
+    height = max(extent.width / map_width, extent.height / map_height)
     width = aspect * height
     x, y = extent.center
     x0 = x - (1.0 - panel) * width / 2.0
     y1 = y + (1.0 - STRIP) * height / 2.0
     view = Box(x0, y1 - height, x0 + width, y1)
-    edge = x0 + (1.0 - panel) * width
-    low = view.y0 + STRIP * height
-    return Layout(view, extent, Box(edge, low, view.x1, view.y1), Box(view.x0, view.y0, view.x1, low))
+    left = x0 + (1.0 - panel) * width
+    bottom = view.y0 + STRIP * height
+    return Layout(view, extent, Box(left, bottom, view.x1, view.y1), Box(view.x0, view.y0, view.x1, bottom))
 
 
 # ----------------------------------------------------------------- letters
@@ -115,7 +115,7 @@ _FONT_FILE = "LiberationSans-Regular.ttf"  # RViz's font; without RViz Pillow's 
 _MEASURING_SIZE = 1000  # [px] font size at which letters are measured
 _SPACE = 0.31  # [font sizes] width of a space; RViz's own is too wide, see `place_words`
 # font size, as a share of the height of an RViz text marker: 0.83 to 0.84 on words of 4 to 11 letters
-_FONT = 0.84
+_FONT_SHARE = 0.84
 
 
 def is_drawn(character: str) -> bool:
@@ -126,11 +126,11 @@ def is_drawn(character: str) -> bool:
 def transliterate(text: str) -> str:
     """Converts a text to characters that RViz can draw: other characters are transliterated (anyascii)."""
     composed = unicodedata.normalize("NFC", text)
-    shown = "".join(letter if is_drawn(letter) else _transliterated(letter) for letter in composed)
-    return " ".join(shown.split())
+    drawable = "".join(letter if is_drawn(letter) else _transliterate(letter) for letter in composed)
+    return " ".join(drawable.split())
 
 
-def _transliterated(letter: str) -> str:
+def _transliterate(letter: str) -> str:
     kind = unicodedata.category(letter)
     if kind.startswith("M"):
         return ""
@@ -153,7 +153,7 @@ def _width(letter: str) -> float:
 
 def text_width(text: str, size: float) -> float:
     """Measures the width [m] of a line of text in letters of `size` [m]; of the longest of several lines."""
-    return size * _FONT * max((sum(map(_width, line)) for line in text.split("\n")), default=0.0)
+    return size * _FONT_SHARE * max((sum(map(_width, line)) for line in text.split("\n")), default=0.0)
 
 
 def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:
@@ -165,12 +165,12 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
     placed = []
     for number, line in enumerate(lines):
         left = x - text_width(line, size) / 2.0
-        level = y + ((len(lines) - 1) / 2.0 - number) * LINE * size
+        baseline = y + ((len(lines) - 1) / 2.0 - number) * LINE * size
         words = line.split(" ")
         for index, word in enumerate(words):
-            before = text_width(" ".join(words[:index] + [""]), size) if index else 0.0
+            offset = text_width(" ".join(words[:index] + [""]), size) if index else 0.0
             if word:
-                placed.append((word, left + before + text_width(word, size) / 2.0, level))
+                placed.append((word, left + offset + text_width(word, size) / 2.0, baseline))
     return placed
 
 
@@ -185,11 +185,11 @@ def wrap(text: str, size: float, width: float) -> List[str]:
     lines: List[str] = []
     for word in text.split():
         while text_width(word, size) > width and len(word) > 1:
-            keep = len(word) - 1
-            while keep > 1 and text_width(word[:keep], size) > width:
-                keep -= 1
-            lines.append(word[:keep])
-            word = word[keep:]
+            length = len(word) - 1
+            while length > 1 and text_width(word[:length], size) > width:
+                length -= 1
+            lines.append(word[:length])
+            word = word[length:]
         if lines and text_width(f"{lines[-1]} {word}", size) <= width:
             lines[-1] = f"{lines[-1]} {word}"
         else:
@@ -207,11 +207,11 @@ def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height
         wrapped = [wrap(text, size, width) for text in texts]
         if text_height(sum(map(len, wrapped)), size) <= height:
             return ["\n".join(lines) for lines in wrapped], size
-    room = max(len(texts), int((height / size - 1.0) / LINE) + 1)
-    keep = [len(lines) for lines in wrapped]
-    while sum(keep) > room:
-        keep[keep.index(max(keep))] -= 1
-    return [_cut(lines, count, size, width) for lines, count in zip(wrapped, keep)], size
+    max_lines = max(len(texts), int((height / size - 1.0) / LINE) + 1)
+    line_counts = [len(lines) for lines in wrapped]
+    while sum(line_counts) > max_lines:
+        line_counts[line_counts.index(max(line_counts))] -= 1
+    return [_truncate(lines, count, size, width) for lines, count in zip(wrapped, line_counts)], size
 
 
 def text_height(lines: int, size: float) -> float:
@@ -219,7 +219,7 @@ def text_height(lines: int, size: float) -> float:
     return (1.0 + LINE * (lines - 1)) * size
 
 
-def _cut(lines: List[str], count: int, size: float, width: float) -> str:
+def _truncate(lines: List[str], count: int, size: float, width: float) -> str:
     if count >= len(lines):
         return "\n".join(lines)
     last = lines[count - 1]
@@ -228,21 +228,21 @@ def _cut(lines: List[str], count: int, size: float, width: float) -> str:
     return "\n".join([*lines[: count - 1], last.rstrip() + "..."])
 
 
-def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
+def place_labels(desired: Sequence[Box], within: Box) -> List[Box]:
     """Moves labels up or down, as little as needed to be inside a box and, if there is room, not to overlap."""
     placed: List[Box] = []
-    for box in wanted:
-        wanted_x, wanted_y = box.center
+    for box in desired:
+        desired_x, desired_y = box.center
         half_width, half_height = box.width / 2.0, box.height / 2.0
-        x = min(max(wanted_x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
+        x = min(max(desired_x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
         low, high = within.y0 + half_height, max(within.y0 + half_height, within.y1 - half_height)
-        unmoved = Box.centered(x, min(max(wanted_y, low), high), box.width, box.height)
+        fallback = Box.centered(x, min(max(desired_y, low), high), box.width, box.height)
         free: List[Box] = []
-        for gap in (_GAP, _TOUCHING):
+        for gap in (_USUAL_GAP, _MIN_GAP):
             # if there is room, there is some at an edge or next to a label, so no other heights need to be tried
-            away = [(other.center[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
-            heights = [wanted_y, low, high] + [y + side * step for y, step in away for side in (1, -1)]
+            neighbors = [(other.center[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
+            heights = [desired_y, low, high] + [y + side * step for y, step in neighbors for side in (1, -1)]
             options = [Box.centered(x, min(max(y, low), high), box.width, box.height) for y in heights]
             free = free or [option for option in options if not any(option.overlaps(other) for other in placed)]
-        placed.append(min(free, key=lambda option: abs(option.center[1] - wanted_y)) if free else unmoved)
+        placed.append(min(free, key=lambda option: abs(option.center[1] - desired_y)) if free else fallback)
     return placed

@@ -1,4 +1,4 @@
-"""Fits RViz to a map, a screen and a language: its config, and the characters that it can draw. No ROS."""
+"""Adapts RViz to a map, a screen and a language: its configuration, and the characters that it can draw. No ROS."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def write_fitted(
 ) -> None:
     """Copies an RViz config, with its view from above changed to show the whole display on a screen.
 
-    The view is the one that display_markers lays its words out for, see `layout.fit_view`.
+    The view is that of display_markers' layout, see `layout.fit_view`.
 
     Args:
         source: an RViz config with a TopDownOrtho view.
         extent: the map's [m].
         width, height: the screen's [px].
-        aspect: the aspect ratio (width / height) of display_markers' layout; None: the screen's own. If the screen's
+        aspect: the aspect ratio (width / height) of display_markers' layout; None for the screen's. If the screen's
             differs, there is a margin, and nothing is cut off.
 
     Raises:
@@ -38,13 +38,13 @@ def write_fitted(
     try:
         config = yaml.safe_load(Path(source).read_text(encoding="utf-8"))
         view, window = config["Visualization Manager"]["Views"]["Current"], config["Window Geometry"]
-        kind = view["Class"]
+        view_class = view["Class"]
     except (OSError, yaml.YAMLError) as error:
         raise CodedError("bad_config", f"cannot read the RViz config '{source}': {error}") from None
     except (KeyError, TypeError):
         raise CodedError("bad_config", "this is no RViz config with a view and a window") from None
-    if kind != "rviz/TopDownOrtho":
-        raise CodedError("bad_config", f"the config's view must be rviz/TopDownOrtho, it is {kind}")
+    if view_class != "rviz/TopDownOrtho":
+        raise CodedError("bad_config", f"the config's view must be rviz/TopDownOrtho, it is {view_class}")
     layout = fit_view(extent, aspect or width / height)
     x, y = layout.view.center
     view.update({"Angle": 0, "Scale": min(width / layout.view.width, height / layout.view.height), "X": x, "Y": y})
@@ -53,31 +53,31 @@ def write_fitted(
 
 
 def screen_size(description: str) -> Optional[Tuple[int, int]]:
-    """Reads (width, height) [px] of the screen from xdpyinfo's output; None if it is not there."""
-    found = re.search(r"dimensions:\s+(\d+)x(\d+) pixels", description)
-    return (int(found.group(1)), int(found.group(2))) if found else None
+    """Parses (width, height) [px] of the screen from xdpyinfo's output; returns None if it is missing."""
+    match = re.search(r"dimensions:\s+(\d+)x(\d+) pixels", description)
+    return (int(match.group(1)), int(match.group(2))) if match else None
 
 
 def overlay_fonts(rviz: Path, folder: Path) -> Path:
-    """Makes a folder that overlays RViz's package; returns it, to be put before the package in ROS_PACKAGE_PATH.
+    """Creates a folder that overlays RViz's package; returns it, to be put before the package in ROS_PACKAGE_PATH.
 
     RViz draws text in Liberation Sans, but requests only the font's characters up to 166 (OGRE's default), and does not
-    draw a text with any other one at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a
-    folder of links to everything in its package, but with font definitions that request all of DRAWN_RANGES.
+    draw a text that contains any other character. The font itself has Latin, Greek and Cyrillic. So RViz is started
+    with a folder of links to everything in its package except the font definitions, which request all of DRAWN_RANGES.
 
     Args:
         rviz: the package's own folder.
-        folder: the folder to make; an existing one is replaced.
+        folder: the folder to create; an existing one is replaced.
     """
     shutil.rmtree(str(folder), ignore_errors=True)
-    definitions = shutil.ignore_patterns("*.fontdef")
-    shutil.copytree(str(rviz.resolve()), str(folder / "rviz"), copy_function=os.symlink, ignore=definitions)
+    ignore = shutil.ignore_patterns("*.fontdef")
+    shutil.copytree(str(rviz.resolve()), str(folder / "rviz"), copy_function=os.symlink, ignore=ignore)
     fonts = Path("ogre_media") / "fonts"
-    wanted = " ".join(f"{first}-{last}" for first, last in DRAWN_RANGES)
+    code_points = " ".join(f"{first}-{last}" for first, last in DRAWN_RANGES)
     for path in (rviz / fonts).glob("*.fontdef"):
         lines = path.read_text(encoding="utf-8").splitlines()
         kept = [line for line in lines if "code_points" not in line]
         end = max(number for number, line in enumerate(kept) if line.strip() == "}")
-        kept.insert(end, f"  code_points {wanted}")
+        kept.insert(end, f"  code_points {code_points}")
         (folder / "rviz" / fonts / path.name).write_text("\n".join(kept) + "\n", encoding="utf-8")
     return folder

@@ -1,7 +1,7 @@
-"""Makes the smart display's content as plain shapes; no ROS.
+"""Builds the smart display's content as plain shapes. No ROS.
 
-Each function makes the shapes of one part of the display from plain values. Shapes are compared with the
-ones shown before, so that only changed shapes are sent.
+Each function builds the shapes of one part of the display from plain values. Shapes are compared with the previous
+ones, so that only changed shapes are sent.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ PLATE = "plate"
 TEXT = "text"
 
 
-# heights in the scene [m]: seen from above, higher shapes hide lower ones. A label hides no outline, and the drawing in
-# progress hides names.
+# [m] heights in the scene: seen from above, higher shapes hide lower ones. Labels are below outlines, and names below
+# the drawing in progress.
 _LEVELS = tuple(0.06 * step for step in range(1, 11))
 Z_LABEL, Z_BORDER, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 
@@ -38,7 +38,7 @@ class Shape:
         size: [m] width of a line, diameter of points and disc, (width, height) of a plate, height of letters.
         colors: one for all points, or one per point.
         frame: "" for the map frame; a shape in another frame moves with it.
-        lifetime: [s] 0: unlimited.
+        lifetime: [s], 0 for unlimited.
     """
 
     namespace: str
@@ -60,13 +60,13 @@ class Shape:
 
 
 def compare(before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]) -> Tuple[List[Shape], List[Tuple[str, int]]]:
-    """Compares two scenes; returns the shapes that are new or differ, and the keys of those that are gone.
+    """Compares two scenes; returns the new and changed shapes, and the keys of removed ones.
 
-    A shape with a lifetime counts as new each time, since it would expire otherwise.
+    A shape with a lifetime always counts as new, because it would expire otherwise.
     """
     keys = {shape.key for shape in now}
-    news = [shape for shape in now if shape.lifetime or before.get(shape.key) != shape]
-    return news, [key for key in before if key not in keys]
+    changed = [shape for shape in now if shape.lifetime or before.get(shape.key) != shape]
+    return changed, [key for key in before if key not in keys]
 
 
 def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
@@ -74,45 +74,45 @@ def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
 
 
 def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> Tuple[Tuple[float, float], ...]:
-    """Splits a chain into pairs of points, each lengthened by half a line's width so that corners are filled.
+    """Splits a chain into segments, each extended by half a line's width so that corners are filled.
 
     RViz's own line strips taper at sharp corners.
     """
     chain = np.asarray(points, dtype=float).reshape(-1, 2)
     if closed and len(chain) > 2:
         chain = np.vstack([chain, chain[:1]])
-    steps = np.diff(chain, axis=0)
-    lengths = np.hypot(*steps.T)[:, None]
-    over = steps / np.maximum(lengths, 1e-6) * width / 2.0
-    return _pairs(np.hstack([chain[:-1] - over, chain[1:] + over])[lengths[:, 0] > 1e-6])
+    directions = np.diff(chain, axis=0)
+    lengths = np.hypot(*directions.T)[:, None]
+    extensions = directions / np.maximum(lengths, 1e-6) * width / 2.0
+    return _pairs(np.hstack([chain[:-1] - extensions, chain[1:] + extensions])[lengths[:, 0] > 1e-6])
 
 
 def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
-    """Splits a closed outline into dashes: pairs of points, about four line widths long and as far apart."""
+    """Splits a closed outline into dashes, pairs of points; dashes and gaps are about four line widths long."""
     points = np.asarray(outline, dtype=float).reshape(-1, 2)
     if len(points) < 2:
         return ()
     points = np.vstack([points, points[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    at = np.linspace(0.0, arc[-1], 2 * max(2, int(arc[-1] / (8.0 * width))) + 1)[:-1]
-    return _pairs(np.column_stack([np.interp(at, arc, points[:, axis]) for axis in (0, 1)]))
+    arc_lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    positions = np.linspace(0.0, arc_lengths[-1], 2 * max(2, int(arc_lengths[-1] / (8.0 * width))) + 1)[:-1]
+    return _pairs(np.column_stack([np.interp(positions, arc_lengths, points[:, axis]) for axis in (0, 1)]))
 
 
 def write(
     namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Color], z: float = Z_TEXT
 ) -> List[Shape]:
-    """Makes the shapes of a text centred at (x, y), one per word; one colour for all words, or one per word."""
-    placed = place_words(text, x, y, size)
+    """Builds the shapes of a text centred at (x, y), one per word; `tints` has one colour for all, or one per word."""
+    words = place_words(text, x, y, size)
     return [
-        Shape(namespace, number, TEXT, ((at_x, at_y),), z, (size,), (tints[number % len(tints)],), text=word)
-        for number, (word, at_x, at_y) in enumerate(placed)
+        Shape(namespace, number, TEXT, ((word_x, word_y),), z, (size,), (tints[number % len(tints)],), text=word)
+        for number, (word, word_x, word_y) in enumerate(words)
     ]
 
 
 # ----------------------------------------------------------------- borders
 @dataclass(frozen=True)
 class Border:
-    """A stored border; while it waits for a person, `before` and `after` outline what it closed off and will."""
+    """A stored border; while unconfirmed, `before` and `after` outline the floor that it closed off, and will."""
 
     name: str
     points: Tuple[Tuple[float, float], ...]
@@ -128,11 +128,11 @@ class Border:
 def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[Shape]:
     """Draws outline, name and area of each border: soft ones lighter, disabled ones grey and labelled `off`.
 
-    For a border that waits for a person, what it closed off is dashed and grey, and what it will close off is solid.
+    For an unconfirmed border, the floor that it closed off is dashed and grey, the floor that it will close off solid.
     """
     unit, shapes = layout.unit, []
     size = 0.055 * unit
-    texts, wanted = [], []
+    texts, label_boxes = [], []
     for border in stored:
         # a name wider than 0.45 of the map is wrapped onto two lines, and cut at the end of the second
         (text,), _ = fit_texts([transliterate(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
@@ -142,21 +142,21 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
             text += f"\n{border.area_m2:.2f} m\u00b2"
         box = text_box(text, *border.seed, size)
         texts.append(text)
-        wanted.append(Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size))
-    for number, (border, text, box) in enumerate(zip(stored, texts, place_labels(wanted, layout.map))):
+        label_boxes.append(Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size))
+    for number, (border, text, box) in enumerate(zip(stored, texts, place_labels(label_boxes, layout.map))):
         tint = border_color(border)
         width = 0.009 * unit
         outline = segments(border.points, border.closed, width)
         plate = (box.width, box.height)
         label = colors.BLACK if border.enabled else colors.blend(colors.GRAY, colors.BLACK, 0.3)
         shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
-        for name, points, below in (
+        for name, points, depth in (
             ("before", dashes(border.before, width), 0.02),
             ("after", segments(border.after, True, width), 0.01),
         ):
             if points:
                 color = colors.GRAY if name == "before" else tint
-                shapes.append(Shape(f"borders/{name}", number, LINES, points, Z_BORDER - below, (width,), (color,)))
+                shapes.append(Shape(f"borders/{name}", number, LINES, points, Z_BORDER - depth, (width,), (color,)))
         shapes.append(Shape("borders/plate", number, PLATE, (box.center,), Z_LABEL, plate, (colors.WHITE,), 0.9))
         shapes += write(f"borders/label/{number}", text, *box.center, size, (label,), Z_NAME)
     return shapes
@@ -172,7 +172,7 @@ def border_color(border: Border) -> Color:
 # ----------------------------------------------------------------- drawing in progress
 @dataclass(frozen=True)
 class Drawing:
-    """What has been drawn in the current interaction."""
+    """The drawing of the current interaction."""
 
     points: Tuple[Tuple[float, float], ...] = ()
     point_cameras: Tuple[str, ...] = ()
@@ -191,10 +191,10 @@ def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
         )
     if len(drawn.chain) > 1:
         # a dark rim keeps the line visible on white floor, on stripes and on walls
-        for name, lift, share, tint in (("rim", 0.0, 0.014, colors.BLACK), ("chain", 0.02, 0.009, colors.ORANGE)):
+        for name, height, share, tint in (("rim", 0.0, 0.014, colors.BLACK), ("chain", 0.02, 0.009, colors.ORANGE)):
             width = share * unit
             line = segments(drawn.chain, drawn.closed, width)
-            shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + lift, (width,), (tint,)))
+            shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + height, (width,), (tint,)))
     if drawn.seed is not None:
         for number, (share, tint) in enumerate(
             ((0.052, colors.BLACK), (0.044, colors.SKY_BLUE), (0.020, colors.BLACK))
@@ -208,7 +208,7 @@ def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
 # ----------------------------------------------------------------- live spots
 @dataclass(frozen=True)
 class TrailPoint:
-    """A spot that a camera saw at a time [s]."""
+    """A spot that a camera saw at time `stamp` [s]."""
 
     camera: str
     x: float
@@ -216,15 +216,15 @@ class TrailPoint:
     stamp: float
 
 
-FADE_TIME = 1.5  # [s] how long a spot stays visible: long enough to follow with the eye
-_LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes it by itself, in case this node has ended
+FADE_TIME = 1.5  # [s] for which a spot stays visible, so that the eye can follow it
+_LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes a spot if this node has ended
 
 
 def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
-    """Draws for each camera a disc where it last saw the spot, and a trail that fades into the floor's white.
+    """Draws for each camera a disc at the last position of its spot, and a trail that fades into the floor's white.
 
     Args:
-        seen: the newest last; spots more than FADE_TIME in the past or the future are left out.
+        seen: the spots, the newest last; those more than FADE_TIME in the past or the future are left out.
     """
     by_camera: Dict[str, List[TrailPoint]] = {}
     for spot in seen:
@@ -239,25 +239,25 @@ def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[S
             (f"spots/{camera}", 0, DISC, points[-1:], 0.036, (colors.BLACK,)),
             (f"spots/{camera}", 1, DISC, points[-1:], 0.028, (tint,)),
         )
-        for level, (name, number, kind, at, share, tints) in enumerate(parts):
+        for level, (name, number, kind, positions, share, tints) in enumerate(parts):
             z, size = Z_SPOT + 0.015 * level, (share * layout.unit,)
-            shapes.append(Shape(name, number, kind, at, z, size, tints, lifetime=_LIFETIME))
+            shapes.append(Shape(name, number, kind, positions, z, size, tints, lifetime=_LIFETIME))
     return shapes
 
 
 # ----------------------------------------------------------------- robot
 def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
-    """Draws a robot's footprint and heading, in its own frame: RViz moves it along with tf."""
-    nose = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
+    """Draws a robot's footprint and heading in its own frame, so that RViz moves them with tf."""
+    arrow_points = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
     width = 0.14 * radius
-    arrow = segments(nose, True, width)
-    middle = ((0.0, 0.0),)
+    arrow = segments(arrow_points, True, width)
+    center = ((0.0, 0.0),)
     parts = (
-        ("rim", DISC, middle, 0.0, 2.0 * radius, colors.BLACK),
-        ("body", DISC, middle, 0.015, 1.7 * radius, colors.YELLOW),
+        ("rim", DISC, center, 0.0, 2.0 * radius, colors.BLACK),
+        ("body", DISC, center, 0.015, 1.7 * radius, colors.YELLOW),
         ("nose", LINES, arrow, 0.03, width, colors.BLACK),
     )
     return [
-        Shape(f"robot/{name}", number, kind, points, Z_ROBOT + lift, (size,), (tint,), frame=base_frame)
-        for name, kind, points, lift, size, tint in parts
+        Shape(f"robot/{name}", number, kind, points, Z_ROBOT + height, (size,), (tint,), frame=base_frame)
+        for name, kind, points, height, size, tint in parts
     ]

@@ -13,10 +13,9 @@ from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
 from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
 
-# letter heights as RViz counts them, as shares of the screen's height;
-# docs/explanation/display.md has them in minutes of arc
+# letter heights in RViz's measure, as shares of the screen's height; docs/explanation/display.md gives minutes of arc
 TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
-# of the strip's sentences: the largest size at which all of them fit is used
+# letter heights of the strip's sentences, of which the largest that fits all sentences is used
 TEXT_SIZES = (0.088, 0.08, 0.074, 0.068, 0.062, 0.056, 0.05, 0.045)
 
 MAX_COMMANDS = 4
@@ -25,7 +24,7 @@ MAX_CAMERAS = 3
 
 @dataclass(frozen=True)
 class PanelNotice:
-    """A sentence beside the last answer; a warning stands out."""
+    """A sentence beside the last answer; a warning is highlighted."""
 
     text: str
     warning: bool = False
@@ -33,9 +32,9 @@ class PanelNotice:
 
 @dataclass(frozen=True)
 class PanelContent:
-    """All that the text on the display depends on."""
+    """The inputs of the display's text."""
 
-    state: str = ""  # "": no state is known yet
+    state: str = ""  # "" if no state is known yet
     elapsed_s: int = 0
     commands: Tuple[str, ...] = ()
     success: bool = True
@@ -46,7 +45,7 @@ class PanelContent:
     language: str = sentences.ENGLISH
 
     def words(self, code: str) -> str:
-        """Returns the words for a code in the display's language."""
+        """Returns a code's text in the display's language."""
         return sentences.translate(code, {}, self.language)
 
 
@@ -57,18 +56,18 @@ def words(layout: Layout, content: PanelContent) -> List[Shape]:
 
 def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
     unit, panel = layout.unit, layout.panel
-    center, room = panel.center[0], panel.width - 0.03 * unit
+    center, width = panel.center[0], panel.width - 0.03 * unit
     shapes: List[Shape] = []
 
-    def line(name: str, text: str, down: float, share: float, *tints: Color) -> None:
+    def line(name: str, text: str, offset: float, share: float, *tints: Color) -> None:
         size = share * unit
-        # text that is too wide, for instance a long camera name, is shrunk
+        # text that is too wide, such as a long camera name, is shrunk
         text = transliterate(text)
-        size *= min(1.0, room / max(text_width(text, size), 1e-9))
-        shapes.extend(write(f"words/{name}", text, center, panel.y1 - down * unit, size, tints))
+        size *= min(1.0, width / max(text_width(text, size), 1e-9))
+        shapes.extend(write(f"words/{name}", text, center, panel.y1 - offset * unit, size, tints))
 
     if content.stopped:
-        # in place of the state: a person who wonders why nothing moves reads this first
+        # replaces the state, because a person who wonders why nothing moves reads this first
         plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
         shapes.append(
             Shape("words/state/plate", 0, PLATE, ((center, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colors.YELLOW,))
@@ -90,8 +89,8 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
         names = [transliterate(camera).replace(" ", "_") for camera in content.cameras_seeing_spot]
         tints = [colors.blend(colors.camera_color(camera), colors.WHITE, 0.3) for camera in content.cameras_seeing_spot]
         if len(names) > MAX_CAMERAS:
-            rest = len(names) - MAX_CAMERAS + 1
-            names[MAX_CAMERAS - 1 :], tints[MAX_CAMERAS - 1 :] = [f"+{rest}"], [colors.PALE]
+            hidden = len(names) - MAX_CAMERAS + 1
+            names[MAX_CAMERAS - 1 :], tints[MAX_CAMERAS - 1 :] = [f"+{hidden}"], [colors.PALE]
         line("seen/0", " ".join(names), 0.736, NAME, *tints)
     return shapes
 
@@ -100,7 +99,7 @@ def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
     start = content.words("display_start" if content.state else "display_waiting_system")
     answer = PanelNotice(transliterate(content.message or start), warning=not content.success)
     shown = [PanelNotice(transliterate(notice.text), notice.warning) for notice in content.notices]
-    if all(notice.text != answer.text for notice in shown):  # else it is shown as a notice, for as long as that holds
+    if all(notice.text != answer.text for notice in shown):  # else it is already shown, as a notice
         shown.insert(0, answer)
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit
@@ -110,13 +109,13 @@ def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
     shapes: List[Shape] = []
     for number, (text, notice) in enumerate(zip(texts, shown)):
         lines = text.count("\n") + 1
-        middle = top - text_height(lines, size) / 2.0
+        center = top - text_height(lines, size) / 2.0
         top -= LINE * lines * size
         name = "words/answer" if number == 0 else f"words/notice/{number}"
-        # black on a bright background: a warning is recognisable without colour vision too
+        # black on a bright background, so that a warning is recognisable without colour vision too
         tint = colors.BLACK if notice.warning else colors.WHITE if number == 0 else colors.SKY_BLUE
         if notice.warning:
             plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE - 1.0) * size)
-            shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, middle),), Z_PLATE, plate, (colors.YELLOW,)))
-        shapes += write(name, text, x, middle, size, (tint,))
+            shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, center),), Z_PLATE, plate, (colors.YELLOW,)))
+        shapes += write(name, text, x, center, size, (tint,))
     return shapes

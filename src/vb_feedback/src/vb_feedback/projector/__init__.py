@@ -1,1 +1,1 @@
-"""What a projector shows on the floor."""
+"""The projector's image on the floor."""

@@ -14,10 +14,10 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-# the markers' distance from the image's edges, as a share of its sides: near the corners, where they constrain most
+# the markers' distance from the image's edges, as a share of its sides: near the corners, for the best accuracy
 _INSET = 0.12
 MARKERS = 4
-# [m] a click nearer than this to the line through its neighbours is a mistake: markers are decimetres apart
+# [m] a click nearer than this to the line through its neighbours is a mistake, since markers are decimetres apart
 _MIN_DISTANCE = 0.10
 
 
@@ -26,7 +26,7 @@ class ProjectorCalibration:
     """A projector over the floor.
 
     Attributes:
-        width, height: [px] its image's.
+        width, height: [px] size of its image.
         matrix: (3, 3) homography from map coordinates [m] to (column, row) [px] of its image.
 
     Raises:
@@ -54,13 +54,13 @@ class ProjectorCalibration:
         object.__setattr__(self, "matrix", matrix)
 
     def footprint(self) -> np.ndarray:
-        """Returns where the image's corners fall, (4, 2) [m]: upper left, upper right, lower right, lower left."""
+        """Returns the image's corners on the floor, (4, 2) [m]: upper left, upper right, lower right, lower left."""
         corners = _corners(self.width, self.height)[:, None]
         return cv2.perspectiveTransform(corners, np.linalg.inv(self.matrix))[:, 0]
 
 
 def markers(width: int, height: int) -> np.ndarray:
-    """Returns where a calibration shows its markers, (4, 2) [px]: upper left, upper right, lower right, lower left."""
+    """Returns the positions of a calibration's markers, (4, 2) [px], in the corners' order of `footprint`."""
     x, y = _INSET * (width - 1), _INSET * (height - 1)
     return np.array([[x, y], [width - 1 - x, y], [width - 1 - x, height - 1 - y], [x, height - 1 - y]])
 
@@ -69,7 +69,7 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     """Calibrates a projector whose four `markers` were clicked on the floor.
 
     Args:
-        floor: (4, 2) [m], finite, where each marker was seen, in the markers' order.
+        floor: (4, 2) [m], finite: the clicked positions, in the markers' order.
 
     Raises:
         CodedError: "bad_click" if these cannot be the markers' positions.
@@ -77,18 +77,18 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
     # twice the area [m^2] of the triangle at each corner, above 0 if it turns counter-clockwise
     sides = np.roll(points, -1, axis=0) - points
-    following = np.roll(sides, -1, axis=0)
-    turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
-    # each corner stands out from the line through its neighbours: no clicks coincide, no three are on a line
-    longest = max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
-    if np.abs(turns).min() < _MIN_DISTANCE * longest or turns.min() < 0 < turns.max():
+    next_sides = np.roll(sides, -1, axis=0)
+    double_areas = sides[:, 0] * next_sides[:, 1] - sides[:, 1] * next_sides[:, 0]
+    # each corner must stand out from the line through its neighbours: no two clicks coincide, no three are collinear
+    longest = max(float(np.linalg.norm(first - second)) for first, second in combinations(points, 2))
+    if np.abs(double_areas).min() < _MIN_DISTANCE * longest or double_areas.min() < 0 < double_areas.max():
         raise CodedError("bad_click", reason="$clicks_out_of_order")
-    # large coordinates would cost precision: the homography is found relative to the points' centroid
-    middle = points.mean(axis=0)
+    # the homography is relative to the points' centroid, because large coordinates would reduce its precision
+    centroid = points.mean(axis=0)
     matrix = cv2.getPerspectiveTransform(
-        (points - middle).astype(np.float32), markers(width, height).astype(np.float32)
+        (points - centroid).astype(np.float32), markers(width, height).astype(np.float32)
     )
-    matrix = matrix @ np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, 1.0]])
+    matrix = matrix @ np.array([[1, 0, -centroid[0]], [0, 1, -centroid[1]], [0, 0, 1.0]])
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
 

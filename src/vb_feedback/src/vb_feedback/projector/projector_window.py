@@ -1,4 +1,4 @@
-"""Shows an image full-screen on a projector, with Python's own Tk: OpenCV's headless build has no windows."""
+"""Shows an image full-screen on a projector, with Python's own Tk, because OpenCV's headless build has no windows."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_LOOK = 0.04  # [s] period at which the window checks for a new image; a still image costs nothing else
+_POLL_PERIOD = 0.04  # [s] between checks for a new image
 
 
 class ProjectorWindow:
-    """A window without frame, title and pointer. It has its own thread: Tk must be used from one thread.
+    """A window without frame, title and pointer, with its own thread, because Tk must be used from one thread.
 
     Args:
         x, y: [px] position on the desktop: the upper left corner of the projector's screen.
@@ -30,22 +30,22 @@ class ProjectorWindow:
     ) -> None:
         self._geometry = f"{width}x{height}+{x}+{y}"
         self._lock = threading.Lock()
-        self._next: Optional[bytes] = None
+        self._next_image: Optional[bytes] = None
         self._closing = False
         self._ready = threading.Event()
-        self._trouble = ""
+        self._error = ""
         self._thread = start(self._run)
         self._ready.wait()
-        if self._trouble:
-            raise CodedError("no_window", self._trouble)
+        if self._error:
+            raise CodedError("no_window", self._error)
 
     def show(self, image: np.ndarray) -> None:
         """Shows an image (H, W, 3) uint8 rgb, at the window's next check."""
         height, width = image.shape[:2]
-        # Tk reads PPM without any other library
+        # Tk reads PPM without another library
         data = b"P6 %d %d 255\n" % (width, height) + np.ascontiguousarray(image).tobytes()
         with self._lock:
-            self._next = data
+            self._next_image = data
 
     def close(self) -> None:
         """Closes the window."""
@@ -58,7 +58,7 @@ class ProjectorWindow:
 
             root = tkinter.Tk()
         except Exception as error:  # Tk is not installed, or finds no screen
-            self._trouble = f"the projector's window needs a screen and Tk (apt-get install python3-tk): {error}"
+            self._error = f"the projector's window needs a screen and Tk (apt-get install python3-tk): {error}"
             self._ready.set()
             return
         root.overrideredirect(True)
@@ -67,15 +67,15 @@ class ProjectorWindow:
         label = tkinter.Label(root, borderwidth=0, highlightthickness=0, background="black")
         label.pack(fill="both", expand=True)
         self._ready.set()
-        shown = None  # Tk shows an image only as long as there is a reference to it
+        displayed = None  # Tk shows an image only while it is referenced
         while not self._closing:
             with self._lock:
-                data, self._next = self._next, None
+                data, self._next_image = self._next_image, None
             if data is not None:
-                shown = tkinter.PhotoImage(data=data)
-                label.configure(image=shown)
+                displayed = tkinter.PhotoImage(data=data)
+                label.configure(image=displayed)
             root.update()
-            time.sleep(_LOOK)
-        # Tk's objects must be destroyed in the thread that made them
+            time.sleep(_POLL_PERIOD)
+        # Tk's objects must be destroyed in the thread that created them
         root.destroy()
-        shown = label = root = None  # noqa: F841
+        displayed = label = root = None  # noqa: F841

@@ -1,1 +1,1 @@
-"""Sounds: which one to play when, their synthesis, and playback."""
+"""Sounds: their choice, synthesis and playback."""

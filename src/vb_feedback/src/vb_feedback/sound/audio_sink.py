@@ -1,4 +1,4 @@
-"""Plays samples through ALSA's aplay, the counterpart of arecord, which voice recognition uses."""
+"""Plays samples with ALSA's aplay, the counterpart of arecord, which voice recognition uses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_feedback.sound.tone_synthesis import RATE
 
-# [s] beyond a sound's own length, after which the device counts as stuck
+# [s] beyond a sound's length, after which the device counts as stuck
 _TIMEOUT = 3.0
 
 
@@ -24,7 +24,7 @@ def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
         CodedError: "no_audio" with the program's own reason.
     """
     try:
-        done = subprocess.run(
+        result = subprocess.run(
             [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"],
             input=pcm.astype("<i2").tobytes(),
             stdout=subprocess.DEVNULL,
@@ -35,6 +35,6 @@ def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
         raise CodedError("no_audio", f"'{program}' cannot be run: {error.strerror}") from None
     except subprocess.TimeoutExpired:
         raise CodedError("no_audio", "the sound device takes no samples") from None
-    if done.returncode != 0:
-        lines = done.stderr.decode(errors="replace").strip().splitlines()
+    if result.returncode != 0:
+        lines = result.stderr.decode(errors="replace").strip().splitlines()
         raise CodedError("no_audio", lines[-1] if lines else f"'{program}' failed")

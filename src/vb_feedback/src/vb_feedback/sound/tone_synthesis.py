@@ -8,13 +8,13 @@ from vb_core.sounds import PITCHES, SOUNDS, Note
 
 RATE = 48000  # [1/s] sampling rate; native to sound cards
 
-# peak of the loudest note, as a share of full scale: leaves headroom for other programs' sounds
+# peak of the loudest note, as a share of full scale, which leaves headroom for other programs' sounds
 _PEAK = 0.6
-# [s] fade-in and fade-out of a note: with shorter ones it clicks
+# [s] fade-in and fade-out of a note; with shorter ones, it clicks
 _FADE = 0.005
 
 
-# partials, as shares of the fundamental: small speakers do not reproduce the fundamental of low notes
+# partials, as shares of the fundamental, because small speakers do not reproduce the fundamental of low notes
 _PARTIALS = (1.0, 0.3, 0.12)
 
 
@@ -24,17 +24,17 @@ def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
     Args:
         volume: 0 .. 1.
     """
-    wave = np.concatenate([_tone(note) for note in SOUNDS[name].notes])
+    wave = np.concatenate([_synthesize_note(note) for note in SOUNDS[name].notes])
     return np.rint(wave * (_PEAK * volume * 32767.0)).astype(np.int16)
 
 
-def _tone(note: Note) -> np.ndarray:
+def _synthesize_note(note: Note) -> np.ndarray:
     """Synthesises a tone, (N,) float64, -1 .. 1."""
     time = np.arange(int(round(note.seconds * RATE))) / RATE
     if not note.pitch:
         return np.zeros(len(time))
-    turns = PITCHES[note.pitch] * time
-    wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * turns) for order, share in enumerate(_PARTIALS))
+    phase = PITCHES[note.pitch] * time
+    wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * phase) for order, share in enumerate(_PARTIALS))
     # a sharp attack, then a decay like a struck bar's
     envelope = np.minimum(1.0, time / _FADE) * np.minimum(1.0, (note.seconds - time) / _FADE)
     envelope = envelope * np.exp(-2.0 * time / note.seconds)

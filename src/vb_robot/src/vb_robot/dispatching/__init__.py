@@ -1,1 +1,1 @@
-"""Decides which robot goes where to see the spot."""
+"""Decides which robot goes to which position to see the spot."""

@@ -1,1 +1,1 @@
-"""Decides whether a robot may drive, makes it follow the spot, and drives it clear of what it is too near to."""
+"""Decides whether a robot may drive, makes it follow the spot, and drives it away from things that are too near."""

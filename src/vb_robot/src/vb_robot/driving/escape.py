@@ -1,7 +1,7 @@
-"""Drives a robot away from a border or obstacle that it is too near to, so that navigation finds a path again.
+"""Drives a robot away from a border or obstacle that is too near, so that navigation finds a path again.
 
-Navigation's planner keeps PATH_MARGIN more clearance than its controller, which may stop the robot where no path can
-begin. The robot then drives straight to the nearest position with room, while its goal waits.
+Navigation's planner keeps PATH_MARGIN more clearance than its controller, so the controller may stop the robot where no
+path can start. The robot then drives straight to the nearest position with enough clearance, while its goal waits.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from vb_core.geometry import Pose
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 
-NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: start, end (hysteresis, as cells flicker)
-ROOM = FREE + 0.05  # [m] beyond the radius: a robot that stops a few centimetres short, or one cell away, is still free
-REACH = 0.5  # [m] to the farthest such position: a robot with none so near is trapped, not pinched
-PINCHED_AFTER = 1.5  # [s] for which navigation has a goal but does not move the robot
-TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s] until it gives up, and until it tries again: the obstacle may have gone
+NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: escape starts, ends (cells flicker)
+ROOM = FREE + 0.05  # [m] beyond the radius at the target: a robot that stops a few centimetres short is still free
+REACH = 0.5  # [m] to the farthest target: a robot without one is trapped, not pinched
+PINCHED_AFTER = 1.5  # [s] for which navigation must have a goal without moving the robot
+TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s] until it gives up, and until it tries again: the obstacle may be gone
 
 
 class Escape:
-    """Helps a pinched robot: one that has a goal, is not moved by navigation, and stands too near to something.
+    """Helps a pinched robot, which has a goal, is not moved by navigation, and stands too near to something.
 
-    A robot whose centre is within a border is not pinched: somebody drew the border there, or took the robot into it.
+    A robot whose centre is inside a border is not pinched: somebody drew the border there, or drove the robot into it.
 
     Args:
         radius: [m] of the robot.
@@ -35,20 +35,20 @@ class Escape:
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
-        self._idle_since, self._began = math.inf, -math.inf
-        self._target: Optional[np.ndarray] = None  # (2,) [m] where it drives to; None: it needs no help
+        self._idle_since, self._started = math.inf, -math.inf
+        self._target: Optional[np.ndarray] = None  # (2,) [m]; None if the robot needs no help
 
     def interrupt(self, now: float) -> None:
-        """Forgets its target: a person stops or drives the robot, which may be elsewhere afterwards."""
-        self._target, self._began, self._idle_since = None, -math.inf, now
+        """Drops the target when a person stops or drives the robot, which may be elsewhere afterwards."""
+        self._target, self._started, self._idle_since = None, -math.inf, now
 
     def compute_request(
         self, now: float, pose: Pose, workspace: Workspace, goal: bool, moves: bool
     ) -> Optional[VelocityRequest]:
-        """Computes how the robot should move at a time [s]; None if it needs no help.
+        """Computes the robot's motion at time `now` [s]; None if it needs no help.
 
         Args:
-            goal: whether navigation has one, and nobody draws or guides; moves: whether navigation moves the robot.
+            goal: whether navigation has a goal, and nobody draws or guides; moves: whether navigation moves the robot.
         """
         if moves or not goal or now < self._idle_since:  # also at the start, and when time was set back
             self._idle_since = now
@@ -57,11 +57,11 @@ class Escape:
             self._target = None
             return None
         if self._target is None:
-            rests = 0.0 <= now - self._began < TRIES_FOR + RESTS_FOR
-            if rests or not now - self._idle_since >= PINCHED_AFTER:
+            resting = 0.0 <= now - self._started < TRIES_FOR + RESTS_FOR
+            if resting or not now - self._idle_since >= PINCHED_AFTER:
                 return None
-            self._began, self._target = now, workspace.nearest_room(pose, self._radius + ROOM, REACH)
-        if self._target is None or not 0.0 <= now - self._began < TRIES_FOR:
+            self._started, self._target = now, workspace.nearest_room(pose, self._radius + ROOM, REACH)
+        if self._target is None or not 0.0 <= now - self._started < TRIES_FOR:
             self._target = None
             return None
         x, y = self._target - pose[:2]

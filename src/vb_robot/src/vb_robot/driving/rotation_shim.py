@@ -1,11 +1,11 @@
 """Turns a robot towards navigation's path before navigation drives it.
 
 DWA compares the end poses of short turns. If a robot faces away from its path, turns to either side end equally far
-from it, so that the robot turns to and fro on the spot for minutes. While the path begins behind the robot, the shim
-(Nav2's term) therefore turns it the shorter way until the path is ahead. A round robot can always do so.
+from it, so that the robot turns back and forth on the spot for minutes. While the path starts behind the robot, the
+shim (Nav2's term) therefore turns it the shorter way until the path is ahead. A round robot can always turn in place.
 
-It acts only while navigation's controller drives, not backwards, on a path that continues: a rotating recovery follows
-its own plan and never ends if it is turned back, and at the goal navigation decides which way the robot faces.
+The shim acts only while navigation's controller drives, not backwards, on a path that continues: a rotating recovery
+follows its own plan and never ends if it is turned back, and at the goal navigation decides the robot's heading.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy as np
 from vb_core.geometry import Pose, look_ahead
 from vb_robot.driving.spot_follower import VelocityRequest
 
-AHEAD = 0.3  # [m] along the path, to the point that gives its direction
-NEAR = 0.5  # [m] of path left to the goal, below which the shim does not act: twice the usual tolerance
-RECOVERY = 20.0  # [s] a recovery's full turn, at 0.4 rad/s, takes 16; a command that drives ends the recovery earlier
-LOST = 0.5  # [m] from the path, beyond which it is not the one that navigation follows
-BEHIND = 0.5 * math.pi  # [rad] off the robot's heading, at which a turn begins
-ALIGNED = math.radians(30)  # and at which it ends: from there on DWA can tell which way is better
+AHEAD = 0.3  # [m] along the path to the point that gives its direction
+NEAR = 0.5  # [m] of remaining path below which the shim does not act: twice the usual tolerance
+RECOVERY = 20.0  # [s] a recovery's full turn takes 16 s at 0.4 rad/s; a driving command ends the recovery earlier
+LOST = 0.5  # [m] from a path, beyond which navigation must be following another one
+BEHIND = 0.5 * math.pi  # [rad] off the robot's heading, at which a turn starts
+ALIGNED = math.radians(30)  # [rad] at which it ends: DWA can then tell the better direction
 TURN = 0.5  # [rad/s] at least
 
 
@@ -31,46 +31,46 @@ class RotationShim:
     """Passes navigation's requests on, except while the path is behind the robot.
 
     Attributes:
-        path: (N, 2) [m] navigation's newest path, map frame; None if it is not known, then all requests pass.
+        path: (N, 2) [m] navigation's newest path, map frame; if it is None, not known, all requests pass.
     """
 
     def __init__(self) -> None:
         self.path: Optional[np.ndarray] = None
-        self._direction = 0.0  # of a turn that is under way
-        self._recovers_until = -math.inf
+        self._direction = 0.0  # of the present turn
+        self._recovering_until = -math.inf
 
     def recover(self, now: float) -> None:
-        """Notes that navigation began a recovery at a time [s]."""
-        self._recovers_until, self._direction = now + RECOVERY, 0.0
+        """Records that navigation started a recovery at time `now` [s]."""
+        self._recovering_until, self._direction = now + RECOVERY, 0.0
 
     def align(self, request: VelocityRequest, pose: Optional[Pose], now: float) -> VelocityRequest:
-        """Returns navigation's request at a time [s], or instead a turn towards its path.
+        """Returns navigation's request at time `now` [s], or a turn towards its path instead.
 
         Args:
-            pose: (x, y, yaw) [m, m, rad], map frame; without one all requests pass.
+            pose: (x, y, yaw) [m, m, rad], map frame; if it is None, all requests pass.
         """
         if request.v != 0.0:
-            self._recovers_until = -math.inf
-        if request.v < 0.0 or 0.0 < self._recovers_until - now <= RECOVERY:
+            self._recovering_until = -math.inf
+        if request.v < 0.0 or 0.0 < self._recovering_until - now <= RECOVERY:
             return request
         angle = self._angle_to_path(pose) if pose is not None else None
-        stops = request.v == 0.0 and request.w == 0.0
+        is_stop = request.v == 0.0 and request.w == 0.0
         if angle is None or abs(angle) < ALIGNED:
             self._direction = 0.0
         elif abs(angle) > BEHIND:
             self._direction = self._direction or math.copysign(1.0, angle)
-        elif stops:
+        elif is_stop:
             self._direction = 0.0  # a stop ends the turn
-        if stops or self._direction == 0.0:
+        if is_stop or self._direction == 0.0:
             return request
         return VelocityRequest(0.0, self._direction * max(abs(request.w), TURN))
 
     def _angle_to_path(self, pose: Pose) -> Optional[float]:
-        """Returns the angle [rad] from the heading to the path's direction; None if there is no path to follow here."""
+        """Returns the angle [rad] from the heading to the path's direction; None without a path to follow here."""
         if self.path is None or not len(self.path):
             return None
-        target, off, rest = look_ahead(self.path, pose[:2], AHEAD)
-        if off > LOST or rest + off < NEAR:
+        target, path_distance, remaining = look_ahead(self.path, pose[:2], AHEAD)
+        if path_distance > LOST or remaining + path_distance < NEAR:
             return None
         x, y = target - np.asarray(pose[:2])
         return math.remainder(math.atan2(y, x) - pose[2], 2.0 * math.pi)

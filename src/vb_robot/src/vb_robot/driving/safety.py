@@ -1,4 +1,4 @@
-"""Computes how far and how fast a robot may drive, from what its scanner covers and sees, and the map of speed limits.
+"""Computes how far and how fast a robot may drive, from its scanner's coverage and echoes and the map of speed limits.
 
 Floor is free only if a sensor or a map says so. A direction without a beam is not free, an echo nearer than the
 scanner can measure is an obstacle, and floor without a map is unknown.
@@ -18,16 +18,16 @@ from vb_core.grid_map import GridMap
 from vb_core.geometry import Pose, to_base, to_map
 from vb_core.robot_profile import Limits
 
-HORIZON = 0.8  # [m] how far along its arc a robot is checked: from 1 m/s it stops within that at 1.5 m/s^2
-MIN_ARC_RADIUS = 0.3  # [m] on arcs narrower than this a robot counts as driving straight on
-GAP_DEG = 4.0  # [deg] gaps in a scan up to this hide nothing wider than a hand at arm's length
-OWN_MARGIN = 0.03  # [m] a scanner's error: an echo this close inside the rim may be something that touches the robot
+HORIZON = 0.8  # [m] checked length of the arc: from 1 m/s a robot stops within that at 1.5 m/s^2
+MIN_ARC_RADIUS = 0.3  # [m] on a narrower arc, a robot counts as driving straight
+GAP_DEG = 4.0  # [deg] a gap in a scan up to this width hides nothing wider than a hand at arm's length
+OWN_MARGIN = 0.03  # [m] a scanner's error: an echo this little inside the rim may be an object that touches the robot
 MAX_POSE_JUMP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """The clearance [m] of a source of commands: ahead and to the sides from scan points, and from the map's cells."""
+    """The clearance [m] that a source keeps: from scan points ahead and to the sides, and from the map's cells."""
 
     ahead: float
     sides: float
@@ -47,15 +47,15 @@ def stop_distance(v: float, limits: Limits, delay: float) -> float:
 
 
 class Scan:
-    """One scan in the robot's base frame: the points that it hit, and the bearings of its beams.
+    """One scan in the robot's base frame: its echoes as points, and the bearings of its beams.
 
     Args:
         ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is an invalid beam, inf one without an echo.
         angle_min, angle_increment: [rad]; range_min, range_max: [m].
         mount: T_base_scanner, 4x4.
-        radius: [m] of the robot. Echoes more than OWN_MARGIN within it are the robot's own parts.
-        no_return: the range that stands for no echo, besides inf: "zero" or "nan". Otherwise 0 is an echo too near to
-            be measured, and nan an invalid beam.
+        radius: [m] of the robot. Echoes more than OWN_MARGIN within it come from the robot's own parts.
+        no_return: the range that means no echo, besides inf: "zero" or "nan". Otherwise 0 is an echo too near to be
+            measured, and nan an invalid beam.
     """
 
     def __init__(
@@ -72,96 +72,96 @@ class Scan:
         if no_return != "inf":
             ranges = np.where(ranges == 0.0 if no_return == "zero" else np.isnan(ranges), np.inf, ranges)
         angles = angle_min + angle_increment * np.arange(len(ranges))
-        units = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        directions = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
         with np.errstate(invalid="ignore"):
-            near = ranges < range_min
-            hit = (ranges >= range_min) & (ranges <= range_max)
+            too_near = ranges < range_min
+            valid = (ranges >= range_min) & (ranges <= range_max)
         origin = geometry.apply(mount, np.zeros(3))
-        beams = (geometry.apply(mount, units) - origin)[:, :2]
-        ends = origin[:2] + ranges[hit, None] * beams[hit]
-        ends = ends[np.hypot(*ends.T) > radius - OWN_MARGIN]
-        # too near to be measured: it may touch the robot
-        close = origin[:2] + np.maximum(ranges[near, None], 0.0) * beams[near]
-        close = np.where(np.hypot(*close.T)[:, None] > radius, close, radius * beams[near])
-        self.points = np.vstack([ends, close])
+        beams = (geometry.apply(mount, directions) - origin)[:, :2]
+        points = origin[:2] + ranges[valid, None] * beams[valid]
+        points = points[np.hypot(*points.T) > radius - OWN_MARGIN]
+        # an obstacle too near to be measured may touch the robot
+        nearest = origin[:2] + np.maximum(ranges[too_near, None], 0.0) * beams[too_near]
+        nearest = np.where(np.hypot(*nearest.T)[:, None] > radius, nearest, radius * beams[too_near])
+        self.points = np.vstack([points, nearest])
         x, y = beams[~np.isnan(ranges)].T
         self._bearings = np.arctan2(y, x)
         self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
-    def covers(self, bearing: float, half: float) -> bool:
-        """Returns whether beams cover all directions within `half` [rad] of a bearing [rad], without a wide gap."""
-        off = geometry.wrap_angle(self._bearings - bearing)
-        off = np.sort(off[np.abs(off) <= half + self._gap])
-        if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
+    def covers(self, bearing: float, half_angle: float) -> bool:
+        """Returns whether beams cover all directions within `half_angle` [rad] of a bearing [rad] without wide gaps."""
+        offsets = geometry.wrap_angle(self._bearings - bearing)
+        offsets = np.sort(offsets[np.abs(offsets) <= half_angle + self._gap])
+        if not len(offsets) or offsets[0] > -half_angle + self._gap or offsets[-1] < half_angle - self._gap:
             return False
-        return bool((np.diff(off) <= self._gap).all())
+        return bool((np.diff(offsets) <= self._gap).all())
 
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
-        """Returns how far [m] the arc of (v, w) [m/s, rad/s] leads before it is too near to a point; inf: to none."""
-        bend, width = w / v, radius + clearance.sides
+        """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points; inf if none is in the way."""
+        curvature, width = w / v, radius + clearance.sides
         along, across = geometry.along_arc(
-            self.points * [np.sign(v), 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0
+            self.points * [np.sign(v), 1.0], curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
         )
-        hit = (np.abs(across) < width) & (along > 0.0)
-        if not hit.any():
+        in_the_way = (np.abs(across) < width) & (along > 0.0)
+        if not in_the_way.any():
             return math.inf
-        # the front is round: off the centre line an obstacle may come nearer
-        nose = np.sqrt(width**2 - across[hit] ** 2)
-        return float((along[hit] - nose).min() - clearance.ahead + clearance.sides)
+        # the robot's front is round: an obstacle beside the centre line may come nearer
+        front = np.sqrt(width**2 - across[in_the_way] ** 2)
+        return float((along[in_the_way] - front).min() - clearance.ahead + clearance.sides)
 
-    def sees_path(self, v: float, w: float, radius: float, needed: float) -> bool:
-        """Returns whether beams cover the arc of (v, w) beyond the stop distance `needed` [m]."""
-        reach = max(MIN_ARC_RADIUS, radius + needed)
-        turn = w / v * reach / 2.0
-        bearing = min(max(turn, -math.pi / 2), math.pi / 2)
+    def sees_path(self, v: float, w: float, radius: float, stopping_distance: float) -> bool:
+        """Returns whether beams cover the arc of (v, w) beyond the stopping distance [m]."""
+        reach = max(MIN_ARC_RADIUS, radius + stopping_distance)
+        half_turn = w / v * reach / 2.0
+        bearing = min(max(half_turn, -math.pi / 2), math.pi / 2)
         if v < 0:
             bearing = math.pi - bearing
         return self.covers(bearing, math.atan2(radius, radius + HORIZON))
 
 
 def limit_around(limits: GridMap, position, reach: float) -> float:
-    """Returns the lowest speed limit [m/s] within `reach` [m] of a position (2,) [m]; inf if there is none.
+    """Returns the lowest speed limit [m/s] within `reach` [m] of a position (2,) [m]; inf without a limit.
 
     Args:
         limits: the map that map_integrator publishes [cm/s]; 0 means no limit.
     """
     x, y = position
     reach += 2.0 * limits.resolution  # distances are to the cells' centres, not to their edges
-    near = crop(limits, (x - reach, y - reach, x + reach, y + reach))
-    cells = np.argwhere(near.data > 0)
-    cells = cells[np.hypot(*(near.cell_to_world(cells) - position).T) <= reach]
-    return float(near.data[tuple(cells.T)].min()) / 100.0 if len(cells) else math.inf
+    surroundings = crop(limits, (x - reach, y - reach, x + reach, y + reach))
+    cells = np.argwhere(surroundings.data > 0)
+    cells = cells[np.hypot(*(surroundings.cell_to_world(cells) - position).T) <= reach]
+    return float(surroundings.data[tuple(cells.T)].min()) / 100.0 if len(cells) else math.inf
 
 
 @dataclass(frozen=True)
 class Fix:
-    """Where a robot was at a time [s]: (x, y, yaw) [m, m, rad] by its localisation and, if any, by its odometry."""
+    """A robot's pose (x, y, yaw) [m, m, rad] at time `stamp` [s], by its localisation and, if any, its odometry."""
 
     stamp: float
     pose: Pose
     odometry: Optional[Pose] = None
 
 
-def pose_jump(before: Fix, after: Fix) -> float:
-    """Measures by how much [m] the pose changed beyond what the odometry tells; a turn of 1 rad counts as 0.5 m.
+def pose_jump(earlier: Fix, later: Fix) -> float:
+    """Measures by how much [m] the change of the pose exceeds the odometry's; a turn of 1 rad counts as 0.5 m.
 
-    Without odometry it is the change beyond what any robot can have driven since then (1 m/s, 3 rad/s).
+    Without odometry, the excess is that over the motion of any robot in that time (1 m/s, 3 rad/s).
     """
-    expected, spare = before.pose, after.stamp - before.stamp
-    if before.odometry is not None and after.odometry is not None:
-        moved = to_map(to_base(after.odometry[:2], before.odometry), before.pose)[0]
-        expected, spare = (*moved, before.pose[2] + after.odometry[2] - before.odometry[2]), 0.0
-    off = max(0.0, math.dist(expected[:2], after.pose[:2]) - spare)
-    turned = abs(math.remainder(after.pose[2] - expected[2], 2.0 * math.pi))
-    return off + 0.5 * max(0.0, turned - 3.0 * spare)
+    expected, elapsed = earlier.pose, later.stamp - earlier.stamp
+    if earlier.odometry is not None and later.odometry is not None:
+        position = to_map(to_base(later.odometry[:2], earlier.odometry), earlier.pose)[0]
+        expected, elapsed = (*position, earlier.pose[2] + later.odometry[2] - earlier.odometry[2]), 0.0
+    distance = max(0.0, math.dist(expected[:2], later.pose[:2]) - elapsed)
+    rotation = abs(math.remainder(later.pose[2] - expected[2], 2.0 * math.pi))
+    return distance + 0.5 * max(0.0, rotation - 3.0 * elapsed)
 
 
 def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
-    """Returns the positions (N, 2) [m] after signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
+    """Returns the positions (N, 2) [m] at signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
     lengths = np.asarray(lengths, dtype=float)
     if abs(curvature) < 1e-6:
-        local = np.column_stack([lengths, np.zeros_like(lengths)])
+        local_points = np.column_stack([lengths, np.zeros_like(lengths)])
     else:
         angle = lengths * curvature
-        local = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]) / curvature
-    return to_map(local, pose)
+        local_points = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]) / curvature
+    return to_map(local_points, pose)

@@ -1,9 +1,9 @@
 """Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
 
-Position-based: the error is the spot's position in the robot's base frame, measured by the camera. The robot
-moves only when the spot is about to leave the zone ahead or the range of good distances, and then until the spot is
-well inside again, so that small strokes do not make it restless. The spot keeps its position on the floor while the
-robot moves; the gate checks how old it is, and whether the localisation has jumped.
+The control is position-based: the error is the spot's position in the robot's base frame, measured by the camera. The
+robot moves only when the spot is about to leave the zone ahead or the range of good distances, and then until the spot
+is well inside again, so that it does not follow every small stroke. The spot keeps its position on the floor while the
+robot moves; the gate checks its age, and whether the localisation has jumped.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 
 from vb_core.geometry import Pose, to_base
 
-MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
+MAX_SPEED = 0.2  # [m/s] the paper's limit for a guided robot; also backwards, where it equals a spot's usual speed
 MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
-# [m] from the base to the spot. With a usual mount the image ends at 0.45 m: nearer than NEAR_DISTANCE, a spot that
-# is drawn towards the robot soon leaves it.
-GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR it drives nearer, to GOOD
-NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR it backs off, to BACK_TO
-# bearings of the spot: beyond INNER, half of a usual camera's view, the robot turns until it is within SETTLED
+# [m] from the base to the spot. With a usual mount, the image ends at 0.45 m, so a spot that is drawn towards the robot
+# from NEAR_DISTANCE soon leaves it.
+GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR, the robot drives nearer, to GOOD
+NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR, it backs off, to BACK_TO
+# bearings of the spot: beyond INNER, half of a usual camera's view, the robot turns until the spot is within SETTLED
 INNER_ZONE, SETTLED_ZONE = math.radians(14.0), math.radians(4.0)
 DRIVE_CONE = math.radians(25.0)  # if the spot is farther off the axis, the robot only turns
 DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
@@ -38,7 +38,7 @@ class VelocityRequest:
 
 
 def steer(bearing: float, speed: float) -> Tuple[float, float]:
-    """Computes (v, w) [m/s, rad/s] that turn the robot to a bearing [rad], and drive it faster the smaller that is."""
+    """Computes (v, w) [m/s, rad/s] that turn the robot to a bearing [rad]; the smaller the bearing, the larger v."""
     return speed * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE), min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN)
 
 
@@ -46,7 +46,7 @@ class SpotFollower:
     """Visual servoing on the spot that the robot's own camera sees.
 
     Attributes:
-        spot: (x, y) [m] of the spot that the robot follows, map frame; None: there is none.
+        spot: (x, y) [m] of the followed spot, map frame, or None.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class SpotFollower:
         self._turning, self._driving = False, 0  # driving: 1 forward, -1 back
 
     def compute_request(self, pose: Optional[Pose]) -> VelocityRequest:
-        """Computes the motion that keeps the spot in view of the robot at a pose; None: the pose is not known."""
+        """Computes the motion that keeps the spot in the robot's view; `pose` is None if it is not known."""
         if pose is None or self.spot is None:
             self._turning, self._driving = False, 0
             return VelocityRequest(code="spot_lost")
@@ -76,9 +76,9 @@ class SpotFollower:
         # the distance is good again
         elif distance <= GOOD_DISTANCE if self._driving == 1 else distance >= BACK_TO_DISTANCE:
             self._driving = 0
-        # while it drives it also steers: the spot ahead stays ahead
+        # the robot also steers while it drives, so that the spot stays ahead
         v, w = steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05))
         if self._driving == 1:
             return v, w
-        back = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05)
-        return back if self._driving == -1 else 0.0, w if self._turning else 0.0
+        reverse_speed = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05)
+        return reverse_speed if self._driving == -1 else 0.0, w if self._turning else 0.0

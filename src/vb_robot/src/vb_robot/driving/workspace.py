@@ -1,8 +1,8 @@
-"""The maps as one robot's driver uses them: how far the robot is from borders and obstacles.
+"""The maps of one robot's driver, which give the robot's distance from borders and obstacles.
 
-A scanner measures how far a wall is from the robot, but only the localisation tells how far a border is. So the robot
-keeps its localisation uncertainty as an additional distance to borders, and only to them. Borders are inflated by it
-once, in one map, `Workspace.keep_out`, which the gate, the escape and navigation share, so that they agree.
+A scanner measures the distance to a wall, but the distance to a border depends on the localisation. So the robot keeps
+its localisation uncertainty as an additional distance to borders, and only to them. Borders are inflated by it in one
+map, `Workspace.keep_out`, which the gate, the escape and navigation share, so that they agree.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from vb_core.grid_map import GridMap
 from vb_core.geometry import Pose
 from vb_robot.driving.safety import HORIZON, arc
 
-LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
-# How far off the localisation may be. AMCL reports the spread of its particles; its pose, which is their mean, is off
-# by much less: at 96 of 100 updates by less than the distance that robots keep with these values
-# (`git show 27ba7133:docs/results/robots/navigation.md`). For the rest there is the clearance of navigation itself.
+LETHAL_THRESHOLD = 99  # [%] a cell of this occupancy or more is never entered
+# The localisation's error. AMCL reports the spread of its particles; the error of their mean, which is its pose, is
+# much smaller: at 96 of 100 updates it was below the distance that robots keep with these values (`git show
+# 27ba7133:docs/results/robots/navigation.md`). Navigation's own clearance covers the rest.
 STD_FACTOR = 0.75  # of the particles' standard deviation
-MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
-MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] beyond these, three times what the margin covers, the robot counts as lost
-MAX_UNCERTAINTY = 0.10  # [m] viewpoints may be this near to borders: with more, navigation would refuse them
-UNCERTAINTY_STEP = 0.025  # [m] with each step navigation gets another map
-UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: the largest uncertainty among them counts
+MIN_UNCERTAINTY = 0.05  # [m] also if no covariance is published
+MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] above these, three times what the margin covers, the robot counts as lost
+MAX_UNCERTAINTY = 0.10  # [m] with more, navigation would refuse viewpoints, which may be this near to borders
+UNCERTAINTY_STEP = 0.025  # [m] each step gives navigation a new map
+UNCERTAINTY_UPDATES = 5  # localisation updates, half a metre of driving, of which the largest uncertainty counts
 
 
 class PoseUncertainty:
@@ -35,7 +35,7 @@ class PoseUncertainty:
 
     Attributes:
         meters: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
-        lost: whether the newest covariance says that the robot may be anywhere.
+        lost: whether the newest covariance means that the robot may be anywhere.
     """
 
     def __init__(self) -> None:
@@ -45,24 +45,24 @@ class PoseUncertainty:
     def add(self, covariance: np.ndarray) -> bool:
         """Adds the covariance (3, 3) [m, m, rad] of one update's x, y and yaw; returns whether `meters` has changed."""
         finite = bool(np.isfinite(covariance).all())
-        worst = float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) if finite else math.inf
-        self.lost = worst > MAX_STD**2 or not 0.0 <= float(covariance[2, 2]) <= MAX_YAW_STD**2
-        self._last.append(STD_FACTOR * math.sqrt(max(worst, 0.0)))
-        before = self.meters
+        largest_variance = float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) if finite else math.inf
+        self.lost = largest_variance > MAX_STD**2 or not 0.0 <= float(covariance[2, 2]) <= MAX_YAW_STD**2
+        self._last.append(STD_FACTOR * math.sqrt(max(largest_variance, 0.0)))
+        previous = self.meters
         uncertainty = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
         self.meters = UNCERTAINTY_STEP * math.floor(uncertainty / UNCERTAINTY_STEP + 1e-6)
-        return self.meters != before
+        return self.meters != previous
 
 
 def forbidden(borders: GridMap, physical: GridMap) -> np.ndarray:
-    """Returns (H, W) bool: the cells that only a border forbids, including cells that were unknown."""
+    """Returns (H, W) bool: the cells that only a border forbids, including unknown cells."""
     return (borders.data >= LETHAL_THRESHOLD) & (borders.data > physical.data)
 
 
 class Workspace:
-    """The floor that a robot may enter. Cells more occupied in the map with borders than without are restricted.
+    """The floor that a robot may enter. A cell is restricted if the map with borders has a higher occupancy there.
 
-    The maps decide what is restricted, so that this always agrees with navigation.
+    Restrictions are derived from the maps, so that they always agree with navigation.
 
     Args:
         borders: the map with borders.
@@ -71,43 +71,43 @@ class Workspace:
         uncertainty: [m] of its localisation.
 
     Attributes:
-        keep_out: the map with borders; those that must not be entered are inflated by the uncertainty.
+        keep_out: the map with borders, in which borders that must not be entered are inflated by the uncertainty.
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
         self.borders, self._radius = borders, radius
-        # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
+        # the map's edge is neither a border nor an obstacle, because the floor may continue beyond it
         self._border_distance = clearance_grid(forbidden(borders, physical), borders.resolution)
         self.keep_out = borders.with_data(
             np.where((self._border_distance < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
         )
-        self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
+        self._blocked_distance = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
 
     def distance_to_border(self, point) -> float:
-        """Returns the distance [m] from a point (2,) [m] to the nearest cell that a border forbids; 0 within it."""
+        """Returns the distance [m] from a point (2,) [m] to the nearest cell that a border forbids; 0 inside it."""
         return self._at(self._border_distance, point)
 
     def distance_to_blocked(self, point) -> float:
-        """Returns the distance [m] from a point (2,) [m] to the nearest blocked cell of `keep_out`; 0 within it."""
-        return self._at(self._to_blocked, point)
+        """Returns the distance [m] from a point (2,) [m] to the nearest blocked cell of `keep_out`; 0 inside it."""
+        return self._at(self._blocked_distance, point)
 
     def nearest_room(self, point, clearance: float, reach: float) -> Optional[np.ndarray]:
-        """Finds the nearest known point (2,) [m] within reach [m] with a clearance [m] to all blocked cells."""
-        room = (self._to_blocked >= clearance) & (self.borders.data >= 0)
-        cell, center = nearest_cell(self.borders, room, point[:2], reach)
+        """Finds the nearest known point (2,) [m], within `reach` [m], with this clearance [m] from blocked cells."""
+        has_room = (self._blocked_distance >= clearance) & (self.borders.data >= 0)
+        cell, center = nearest_cell(self.borders, has_room, point[:2], reach)
         return None if cell is None else center
 
     def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
         """Returns how far [m] the robot can drive on the arc of (v, w) until a blocked cell is within `margin` [m].
 
-        A robot that is already too near may move if it comes no nearer; one that a new border has
-        enclosed may move within it, so that a person can guide it out. Off the map nothing is free.
+        A robot that is already too near may move if it comes no nearer. A robot that a new border encloses may move
+        inside it, so that a person can guide it out. Nothing is free off the map.
         """
-        steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        clearance = sample(self.borders, self._to_blocked, arc(pose, steps * math.copysign(1.0, v), w / v))
-        needed = min(self._radius + margin, float(clearance[0]))
-        bad = np.flatnonzero(clearance < needed - 1e-6)
-        return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf
+        distances = np.arange(0.0, HORIZON + 1e-9, 0.02)
+        clearance = sample(self.borders, self._blocked_distance, arc(pose, distances * math.copysign(1.0, v), w / v))
+        required = min(self._radius + margin, float(clearance[0]))
+        too_near = np.flatnonzero(clearance < required - 1e-6)
+        return float(max(0.0, distances[too_near[0]] - 0.02)) if len(too_near) else math.inf
 
     def _at(self, layer: np.ndarray, point) -> float:
         return float(sample(self.borders, layer, np.asarray(point, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])

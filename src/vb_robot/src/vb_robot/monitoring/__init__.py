@@ -1,1 +1,1 @@
-"""Watches what is connected to the robots: what their navigation does with borders, and what it can be asked to do."""
+"""Watches what is connected to the robots: whether their navigation respects borders, and which requests it obeys."""

@@ -1,1 +1,1 @@
-"""From sound to a command."""
+"""Recording, endpointing and scoring of speech."""

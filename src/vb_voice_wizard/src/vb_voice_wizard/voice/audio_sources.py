@@ -1,4 +1,4 @@
-"""A microphone through ALSA's arecord: 16 kHz mono, int16."""
+"""Records from a microphone through ALSA's arecord: 16 kHz, mono, int16."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import Callable, Generator, Iterator, List, Optional
 
 import numpy as np
 
-SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
-PIECE = 800  # samples that a microphone delivers at a time
+SAMPLE_RATE = 16000  # [1/s] of all sound that is processed
+PIECE = 800  # samples that `Microphone.get` returns at a time
 
 
 def has_sound(pcm: np.ndarray) -> bool:
-    """Returns whether samples (N,) int16 come from a microphone that is on: even the quietest has noise."""
+    """Returns whether samples (N,) int16 come from a microphone that is on; even the quietest has noise."""
     return len(pcm) > 0 and int(pcm.max()) - int(pcm.min()) > 2  # the difference may exceed int16
 
 
 class Microphone:
-    """Raw samples from a program that writes them to its standard output and is restarted when it ends.
+    """Reads samples from a recording program's standard output, and restarts the program when it ends.
 
     Args:
         command: the program with its arguments; see `arecord`.
         on_trouble: called with a sentence each time the program cannot be started or ends.
-        retry: [s] how long to wait before another start.
+        retry: [s] how long to wait before the next start.
     """
 
     def __init__(self, command: List[str], on_trouble: Callable[[str], None], retry: float = 2.0) -> None:
@@ -35,7 +35,7 @@ class Microphone:
         self._pieces = self._record()
 
     def get(self) -> Optional[np.ndarray]:
-        """Waits for the next PIECE samples, (PIECE,) int16; None once closed. For one thread."""
+        """Waits for the next samples, (PIECE,) int16; returns None once closed. For one thread only."""
         return next(self._pieces, None)
 
     def close(self) -> None:
@@ -53,20 +53,20 @@ class Microphone:
                 self._closing.wait(self._retry)
 
     def _record_once(self) -> Generator[np.ndarray, None, str]:
-        # stderr goes to a file: the program would block once an unread pipe was full, and the system would be deaf
-        with tempfile.TemporaryFile() as said:
+        # stderr goes to a file, because the program would block, and recording stop, once an unread pipe was full
+        with tempfile.TemporaryFile() as stderr:
             try:
                 with self._lock:
-                    self._process = process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=said)
+                    self._process = process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=stderr)
             except OSError as error:
                 return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
-            with process.stdout as sound:
-                while len(data := sound.read(2 * PIECE)) == 2 * PIECE:
+            with process.stdout as stdout:
+                while len(data := stdout.read(2 * PIECE)) == 2 * PIECE:
                     yield np.frombuffer(data, dtype="<i2").astype(np.int16)
             process.wait()
-            said.seek(0)
-            last = said.read().decode(errors="replace").strip().splitlines() or ["it said nothing"]
-        return f"{self._command[0]} ended with status {process.returncode}: {last[-1]}"
+            stderr.seek(0)
+            messages = stderr.read().decode(errors="replace").strip().splitlines() or ["it said nothing"]
+        return f"{self._command[0]} ended with status {process.returncode}: {messages[-1]}"
 
 
 def arecord(device: str) -> list:

