@@ -1,4 +1,4 @@
-"""Checks a running lab before people use it; prints one line per check, with how to fix a fault."""
+"""Checks a running lab before people use it; prints one line per check: what is wrong, and how to fix it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "
 
 
 def print_table(lines: List[Notice], language: str, console: Console) -> None:
-    """Prints the lines as a table, with the faults last, where people notice them."""
+    """Prints the lines as a table, with the faults last, where they are noticed."""
     table = Table(Column(overflow="fold"), Column(overflow="fold"), box=None, padding=(0, 2, 0, 0))
     for line in sorted(lines, key=lambda line: line.severity):
         table.add_row(f"[{_STYLES[line.severity]}]{_STATES[line.severity]}[/]", line.sentence(language))
@@ -36,7 +36,7 @@ def print_table(lines: List[Notice], language: str, console: Console) -> None:
 
 
 def print_camera(camera: str) -> None:
-    """Prints a report about a camera that its detector reads directly, or the command for it on the other computer."""
+    """Prints the report to send of a camera that its detector reads directly, or how to get it on that computer."""
     parameters = rospy.get_param(f"/spot_detector_{camera}", {})
     source = str(parameters.get("source", ""))
     if not source:
@@ -51,7 +51,7 @@ def print_camera(camera: str) -> None:
 
 
 def to_json(lines: List[Notice], language: str) -> str:
-    """Formats the lines as JSON: each line's state, code, camera, robot, values, and sentence."""
+    """Formats the lines for programs: for each, its state, code, camera, robot, values, and the sentence for people."""
     rows = [
         {
             "state": _STATES[line.severity],
@@ -67,20 +67,20 @@ def run(arguments: Optional[List[str]] = None) -> int:
     """Checks the lab and prints the result.
 
     Returns:
-        The exit status: 0 ready (warnings allowed), 1 faults, 3 no ROS master. (2 is argparse's for wrong arguments.)
+        The exit status: 0 ready (warnings allowed), 1 faults, 3 no ROS master. (2 is argparse's, for a wrong call.)
     """
     parser = argparse.ArgumentParser(
         prog="check_lab",
         description=__doc__,
-        epilog="Exit status: 0 ready, 1 faults found, 2 wrong arguments, 3 the ROS master does not answer.",
+        epilog="Exit status: 0 ready, 1 something is wrong, 2 wrong call, 3 the ROS master does not answer.",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON, for programs")
+    parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to the nodes (4)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
-    parser.add_argument("--camera", metavar="SOURCE", help="only describe a camera, in new_lab's format; needs no lab")
-    options = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
-    if options.camera:
-        print("\n".join(describe(parse_source(options.camera), CaptureParams())))
+    parser.add_argument("--camera", metavar="SOURCE", help="only describe a camera, given as to new_lab; without a lab")
+    chosen = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
+    if chosen.camera:
+        print("\n".join(describe(parse_source(chosen.camera), CaptureParams())))
         return READY
     if not rosgraph.is_master_online():
         print(
@@ -90,11 +90,11 @@ def run(arguments: Optional[List[str]] = None) -> int:
         )
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-    lines = observe_lab(options.seconds)
-    if options.json:
-        print(to_json(lines, options.language))
+    lines = observe_lab(chosen.seconds)
+    if chosen.json:
+        print(to_json(lines, chosen.language))
     else:
-        print_table(lines, options.language, Console())
+        print_table(lines, chosen.language, Console())
         for camera in sorted({line.camera for line in lines if line.code in REPORTED}):
             print_camera(camera)
     return FAULTS if any(line.severity is Severity.ERROR for line in lines) else READY

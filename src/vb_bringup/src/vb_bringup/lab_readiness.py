@@ -1,9 +1,9 @@
-"""Judges whether a lab is ready, from its nodes' reports and from faults that no node can detect. No ROS.
+"""Judges whether a lab is ready, from what its nodes report and what no node can know. No ROS.
 
-Each fault belongs to one node, which reports it in a notice while it lasts: a detector reports that its camera is
+Each fault belongs to one node, which reports it in a notice as long as it lasts: a detector reports that its camera is
 silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders. check_lab
-repeats these notices. This module checks what is visible only from outside: a node that does not run, topics that do
-not match, a map that was read wrongly.
+repeats these notices. This module checks what shows only from outside: a node that does not run, topics that do not
+match, a map that was read wrongly.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from vb_core import sentences
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 
-MIN_DISK_MB = 500  # enough for a day of logs and recordings
+MIN_DISK_MB = 500  # room for a day of logs and recordings
 MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead
 _IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
-_MAX_UNKNOWN = 0.01  # share of unknown cells below which a map counts as all known
+_HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
 
 
 def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], measured: bool, rate: float) -> Notice:
-    """Checks whether a camera's images reach its detector; the detector itself reports whether they are usable.
+    """Checks how a camera's images reach its detector; the detector itself reports whether they are usable.
 
     Args:
         parameters: its detector's; empty if the camera is on a robot.
@@ -43,9 +43,9 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], mea
     def line(severity: Severity, code: str, **values: str) -> Notice:
         return Notice(code, severity, camera=name, values={"camera": name, "topic": topic, **values})
 
-    if topic and not publishers and other_topics:
-        values = {"others": ", ".join(other_topics), "image": other_topics[0].strip("/")}
-        return line(Severity.ERROR, "lab_camera_other_topic", **values)
+    if topic and not publishers and others:
+        shown = {"others": ", ".join(others), "image": others[0].strip("/")}
+        return line(Severity.ERROR, "lab_camera_other_topic", **shown)
     if topic and not publishers:
         return line(Severity.ERROR, "lab_camera_no_publisher")
     if len(publishers) > 1:
@@ -63,9 +63,9 @@ def check_robot(
 
     Args:
         name: "" for the only robot.
-        keeps_margin: whether it plans on the driver's keep_out; also True if it has no driver or ignores borders.
-        scan_deg: [deg] covered by its scan; 0 if no scan arrived, None without a scanner or a driver that needs it.
-        clears_plans: whether make_plan first clears the costmap around the robot, including borders.
+        keeps_margin: whether it plans on the driver's keep_out; True also without a driver or borders to plan round.
+        scan_deg: [deg] what its scan covers; 0: no scan arrived, None: it has no scanner, or no driver that needs it.
+        clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
@@ -86,13 +86,13 @@ def check_robot(
 def check_map(
     size: Optional[Tuple[float, float]], publishers: Sequence[str], with_borders: bool, file: str, all_known: bool
 ) -> List[Notice]:
-    """Checks whether there are a physical map, from one publisher, and a map with borders.
+    """Checks whether there is one physical map, and one with the borders.
 
     Args:
-        size: (width, height) [m] of /map; None if no map arrived.
+        size: (width, height) [m] of /map; None: no map arrived.
         publishers: nodes that publish /map.
         with_borders: whether there is /virtual_borders/map.
-        file: the map file in the lab's arguments, or "".
+        file: the map file that the lab was given, or "".
         all_known: see `is_all_known`.
     """
     if size is None:
@@ -111,21 +111,21 @@ def check_map(
 def is_all_known(cells: np.ndarray) -> bool:
     """Returns whether a map (H, W) int8 has hardly any unknown cell although free floor reaches its edge.
 
-    No robot records such a map: its unknown cells were read as free, like pixels of 205 with a free_thresh of 0.25.
+    No robot records such a map: its unknown cells were read as free, as pixels of 205 are with a free_thresh of 0.25.
     """
     edges = np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])
-    return bool((edges == 0).any()) and float((cells < 0).mean()) < _MAX_UNKNOWN
+    return bool((edges == 0).any()) and float((cells < 0).mean()) < _HARDLY_ANY
 
 
 def check_nodes(missing: Sequence[str]) -> List[Notice]:
-    """Checks whether the lab's nodes run; `missing` names those that do not."""
+    """Checks whether the nodes that belong to the lab are running; `missing` names those that are not."""
     if not missing:
         return [Notice("lab_node_ok", Severity.INFO)]
     return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing]
 
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
-    """Checks whether the folder of borders and records is writable and has enough space."""
+    """Checks whether the folder of borders and records has room and is writable."""
     code = "lab_disk_ok" if free_mb >= MIN_DISK_MB else "lab_disk_full"
     code = code if writable else "lab_disk_read_only"
     state = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR

@@ -1,10 +1,10 @@
-"""Tries any camera: mark four corners of something on the floor, and draw borders in metres, without knowing ROS.
+"""Tries any camera: mark four corners of something on the floor, and draw borders in metres. Needs no knowledge of ROS.
 
     make try CAMERA=0        a webcam; also a device, an address (rtsp://, http://), or a video file
     make try                 plays the supplied video, unattended
 
-A page shows the camera's picture and asks for the corners, from which the camera's pose is computed. The pose is
-written into the folder of an ordinary lab, which is then started with its usual detector, fusion, integration and page.
+A page shows the camera's picture and asks for the corners, from which the camera's pose is computed. It is written into
+the folder of an ordinary lab, which is then started, with the same detector, fusion, integration and page.
 """
 
 from __future__ import annotations
@@ -53,47 +53,47 @@ from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 CAMERA = "camera"
 PORT = 8420
-_MAP_RESOLUTION, _MAX_DISTANCE = 0.025, 10.0  # [m] cell size of the map; floor farther from the camera is left out
-_SPACING = 0.5  # [m] between the lines that the page draws
-# [s] without a spot in the video between a line and its seed, and before the video restarts
-_PAUSE, _REPLAY_PAUSE = 1.0, 2.9
+_CELL, _FAR = 0.025, 10.0  # [m] cell of the map; floor that is farther from the camera is left out
+_GRID = 0.5  # [m] between the lines that the page draws
+# of the video: [s] without a spot between a line and its seed, and until it begins again
+_PAUSE, _BETWEEN = 1.0, 2.9
 _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
-_HOW_TO = "On it, press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
-_VIDEO_HINT = " The video repeats: press each button just before its part; if you miss one, cancel, and try again."
+_HOW = "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
+_REPEATS = " The film repeats: press each just before its part; what was missed can be cancelled, and comes again."
 
 
 # ------------------------------------------------------------- the floor
 def seen_floor(view: FloorView) -> GridMap:
-    """Returns an empty map of the visible floor; raises CodedError "bad_rectangle" if all of it is too far away."""
+    """Returns an empty map of the floor that a camera sees; raises CodedError "bad_rectangle" if all is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
-    points = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
+    places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
     with np.errstate(invalid="ignore"):
-        points = points[np.linalg.norm(points - T[:2, 3], axis=1) < _MAX_DISTANCE]
-    if not len(points):
+        places = places[np.linalg.norm(places - T[:2, 3], axis=1) < _FAR]
+    if not len(places):
         raise CodedError("bad_rectangle")
-    low, high = points.min(axis=0), points.max(axis=0)
-    columns, rows = (int(np.ceil(length / _MAP_RESOLUTION)) + 1 for length in high - low)
-    floor = GridMap(np.zeros((rows, columns), np.int8), _MAP_RESOLUTION, (*map(float, low), 0.0))
-    visible = camera.contains(project(camera, T, floor.cell_to_world(np.argwhere(floor.data == 0))))
-    return floor.with_data(np.where(visible.reshape(floor.shape), np.int8(0), np.int8(-1)))
+    low, high = places.min(axis=0), places.max(axis=0)
+    columns, rows = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
+    floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*map(float, low), 0.0))
+    seen = camera.contains(project(camera, T, floor.cell_to_world(np.argwhere(floor.data == 0))))
+    return floor.with_data(np.where(seen.reshape(floor.shape), np.int8(0), np.int8(-1)))
 
 
 def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
-    """Returns lines every half metre on the floor, in pixels of the camera's picture, to be drawn over it."""
+    """Returns lines on the floor every half metre, as the camera sees them [px], to be drawn over its picture."""
     low, high = floor.corners().min(axis=0), floor.corners().max(axis=0)
     lines = []
     for axis in (0, 1):
-        for value in np.arange(np.ceil(low[axis] / _SPACING), np.floor(high[axis] / _SPACING) + 1) * _SPACING:
-            points = np.full((40, 2), value)
-            points[:, 1 - axis] = np.linspace(low[1 - axis], high[1 - axis], 40)
-            pixels = project(view.camera, view.T_map_camera, points)
+        for value in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1) * _GRID:
+            places = np.full((40, 2), value)
+            places[:, 1 - axis] = np.linspace(low[1 - axis], high[1 - axis], 40)
+            pixels = project(view.camera, view.T_map_camera, places)
             lines.append(np.round(pixels[view.camera.contains(pixels)], 1).tolist())
     return [line for line in lines if len(line) > 1]
 
 
 def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
-    """Empties the lab's folder, and writes camera, lens, pose and an empty map into it.
+    """Deletes what is in the lab's folder, and writes camera, lens, pose and an empty map into it.
 
     Raises:
         CodedError: "cannot_write_lab"
@@ -108,34 +108,34 @@ def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> Non
 
 # ------------------------------------------------------------- the page that asks for the corners
 class CornerPage:
-    """Shows the camera's picture, and asks for four corners in it."""
+    """Shows the camera's picture, and asks for four corners on it."""
 
     def __init__(self, source: str) -> None:
         self.view: Optional[FloorView] = None
         self._newest: Deque[Shot] = deque(maxlen=1)
-        self.error = ""  # reason why there is no picture
+        self.error = ""  # why there is no picture
         self._source = CameraSource(source, CaptureParams(), self._newest.append, self._show_error)
         self._source.start()
 
     def _show_error(self, error: Optional[CodedError]) -> None:
-        previous, self.error = self.error, ""
+        before, self.error = self.error, ""
         if error is not None:
             self.error = CodedError(error.code, **{**error.values, "camera": "1"}).message
-        if self.error not in ("", previous):
+        if self.error not in ("", before):
             print(f"  {self.error}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
             print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
 
     async def ask(self, port: int) -> FloorView:
-        """Serves the page until a person has given the corners."""
-        self._corners_given = asyncio.Event()
+        """Serves the page until the corners are given."""
+        self._done = asyncio.Event()
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
         application = tornado.web.Application(log_function=lambda _handler: None)
-        # other sites' pages must not reach the camera by their own host name (DNS rebinding)
+        # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
         application.add_handlers(
             r"(localhost|127\.0\.0\.1)", [(path, handler, {"page": self}) for path, handler in handlers.items()]
         )
         server = application.listen(port, "127.0.0.1")
-        await self._corners_given.wait()
+        await self._done.wait()
         await asyncio.sleep(0.3)  # until the answer has been sent
         server.stop()
         await server.close_all_connections()
@@ -156,10 +156,10 @@ class CornerPage:
         floor = seen_floor(view)
         if start:
             self.view = view
-            self._corners_given.set()
-        points = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
-        worst_error = uncertainty(corners, size, image, project(view.camera, view.T_map_camera, points))
-        return {"lines": grid_lines(view, floor), "worst_cm": round(100.0 * min(worst_error, 9.99))}
+            self._done.set()
+        places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
+        worst = uncertainty(corners, size, image, project(view.camera, view.T_map_camera, places))
+        return {"lines": grid_lines(view, floor), "worst_cm": round(100.0 * min(worst, 9.99))}
 
 
 class _Handler(tornado.web.RequestHandler):
@@ -178,7 +178,7 @@ class _Picture(_Handler):
         try:
             picture = self.page.picture()
         except CodedError:
-            picture = None  # an incomplete image; the next one follows soon
+            picture = None  # half an image: the next one is on its way
         if picture is None or self.page.error:
             self.set_status(503)
             self.write(self.page.error or "The camera is being opened.")
@@ -200,65 +200,65 @@ class _Floor(_Handler):
 
 # ------------------------------------------------------------- the lab
 class TryLab:
-    """The running lab: writes the borders' file, and gives the commands for the supplied video."""
+    """The running lab: keeps the borders' file, and gives the commands that belong to the supplied video."""
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / "borders.geojson"
         self.borders: List[VirtualBorder] = []
-        self._last_spot = time.monotonic()
+        self._spot_at = time.monotonic()
         self._spots = 0
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=5)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         borders = [border_from_message(border) for border in message.borders]
-        new_borders = [border for border in borders if border.id not in {known.id for known in self.borders}]
+        new = [border for border in borders if border.id not in {old.id for old in self.borders}]
         if borders != self.borders:
             write_atomically(self._file, borders_to_geojson(borders).encode("utf-8"))
         self.borders = borders
-        for border in new_borders:
+        for border in new:
             corners = " ".join(f"({x:.2f}, {y:.2f})" for x, y in border.points)
             print(f"  Border {border.name or border.id}: {corners} m, in {self._file}", flush=True)
 
     def _on_spot(self, _message: LaserSpot) -> None:
-        self._last_spot, self._spots = time.monotonic(), self._spots + 1
+        self._spot_at, self._spots = time.monotonic(), self._spots + 1
 
     def play(self) -> None:
-        """Gives the commands for the video: before a line, before its seed, and to save the border.
+        """Gives the commands that go with the video: for a line, its seed, and its end.
 
         Raises:
-            CodedError: "no_response" if the lab does not accept them, or nothing was drawn.
+            CodedError: "no_response" if the lab does not take them, or nothing was drawn.
         """
-        self._wait_until(lambda: self._is_quiet(_REPLAY_PAUSE))
+        self._wait(lambda: self._quiet(_BETWEEN))
         for command in ("define_border", "define_seed"):
-            self._send_command(command)
-            count = self._spots
-            self._wait_until(lambda count=count: self._spots > count + 5 and self._is_quiet(_PAUSE))
-        if self._send_command("save") == "confirm_save":  # the drawing is doubtful
-            self._send_command("save")
-        self._wait_until(lambda: bool(self.borders))
+            self._give(command)
+            before = self._spots
+            self._wait(lambda before=before: self._spots > before + 5 and self._quiet(_PAUSE))
+        if self._give("save") == "confirm_save":  # what was drawn is not quite certain
+            self._give("save")
+        self._wait(lambda: bool(self.borders))
 
     @staticmethod
-    def _send_command(command: str) -> str:
+    def _give(command: str) -> str:
         answer = commands.send(commands.make_request(command, "try", 10.0))
         print(f"  {command}: {answer.message}", flush=True)
         return answer.code
 
-    def _is_quiet(self, seconds: float) -> bool:
-        return time.monotonic() - self._last_spot > seconds
+    def _quiet(self, seconds: float) -> bool:
+        return time.monotonic() - self._spot_at > seconds
 
     @staticmethod
-    def _wait_until(condition: Callable[[], bool]) -> None:
+    def _wait(condition: Callable[[], bool]) -> None:
         if not wait_until(condition, _PLAY_TIMEOUT):
             raise CodedError("no_response", who="$interaction_manager")
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Asks for the corners, starts the lab, and writes the borders' file until Ctrl-C; returns 0 on success."""
+    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; returns 0 on success."""
     parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
-    parser.add_argument("--camera", default="", help="number, device, address or file; default: the supplied video")
+    parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
     parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")
-    parser.add_argument("--port", type=int, default=PORT, help="port of the page")
+    parser.add_argument("--port", type=int, default=PORT, help="of the page")
     parser.add_argument("--once", action="store_true", help="end after the video's border was saved")
     options = parser.parse_args(arguments)
     import rospkg
@@ -278,35 +278,35 @@ def run(arguments: Optional[List[str]] = None) -> int:
     else:
         view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
     write_try(out / "lab", source, view, package / "robots")
-    ros_port = free_port()
-    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros_port}", ROS_LOG_DIR=str(out / "log"))
+    ros = free_port()
+    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros}", ROS_LOG_DIR=str(out / "log"))
     print("Starting the detector, the map and the page ...", flush=True)
-    lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros_port, rviz=False, page_port=port)
+    lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros, rviz=False, page_port=port)
     try:
-        instructions = "" if truth else _HOW_TO + (_VIDEO_HINT if is_file(source) else "")
-        return _follow(out, address, instructions, options.once, lab)
+        how = "" if truth else _HOW + (_REPEATS if is_file(source) else "")
+        return _follow(out, address, how, options.once, lab)
     finally:
         lab.stop()
 
 
-def _follow(out: Path, address: str, instructions: str, once: bool, lab: Any) -> int:
-    """Follows the running lab; prints the instructions or, if they are empty, gives the supplied video's commands."""
+def _follow(out: Path, address: str, how: str, once: bool, lab: Any) -> int:
+    """Follows the running lab; tells people `how` to draw, or gives the supplied video's commands if that is empty."""
     wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
     try:
         if not lab.running:
             raise rospy.ROSException
         rospy.init_node("try_camera", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-        for service in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):  # each node that handles a border
+        for service in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):  # of all that a border passes
             rospy.wait_for_service(service, _START_TIMEOUT)
     except rospy.ROSException:
         print(lab.tail(), file=sys.stderr)
         return 1
-    try_lab = TryLab(out)
+    running = TryLab(out)
     print(f"The page is at {address}", flush=True)
-    if instructions:
-        print(instructions, flush=True)
+    if how:
+        print(how, flush=True)
     else:
-        try_lab.play()
+        running.play()
         if once:
             return 0
     print("Ctrl-C ends it.", flush=True)

@@ -1,12 +1,12 @@
 """Derives which commands and zones a lab can offer from what is connected to it. No ROS.
 
-A lab may have no cameras; a robot may lack this stack's driver, a localisation, or navigation that plans on the map
-with borders. One pure function, `offer`, derives which commands have an effect, which zones each robot respects, and
-the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a Stop that
-stops nothing, or claims a zone that no robot respects.
+A lab may or may not have cameras; a robot may or may not plan on the map with borders, be driven by this stack's
+driver, or be localised. One pure function, `offer`, derives which commands have an effect, which zones each robot
+keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a
+Stop that stops nothing, or claims a zone that no robot keeps.
 
->>> robot = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
->>> offer(Connections((robot,))).commands
+>>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
+>>> offer(Connections((mine,))).commands
 ('go',)
 """
 
@@ -25,9 +25,9 @@ READY, NO_ROBOT, UNREADY = "ready", "no_robot", "robot_unready"
 
 @dataclass(frozen=True)
 class ConnectedRobot:
-    """A robot and what is connected to it; vb_msgs/RobotStatus explains the fields.
+    """What is connected to a robot; the fields are those of vb_msgs/RobotStatus, where they are explained.
 
-    `navigation`: whether a move_base runs for it.
+    `navigation`: a move_base is running for it.
     """
 
     name: str
@@ -43,7 +43,7 @@ class ConnectedRobot:
 
     @property
     def is_there(self) -> bool:
-        """Whether navigation or a driver that can drive it is connected."""
+        """Whether navigation or a driver is connected that could drive it."""
         return self.navigation or self.driver
 
     @property
@@ -57,13 +57,13 @@ class ConnectedRobot:
         return self.driver or (self.navigation and self.obeys_stop)
 
     def keeps(self, zone: str) -> bool:
-        """Returns whether the robot respects the named zone; while not localised, it respects none."""
+        """Returns whether the robot keeps the rule of a zone, given by name; it keeps none while not localised."""
         return self.localized and ZONES[zone].kept_by(self)
 
 
 @dataclass(frozen=True)
 class Connections:
-    """What is connected to a lab: its robots, whether cameras report, and whether it has an interaction manager."""
+    """What is connected to a lab: its robots, whether cameras report, whether an interaction manager belongs to it."""
 
     robots: Tuple[ConnectedRobot, ...] = ()
     cameras: bool = False
@@ -72,15 +72,15 @@ class Connections:
 
 @dataclass(frozen=True)
 class Offer:
-    """The offered commands and zones, and what people should know about each robot.
+    """What is offered, and what holds for each robot.
 
     Attributes:
         state: READY, NO_ROBOT, or UNREADY if a connected robot does not keep out of borders.
-        commands: those of vb_core.vocabulary whose needs are met, and "go" if a robot can be sent to a place.
-        zones: the zones that at least one robot respects.
-        ignored_by: for each zone's name, the names of the connected robots that do not respect it.
+        commands: those of vb_core.vocabulary with needs that are met; "go" if a robot can be sent to a place.
+        zones: the zones that at least one robot keeps.
+        ignored_by: by the name of a zone, the names of the connected robots that do not keep it.
         goes: the names of the robots that can be sent to a place.
-        lines: notices about each robot, which apply until the connections change.
+        lines: what to tell people about each robot while the connections do not change.
     """
 
     state: str
@@ -96,36 +96,36 @@ class Offer:
 
 
 def offer(connections: Connections) -> Offer:
-    """Derives the offer from the connections."""
-    connected = [robot for robot in connections.robots if robot.is_there]
-    ignored = {zone: tuple(robot.name for robot in connected if not robot.keeps(zone)) for zone in ZONES}
-    sendable = tuple(robot.name for robot in connected if robot.plans and robot.keeps(KEEP_OUT.name))
+    """Derives what is offered from what is connected."""
+    there = [robot for robot in connections.robots if robot.is_there]
+    ignored = {zone: tuple(robot.name for robot in there if not robot.keeps(zone)) for zone in ZONES}
+    goes = tuple(robot.name for robot in there if robot.plans and robot.keeps(KEEP_OUT.name))
     pointing = connections.interaction and connections.cameras
-    met_needs = {
+    has = {
         CAMERA: pointing,
-        DRIVER: pointing and any(robot.driver for robot in connected),
-        STOPPABLE: any(robot.stops for robot in connected),
+        DRIVER: pointing and any(robot.driver for robot in there),
+        STOPPABLE: any(robot.stops for robot in there),
     }
-    commands = [name for name, command in COMMANDS.items() if met_needs.get(command.needs)] + ["go"] * bool(sendable)
-    state = NO_ROBOT if not connected else UNREADY if ignored[KEEP_OUT.name] else READY
+    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
+    state = NO_ROBOT if not there else UNREADY if ignored[KEEP_OUT.name] else READY
     return Offer(
         state=state,
         commands=tuple(commands),
-        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
+        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
         ignored_by=ignored,
-        goes=sendable,
+        goes=goes,
         lines=tuple(line for robot in connections.robots for line in _lines(robot)),
     )
 
 
 def effective(offered: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
     """Returns those of an interaction's available commands that have an effect in this lab."""
-    with_needs = {name for name, command in COMMANDS.items() if command.needs}
-    return tuple(name for name in commands if name in offered.commands or name not in with_needs)
+    judged = {name for name, command in COMMANDS.items() if command.needs}
+    return tuple(name for name in commands if name in offered.commands or name not in judged)
 
 
 def find_unkept(offered: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
-    """Returns code and values of the sentence that names the robots that ignore a border, or None if none does.
+    """Returns code and values of the sentence that says who does not keep a border, or None if all keep it.
 
     Args:
         zone: name of the border's zone.
@@ -143,8 +143,8 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
     values = {"who": sentences.robot_value(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
-    def line(severity: Severity, code: str, **extra_values: str) -> Notice:
-        return Notice(code, severity, robot.name, values={**values, **extra_values})
+    def line(severity: Severity, code: str, **more: str) -> Notice:
+        return Notice(code, severity, robot.name, values={**values, **more})
 
     if not robot.is_there:
         return [line(Severity.INFO, "robot_not_connected")]
@@ -160,7 +160,7 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
         lines.append(line(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
     if robot.name and robot.plans and values["map"] not in robot.maps and robot.maps:
         lines.append(line(Severity.INFO, "robot_keeps_all_borders"))
-    # a driver reports an unknown pose itself when it is asked to drive
+    # a driver that is asked to drive reports an unknown pose itself
     if not robot.localized:
         lines.append(line(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
     lines.append(line(Severity.INFO, _obedience(robot)))

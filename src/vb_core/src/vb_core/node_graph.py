@@ -1,4 +1,4 @@
-"""A snapshot of the ROS graph: what nodes publish, subscribe to and serve, and which can command a base. No ROS."""
+"""A snapshot of the ROS graph: what nodes publish, subscribe to and serve, and which could command a base. No ROS."""
 
 from __future__ import annotations
 
@@ -44,34 +44,34 @@ class NodeGraph:
         return [topic for topic, nodes in self.publishers.items() if node in nodes and self.types.get(topic) in kinds]
 
     def find_other_commanders(self, driver: str, topic: str, output: str) -> Tuple[Set[str], Set[str]]:
-        """Finds the nodes that could command the base without its driver, which should be the only way to its wheels.
+        """Finds the nodes that could command the base past its driver, which should be the only way to its wheels.
 
-        Every registered publisher counts, even one that sends nothing: it can start at any time, and behind a mux the
-        driver does not receive other nodes' messages at all.
+        Every registered publisher counts, even a silent one: it may drive at any time, and behind a mux the driver
+        cannot hear other nodes at all.
 
         Args:
             driver: name of the driver's node.
             topic: the topic on which the driver publishes its commands.
-            output: the topic on which a mux commands the base; "" if the base subscribes to `topic` itself.
+            output: the topic on which a mux commands the base; "": the base listens to `topic` itself.
 
         Returns:
-            The other nodes, including those that publish velocities to another input of a mux; and the muxes.
+            The nodes, including those that publish velocities to another input of a mux; and the muxes.
         """
-        commanders = {
+        commands = {
             name: set(nodes)
             for name, nodes in self.publishers.items()
             if self.types.get(name, "").startswith("geometry_msgs/Twist")
         }
-        output_publishers = commanders.get(output, set()) if output else set()
-        muxes = output_publishers & set(self.subscribers.get(topic, ()))
-        other_commanders = output_publishers.union(
+        at_output = commands.get(output, set()) if output else set()
+        muxes = at_output & set(self.subscribers.get(topic, ()))
+        beside = at_output.union(
             *(
-                commanders.get(name, set())
+                commands.get(name, set())
                 for name, nodes in self.subscribers.items()
                 if name not in (topic, output) and muxes & set(nodes)
             )
         )
-        return (commanders.get(topic, set()) | (other_commanders - muxes)) - {driver}, muxes
+        return (commands.get(topic, set()) | (beside - muxes)) - {driver}, muxes
 
     def is_heard(self, driver: str, topic: str) -> bool:
         """Returns whether any other node subscribes to the driver's commands."""

@@ -7,9 +7,9 @@ from typing import Tuple
 
 
 class Limiter:
-    """A token bucket per key: allows `burst` requests at once, then `rate` per second. Keeps the newest 1000 keys.
+    """A token bucket per key: `burst` requests at once, then `rate` a second. Keeps the newest 1000 keys.
 
-    No bucket is shared by all keys, because strangers could empty it for everybody.
+    There is no bucket shared by all keys: strangers could empty it for everybody.
     """
 
     def __init__(self, rate: float, burst: float) -> None:
@@ -17,9 +17,9 @@ class Limiter:
         self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
 
     def allows(self, key: str, now: float) -> bool:
-        """Takes a token at time `now` [s]; returns False if none is left. A clock set back only delays new tokens."""
-        tokens, updated = self._buckets.pop(key, (self._burst, now))
-        tokens = min(self._burst, tokens + self._rate * max(0.0, now - updated))
+        """Takes a token at a time [s]; returns False if there is none. A clock set back only delays new tokens."""
+        tokens, then = self._buckets.pop(key, (self._burst, now))
+        tokens = min(self._burst, tokens + self._rate * max(0.0, now - then))
         allowed = tokens >= 1.0
         self._buckets[key] = (tokens - 1.0 if allowed else tokens, now)
         while len(self._buckets) > 1000:

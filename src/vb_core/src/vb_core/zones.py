@@ -1,7 +1,7 @@
-"""The table of zones, which define what the area of a border means for robots.
+"""What the area of a border means for robots: one table of zones.
 
-Code that reads, checks, integrates, offers or shows a border asks its zone, and need not know which zones exist.
-vb_msgs/VirtualBorder repeats names and numbers, which a test compares. The texts for people are in
+Code that reads, checks, integrates, offers or shows a border asks its zone, and need not know which zones there are.
+vb_msgs/VirtualBorder repeats names and numbers, which a test compares. The words for people are in
 languages/<language>/zones.yaml: page_zone_<name>, border_unkept_<name>.
 
 >>> AVOID.value(0.75), SLOW.value(1.0), SLOW.limits_speed
@@ -22,7 +22,7 @@ class Zone:
         number: its number in vb_msgs/VirtualBorder.
         kept_by: returns whether a robot, a localised vb_core.lab_offer.ConnectedRobot, keeps its rule.
         restricts: whether its area is marked in the map with borders.
-        soft: whether robots may cross it if the detour is long (delta below 1).
+        soft: whether robots may go there if the detour is long: delta is below 1.
         limits_speed: whether it has a speed limit.
         occupancy: delta of its borders, unless a border sets another one.
     """
@@ -56,10 +56,10 @@ ZONES: Dict[str, Zone] = {zone.name: zone for zone in _ZONES}
 
 
 def zone_of(number: int) -> Zone:
-    """Returns the zone with this number in vb_msgs/VirtualBorder; an unknown number means KEEP_OUT."""
+    """Returns the zone with a number of vb_msgs/VirtualBorder; robots keep out of an unknown zone."""
     return next((zone for zone in _ZONES if zone.number == number), KEEP_OUT)
 
 
 def table() -> List[Dict[str, Any]]:
-    """Returns what the page needs to know about each zone, as plain values, the default zone first."""
+    """Returns what the page must know about each zone, the usual zone first, as plain values."""
     return [{"name": zone.name, "limits_speed": zone.limits_speed} for zone in _ZONES]

@@ -27,8 +27,8 @@ from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import words
 
 _REFRESH_PERIOD = 2.0  # [s]
-_PERIOD = 0.04  # [s] between redraws, so that no spot waits longer than one camera frame
-_STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, narrower than a doorway
+_PERIOD = 0.04  # [s] between redraws: no spot waits longer than one camera frame
+_STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, finer than a doorway
 
 RESTRICTED = "/virtual_borders/display/restricted"
 
@@ -47,20 +47,20 @@ class DisplayMarkersNode:
     """Draws state, text, borders, the drawing and spots as markers, and restricted areas as a grid.
 
     Subscribed topics:
-        /map, /virtual_borders/map (nav_msgs/OccupancyGrid): for the layout and the restricted areas.
+        /map, /virtual_borders/map (nav_msgs/OccupancyGrid): for the layout, and where borders restrict the map.
         /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/progress (vb_msgs/BorderProgress)
-        /virtual_borders/preview (vb_msgs/BorderPreview): the effect of saving.
+        /virtual_borders/preview (vb_msgs/BorderPreview): what saving now would do.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
         /virtual_borders/notices (vb_msgs/NoticeArray): notices of all nodes.
-        /virtual_borders/robots (vb_msgs/RobotStatusArray): commands without effect are not shown.
+        /virtual_borders/robots (vb_msgs/RobotStatusArray): commands that would have no effect are not shown
 
     Published topics:
-        /virtual_borders/markers (visualization_msgs/MarkerArray): changed markers, at most 25 times a second; all
-            markers to a new subscriber.
+        /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed, at most 25 times a second;
+            everything to a new subscriber.
         /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
-            restrict the map, or saving would, in RViz's colour scheme "costmap".
+            restrict the map and where saving now would, in RViz's colour scheme "costmap".
 
     Args:
         params: see config/display_markers.yaml.
@@ -74,12 +74,12 @@ class DisplayMarkersNode:
         }
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
-        self._new_subscribers: List[Any] = []
+        self._newcomers: List[Any] = []
         self._grids: Dict[str, GridMap] = {}  # by topic
         # used by the worker only
-        self._published_shapes: Dict[Tuple[str, int], scene.Shape] = {}
-        self._cached_parts: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
-        self._overlay_inputs: Tuple[Any, ...] = (None, None, None)
+        self._shown: Dict[Tuple[str, int], scene.Shape] = {}
+        self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
+        self._overlaid: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
         self._inputs = InputListener(self._wake.set)
         self._notices = NoticeListener(self._wake.set)
@@ -87,7 +87,7 @@ class DisplayMarkersNode:
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
-        self._last_refresh = 0.0
+        self._refreshed = 0.0
         node.Worker(self._wake, lambda _woken: self._work())
         for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, topic, queue_size=1)
@@ -97,11 +97,11 @@ class DisplayMarkersNode:
         owner = self
 
         class Listener(rospy.SubscribeListener):
-            """Records new subscribers, so that the worker sends them all markers."""
+            """Records new subscribers, so that the worker sends them everything."""
 
             def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Any) -> None:
                 with owner._lock:
-                    owner._new_subscribers.append(peer_publish)
+                    owner._newcomers.append(peer_publish)
                 owner._wake.set()
 
         return Listener()
@@ -116,15 +116,15 @@ class DisplayMarkersNode:
 
     # ------------------------------------------------------------------ work
     def _work(self) -> None:
-        """Redraws on change. Pauses are in wall time, because a screen's rate does not depend on simulated time."""
+        """Redraws on change. Pauses are in wall time: what a screen can show does not depend on simulated time."""
         started = time.monotonic()
-        if started - self._last_refresh >= _REFRESH_PERIOD:
-            # RViz drops markers in a frame that tf does not know yet, so robots are sent repeatedly
-            self._last_refresh = started
-            self._published_shapes = {key: shape for key, shape in self._published_shapes.items() if not shape.frame}
-        is_fading = self._draw()
+        if started - self._refreshed >= _REFRESH_PERIOD:
+            # RViz drops markers in a frame that tf does not know yet, so robots are sent again and again
+            self._refreshed = started
+            self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
+        fades = self._draw()
         rospy.rostime.wallsleep(max(0.0, started + _PERIOD - time.monotonic()))
-        if is_fading:
+        if fades:
             self._wake.set()
 
     def close(self) -> None:
@@ -132,23 +132,23 @@ class DisplayMarkersNode:
         self._wake.close()
 
     def _draw(self) -> bool:
-        """Sends the changed shapes; returns whether any is fading, so that it must be redrawn."""
+        """Sends the changed shapes; returns whether any keeps changing by itself."""
         with self._lock:
-            newcomers, self._new_subscribers = self._new_subscribers, []
-        inputs = self._inputs.current()
+            newcomers, self._newcomers = self._newcomers, []
+        known = self._inputs.current()
         physical, restricted = (self._grids.get(topic) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
         grid = restricted or physical
         if grid is not None:
             self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
         if physical is not None and restricted is not None:
-            self._show_restricted(physical, restricted, inputs.region)
+            self._show_restricted(physical, restricted, known.region)
         if self._markers.get_num_connections() == 0 and not newcomers:
             return False
         now = rospy.get_time()
-        shapes = self._compose(inputs, grid is not None, now)
-        changed, removed = scene.compare(self._published_shapes, shapes)
-        self._published_shapes = {shape.key: shape for shape in shapes}
-        message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in removed])
+        shapes = self._compose(known, grid is not None, now)
+        changed, gone = scene.compare(self._shown, shapes)
+        self._shown = {shape.key: shape for shape in shapes}
+        message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in gone])
         message.markers += [marker_from_shape(shape) for shape in changed]
         if message.markers:
             self._markers.publish(message)
@@ -160,56 +160,56 @@ class DisplayMarkersNode:
         return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, region: Optional[GridMap]) -> None:
-        previous, self._overlay_inputs = self._overlay_inputs, (physical, map_with_borders, region)
-        if all(previous_input is new_input for previous_input, new_input in zip(previous, self._overlay_inputs)):
+        shown, self._overlaid = self._overlaid, (physical, map_with_borders, region)
+        if all(old is new for old, new in zip(shown, self._overlaid)):
             return
         if not physical.same_geometry(map_with_borders):
             rospy.logwarn_throttle(5.0, "display_markers: /map and /virtual_borders/map differ in size or place")
             return
-        planned = region.data if region is not None and region.same_geometry(map_with_borders) else None
+        wanted = region.data if region is not None and region.same_geometry(map_with_borders) else None
         stripe = max(1, int(round(_STRIPE_WIDTH / map_with_borders.resolution)))
-        cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, planned)
+        cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, wanted)
         self._restricted.publish(message_from_grid(map_with_borders.with_data(cells), rospy.Time.now()))
 
-    def _compose(self, inputs: Inputs, has_map: bool, now: float) -> List[scene.Shape]:
-        layout, params, progress = self._layout, self._params, inputs.progress
+    def _compose(self, known: Inputs, has_map: bool, now: float) -> List[scene.Shape]:
+        layout, params, progress = self._layout, self._params, known.progress
         cameras_seeing_spot = list(progress.cameras_seeing_spot) if progress is not None else []
-        lines = display_messages.select_notices(self._notices.current(), params.language)
-        lines += display_messages.preview_notices(inputs.preview, params.language)
-        content = display_messages.panel_from_state(inputs.state, cameras_seeing_spot, lines, has_map, params.language)
+        shown = display_messages.select_notices(self._notices.current(), params.language)
+        shown += display_messages.preview_notices(known.preview, params.language)
+        content = display_messages.panel_from_state(known.state, cameras_seeing_spot, shown, has_map, params.language)
         connected = self._robots.current()
         if connected is not None:
             content = replace(content, commands=effective(connected[1], content.commands))
-        shapes = list(self._cached("words", (layout, content), lambda: words(layout, content)))
+        shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
         off = sentences.translate("display_off", {}, params.language)
-        shapes += self._cached(
+        shapes += self._part(
             "borders",
-            (layout, inputs.borders),
+            (layout, known.borders),
             lambda: scene.borders(
                 layout,
-                [display_messages.shown_border_from_message(border, params.language) for border in inputs.borders],
+                [display_messages.shown_border_from_message(border, params.language) for border in known.borders],
                 off,
             ),
         )
         if progress is not None:
-            shapes += self._cached(
+            shapes += self._part(
                 "drawing",
                 (layout, progress),
                 lambda: scene.drawing(layout, display_messages.drawing_from_progress(progress)),
             )
-        shapes += scene.live_spots(layout, inputs.spots, now)
+        shapes += scene.live_spots(layout, known.spots, now)
         for number, frame in enumerate(params.robots):
             shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
 
-    def _cached(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:
-        """Returns the shapes of one part; calls `make` only if the inputs have changed."""
-        cached = self._cached_parts.get(name)
-        if cached is None or cached[0] != inputs:
-            cached = self._cached_parts[name] = (inputs, make())
-        return cached[1]
+    def _part(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:
+        """Returns the shapes of one part, made again only if their inputs have changed."""
+        before = self._made.get(name)
+        if before is None or before[0] != inputs:
+            before = self._made[name] = (inputs, make())
+        return before[1]
 
 
 def build() -> DisplayMarkersNode:
-    """Reads the parameters and constructs the node."""
+    """Reads the parameters and makes the node."""
     return DisplayMarkersNode(parameters.read(DisplayParams))

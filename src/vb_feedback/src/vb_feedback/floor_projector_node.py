@@ -26,9 +26,9 @@ from vb_feedback.projector.projector_window import ProjectorWindow
 from vb_feedback.display.scene import Drawing, TrailPoint
 
 FRAME = "projector"
-# [s] after which a spot that no camera sees counts as gone
+# [s] a spot that no camera has seen for this long counts as gone
 _SPOT_LIFETIME = 0.5
-# [m] motion of the spot after which the image is redrawn; less than the radius that stays dark around the spot
+# [m] how far the spot must move for the image to be drawn again; less than the radius that stays dark around it
 _SPOT_STEP = 0.1
 
 
@@ -60,8 +60,8 @@ class FloorProjectorNode:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
-        /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, clicked at the
-            bright marker's position on the floor; only without a calibration.
+        /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, clicked where the
+            bright marker is on the floor; only while there is no calibration.
 
     Published topics:
         /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's image, only when it changes,
@@ -69,8 +69,8 @@ class FloorProjectorNode:
 
     Args:
         params: see config/floor_projector.yaml.
-        calibration: None to compute it from four clicks.
-        window: shows the image too; None to publish it only.
+        calibration: None: it is computed from four clicks.
+        window: shows the image too; None: the image is only published.
     """
 
     def __init__(
@@ -84,14 +84,14 @@ class FloorProjectorNode:
         self._clicked: List[Tuple[float, float]] = []
         self._window = window
         self._period = 1.0 / params.max_rate
-        # no message reports that the spot is gone, so this is checked periodically
+        # no message reports that the spot is gone: check now and then during an interaction
         self._wake = node.WakeTimer(1.0)
         self._inputs = InputListener(self._wake.set)
-        self._projected_spot: Optional[Tuple[float, float]] = None
-        self._projected: Optional[FloorContent] = None
+        self._spot_shown: Optional[Tuple[float, float]] = None
+        self._shown: Optional[FloorContent] = None
         self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
         if self._floor_image is None:
-            self._request_click()
+            self._ask()
             rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
         node.Worker(self._wake, lambda _woken: self._work())
         self._wake.set()
@@ -103,7 +103,7 @@ class FloorProjectorNode:
             self._window.close()
 
     # ------------------------------------------------------------- calibration
-    def _request_click(self) -> None:
+    def _ask(self) -> None:
         number = len(self._clicked)
         self._project(draw_calibration_image(self._params.width, self._params.height, number))
         rospy.loginfo(
@@ -113,7 +113,7 @@ class FloorProjectorNode:
         )
 
     def _on_click(self, message: PointStamped) -> None:
-        """Handles a click; called only in rospy's thread of this topic."""
+        """Takes a click; called only in rospy's one thread of this topic."""
         if self._floor_image is not None:
             return
         point = (message.point.x, message.point.y)
@@ -128,7 +128,7 @@ class FloorProjectorNode:
             except CodedError as error:
                 self._clicked.clear()
                 rospy.logwarn("floor_projector: %s; once more from the first marker", error)
-        self._request_click()
+        self._ask()
 
     def _calibrate(self) -> None:
         calibration = projector_calibration.calibrate(self._params.width, self._params.height, self._clicked)
@@ -147,31 +147,31 @@ class FloorProjectorNode:
         rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
 
     def _content(self, now: float) -> FloorContent:
-        """Returns the content at time `now` [s]."""
-        inputs = self._inputs.current()
-        borders = tuple(map(shown_border_from_message, inputs.borders))
-        if inputs.state is None or not inputs.state.interaction_id:
+        """Returns what to show at a time [s]."""
+        known = self._inputs.current()
+        borders = tuple(map(shown_border_from_message, known.borders))
+        if known.state is None or not known.state.interaction_id:
             return FloorContent(borders=borders)
         drawing = Drawing()
-        if inputs.progress is not None:
+        if known.progress is not None:
             # every message repeats the points, but only the chain is shown
-            drawing = replace(drawing_from_progress(inputs.progress), points=(), point_cameras=())
-        region = inputs.region if inputs.preview is not None and inputs.preview.success else None
-        return FloorContent(inputs.state.name, borders, drawing, self._steady_spot(inputs.spots, now), region)
+            drawing = replace(drawing_from_progress(known.progress), points=(), point_cameras=())
+        region = known.region if known.preview is not None and known.preview.success else None
+        return FloorContent(known.state.name, borders, drawing, self._steady_spot(known.spots, now), region)
 
     def _steady_spot(self, spots: Tuple[TrailPoint, ...], now: float) -> Optional[Tuple[float, float]]:
-        """Returns the newest spot's position, updated in steps, so that small movements need no new image."""
+        """Returns the newest spot's position in steps, so that not every small movement needs a new image."""
         if not spots or not abs(now - spots[-1].stamp) <= _SPOT_LIFETIME:
-            self._projected_spot = None
+            self._spot_shown = None
         else:
-            position = (spots[-1].x, spots[-1].y)
-            if self._projected_spot is None or np.hypot(*np.subtract(position, self._projected_spot)) > _SPOT_STEP:
-                self._projected_spot = position
-        return self._projected_spot
+            at = (spots[-1].x, spots[-1].y)
+            if self._spot_shown is None or np.hypot(*np.subtract(at, self._spot_shown)) > _SPOT_STEP:
+                self._spot_shown = at
+        return self._spot_shown
 
     def _show(self, floor_image: FloorImage, content: FloorContent) -> None:
-        if self._projected is None or self._projected != content or self._projected.region is not content.region:
-            self._projected = content
+        if self._shown is None or self._shown != content or self._shown.region is not content.region:
+            self._shown = content
             self._project(floor_image.render(content))
 
     def _project(self, image: np.ndarray) -> None:
@@ -181,7 +181,7 @@ class FloorProjectorNode:
 
 
 def build() -> FloorProjectorNode:
-    """Reads the parameters and constructs the node."""
+    """Reads the parameters and makes the node."""
     params = parameters.read(ProjectorParams)
     if not params.calibration:
         raise ParameterError("~calibration", "must name the projector's file; one that is not there yet will be made")

@@ -1,8 +1,8 @@
 """The connection to the MQTT broker, which is restored automatically and then sends the newest states. No ROS.
 
-States are sent with QoS 0, and all states again at each connection. So a lost message is replaced, and an old one is
-never sent after a newer one. The session is clean, so that the broker does not queue requests while this client is
-disconnected: nobody would expect them to be carried out later.
+States are sent with QoS 0, and all of them again at each connection. So a lost message is replaced, and an old one is
+never sent after a newer one. The session is clean: the broker must not queue requests while this client is away,
+because nobody expects them any more.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from vb_core import files
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 
-KEEPALIVE = 10  # [s] a lost broker or network is detected after one and a half times as long
+KEEPALIVE = 10  # [s] a silent loss of the broker or the network is noticed after one and a half times as long
 _RETRIES = (1, 10)  # [s] shortest and longest time between two attempts to connect
 
 
 @dataclass(frozen=True)
 class Connection(Parameters):
-    """The settings of the connection to the broker, from a file that only its owner can read."""
+    """How to reach the broker, from a file that only its owner can read."""
 
     username: str = param("")
     password: str = param("")
-    port: int = param(0, "", low=0, high=65535)  # 0 for the default port
+    port: int = param(0, "", low=0, high=65535)  # 0: the default
     tls: bool = param(False)
-    ca_file: str = param("")  # the CA that signed the broker's certificate; empty for the system's CAs
+    ca_file: str = param("")  # of the CA that signed the broker's certificate; empty: the system's CAs
 
 
 def read_connection(path: Path) -> Connection:
-    """Reads a YAML file, and makes it readable by its owner only; without the file, uses no password.
+    """Reads a YAML file, and makes it readable by its owner only; without a file, no password is used.
 
     Raises:
         CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
@@ -48,11 +48,11 @@ def read_connection(path: Path) -> Connection:
         files.keep_private(path)
         return Connection.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")), str(path))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or type(error).__name__  # the error's text may contain the password
+        reason = getattr(error, "strerror", None) or type(error).__name__  # the text may hold the password
         raise CodedError("mqtt_file_bad", file=path, reason=reason) from None
 
 
-def _parse_address(address: str) -> Tuple[str, Optional[int]]:
+def _split(address: str) -> Tuple[str, Optional[int]]:
     try:
         parts = urlsplit(f"//{address}")
         if parts.hostname and parts.netloc == address:  # a scheme would leave a path
@@ -63,14 +63,14 @@ def _parse_address(address: str) -> Tuple[str, Optional[int]]:
 
 
 class MqttClient:
-    """A client of a broker. Its callbacks are called in one separate thread.
+    """A client of a broker. Its callbacks are called in one thread of its own.
 
     Args:
         address: HOST or HOST:PORT; an IPv6 address in brackets.
-        client: its id, the same in each process, so that the broker ends the previous process's connection.
-        will: topic and payload that the broker publishes, retained, when this client is gone.
+        client: its id, the same in each process: the broker ends an earlier connection before it accepts a new one.
+        will: topic and payload that the broker publishes, retained, once this client is gone.
         subscriptions: callbacks (topic, payload, retained) by topic filter, with QoS 1.
-        on_fault: called if a callback raises an exception, which is a fault of the program.
+        on_fault: called if a callback raised, which is a fault of the program.
 
     Raises:
         CodedError: "bad_parameter" for a malformed address; "mqtt_file_bad" if the CA file cannot be used.
@@ -85,10 +85,10 @@ class MqttClient:
         subscriptions: Dict[str, Callable[[str, bytes, bool], None]],
         on_fault: Callable[[Exception], None],
     ) -> None:
-        host, port = _parse_address(address)
+        host, port = _split(address)
         port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
-        self.trouble = ""  # reason why the broker refused the last connection or subscription; "" if it did not
+        self.trouble = ""  # why the broker last refused a connection or subscription; "": it did not
         self._states: Dict[str, bytes] = {}
         self.connected = False  # whether the broker has accepted this client
         self._lock = threading.Lock()
@@ -98,12 +98,12 @@ class MqttClient:
         if connection.username:
             self._client.username_pw_set(connection.username, connection.password or None)
         if connection.tls:
-            self._client.tls_set_context(_make_ssl_context(connection.ca_file))
+            self._client.tls_set_context(_trust(connection.ca_file))
         self._client.reconnect_delay_set(*_RETRIES)
         self._client.on_connect, self._client.on_disconnect = self._on_connect, self._on_disconnect
         self._client.on_subscribe = self._on_subscribe
         for topics, callback in subscriptions.items():
-            self._client.message_callback_add(topics, self._make_receiver(callback))
+            self._client.message_callback_add(topics, self._receiver(callback))
         self._client.connect_async(host, port, KEEPALIVE)
 
     def start(self) -> None:
@@ -111,7 +111,7 @@ class MqttClient:
         self._client.loop_start()
 
     def put(self, topic: str, payload: bytes) -> None:
-        """Sets a topic's retained message, now or once connected; an empty one deletes it, if connected."""
+        """Sets a topic's retained message, now or once connected; an empty one deletes it, only while connected."""
         with self._lock:
             if payload and self._states.get(topic) == payload:
                 return
@@ -138,7 +138,7 @@ class MqttClient:
         if reason.is_failure:
             self.trouble = str(reason)
             return
-        # subscribe first, because the hub may send requests as soon as it sees this client online
+        # first: once a hub sees this client online, its requests must be received
         client.subscribe([(topics, 1) for topics in self._subscriptions])
         with self._lock:
             self.connected, self.trouble = True, ""
@@ -152,17 +152,17 @@ class MqttClient:
     def _on_subscribe(self, _client: Any, _data: Any, _id: int, reasons: Any, _properties: Any) -> None:
         self.trouble = next((str(reason) for reason in reasons if reason.is_failure), "")
 
-    def _make_receiver(self, callback: Callable[[str, bytes, bool], None]) -> Callable[..., None]:
+    def _receiver(self, callback: Callable[[str, bytes, bool], None]) -> Callable[..., None]:
         def receive(_client: Any, _data: Any, message: Any) -> None:
             try:
                 callback(message.topic, bytes(message.payload), bool(message.retain))
-            except Exception as error:  # otherwise this thread would end, and receive no more messages
+            except Exception as error:  # otherwise this thread would end, and receive nothing more
                 self._on_fault(error)
 
         return receive
 
 
-def _make_ssl_context(ca_file: str) -> ssl.SSLContext:
+def _trust(ca_file: str) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=str(Path(ca_file).expanduser()) if ca_file else None)
     except (OSError, ssl.SSLError) as error:

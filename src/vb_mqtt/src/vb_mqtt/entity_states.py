@@ -1,7 +1,7 @@
 """Converts messages to the states of entities; needs the messages' fields, but no node.
 
-A state has only fields that people and automations use, and none that changes all the time, because each change is an
-entry in the hub's history.
+A state holds only what people and automations use, and nothing that changes by itself: each change is an entry in the
+hub's history.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from vb_core.zones import zone_of
 from vb_mqtt.entities import ANSWERS, NOTICES
 
 NOBODY_ASKS = "-"
-QUESTION_TIME = 30.0  # [s] within which a question can be answered
-MAX_SIDE = 1000  # [px] largest width and height of the map's picture
+QUESTION_TIME = 30.0  # [s] for which a question can be answered
+MAX_SIDE = 1000  # [px] of the map's picture
 _TEXT = 250  # characters; Home Assistant accepts 255
 _WALL, _FREE, _UNSEEN = (34, 34, 40), (255, 255, 255), (208, 208, 208)
 _RESTRICTED, _SOFT = (60, 94, 213), (160, 175, 235)
@@ -47,7 +47,7 @@ def stop_value(message: Any) -> Dict[str, Any]:
 
 
 def question_value(message: Any, language: str) -> Dict[str, Any]:
-    """Converts vb_msgs/InteractionState to the open question, the source that was asked, and the answer for yes."""
+    """Converts vb_msgs/InteractionState to the open question, who was asked, and the command that answers yes."""
     since = (message.header.stamp - message.last_answered).to_sec()
     asked = message.last_code in QUESTIONS and since <= QUESTION_TIME
     answer = mapping_from_values(message.last_values).get("answer", "") if asked else ""
@@ -75,22 +75,22 @@ def border_value(border: Any) -> Dict[str, Any]:
 
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
     """Returns sentences on a robot's problems, or that it is not connected."""
-    robot_lines = [line for line in lines if line.robot == name]
-    problems = [n for n in robot_lines if n.severity >= Severity.WARNING or n.code == "robot_not_connected"]
-    # the empty name means no robot in a notice, but also the only robot
+    mine = [line for line in lines if line.robot == name]
+    bad = [one for one in mine if one.severity >= Severity.WARNING or one.code == "robot_not_connected"]
+    # a notice about no robot has the empty name too, which is also that of the only robot
     who = sentences.robot_value(name)
-    problems += [n for n in notices if n.severity >= Severity.WARNING and who in (n.robot, n.values.get("who"))]
-    return [notice.sentence(language) for notice in problems]
+    bad += [one for one in notices if one.severity >= Severity.WARNING and who in (one.robot, one.values.get("who"))]
+    return [one.sentence(language) for one in bad]
 
 
 def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
     """Converts a notice, for the list of notices and as an event."""
-    subject = {"robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
+    about = {"robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
     return {
         "event_type": NOTICES[notice.severity],
         "code": notice.code,
         "text": notice.sentence(language)[:_TEXT],
-        **{field: value for field, value in subject.items() if value},
+        **{field: value for field, value in about.items() if value},
     }
 
 
@@ -105,19 +105,19 @@ def draw_map(before: GridMap, after: GridMap, borders: Sequence[Any]) -> bytes:
 
     Args:
         before: the map without borders.
-        after: the map with borders, of the same geometry.
-        borders: vb_msgs/VirtualBorder; disabled ones are drawn grey.
+        after: the map with them, of the same geometry.
+        borders: vb_msgs/VirtualBorder; disabled ones become grey.
     """
-    raised = after.data > before.data
+    added = after.data > before.data
     pixels = np.full((*before.shape, 3), _FREE, np.uint8)
     pixels[before.data == UNKNOWN] = _UNSEEN
     pixels[before.data > 50] = _WALL
-    pixels[raised] = _SOFT
-    pixels[raised & (after.data == 100)] = _RESTRICTED
+    pixels[added] = _SOFT
+    pixels[added & (after.data == 100)] = _RESTRICTED
     scale = MAX_SIDE / max(before.shape)
-    # INTER_AREA keeps thin walls when a large map is scaled down
-    interpolation = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
-    pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=interpolation)
+    # a large map's walls must not vanish between its pixels
+    kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
+    pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=kind)
     for border in borders:
         line = (before.world_to_grid(array_from_points(border.points)) + 0.5) * scale
         if len(line) and np.isfinite(line).all():

@@ -1,8 +1,8 @@
 """Checks messages that arrive by MQTT: each becomes a request, or a refusal with a code. No ROS, no broker.
 
-A broker may deliver a message twice, retain it for later subscribers, or deliver it late. So a message is accepted only
-once, and only if it contains the time at which it was given. Only `stop` is accepted at any age and in any form, unless
-it was retained, because an unnecessary stop does no harm. A malformed message raises nothing but a `Refusal`.
+A broker may deliver a message twice, retain it for later subscribers, or deliver it long after it was written. So a
+message counts once, and only if it carries the time at which it was given. Only `stop` is accepted at any age and in
+any form, unless it was retained: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
 
 >>> inbox = Inbox(started=90.0)
 >>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
@@ -30,7 +30,7 @@ from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 KNOWN = (*COMMANDS, *ANSWERS)
 MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
-RATE, BURST = 2.0, 10.0  # accepted requests: [1/s] on average, and at once
+RATE, BURST = 2.0, 10.0  # requests let through: [1/s] on average, and at once
 _TEXT = re.compile(r"[0-9A-Za-z_.-]{0,64}")
 _KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))  # fields, beside `at` and `id`
 
@@ -39,7 +39,7 @@ class Refusal(CodedError):
     """The refusal of a message.
 
     Attributes:
-        sender_id: the sender's own id for the message, or "".
+        sender_id: the sender's own id for the message; "" if it has none.
     """
 
     sender_id = ""
@@ -50,9 +50,9 @@ class Request:
     """A valid request.
 
     Attributes:
-        id: the request's id; requests with the same id are carried out once.
+        id: requests with the same one are carried out once.
         sender_id: the sender's own id for it, which the answer repeats.
-        command: its name; "" if a border should be switched.
+        command: its name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
         border: key of the border to switch, see `entities.key_of`.
         enabled: whether to switch it on.
@@ -72,12 +72,12 @@ class Inbox:
     """Accepts each request once. Not thread safe.
 
     Args:
-        started: [s] time of day when this process started; an earlier one may have carried out older requests.
+        started: [s] time of day; an earlier process may have carried out requests given before.
     """
 
     def __init__(self, started: float) -> None:
         self._started = started
-        self._accepted_ids: Deque[str] = deque(maxlen=256)  # more than the rate allows within MAX_AGE
+        self._taken: Deque[str] = deque(maxlen=256)  # ids; more than the rate lets through within MAX_AGE
         self._limiter = Limiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
@@ -99,67 +99,67 @@ class Inbox:
         sender_id = sender_id if isinstance(sender_id, str) and _TEXT.fullmatch(sender_id) else ""
         digest = f"mqtt:{hashlib.blake2b(payload, digest_size=12).hexdigest()}"
         if fields.get("command") == STOP:
-            # stops are obeyed even if their sender always uses the same id
+            # a sender that gives each of its stops the same id must be obeyed all the same
             return Request(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
         try:
-            # messages without an id are distinguished by their contents, which include the time
-            request = self._make_request(fields, f"mqtt:{sender_id}" if sender_id else digest, sender_id, now)
-            if request.id in self._accepted_ids:
+            # messages without an id are told apart by their contents, which include the time
+            request = self._checked(fields, f"mqtt:{sender_id}" if sender_id else digest, sender_id, now)
+            if request.id in self._taken:
                 return None
             if not self._limiter.allows("", now):
                 raise Refusal("mqtt_too_fast")
         except Refusal as refusal:
             refusal.sender_id = sender_id
             raise
-        self._accepted_ids.append(request.id)
+        self._taken.append(request.id)
         return request
 
-    def _make_request(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> Request:
+    def _checked(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> Request:
         allowed = next((kind for kind in _KINDS if kind & set(fields)), frozenset({"command"}))
         unknown = sorted(set(fields) - allowed - {"at", "id"})
         if unknown:
-            raise _bad_message(unknown[0])
-        _read_text(fields, "id")
-        command, border = _read_text(fields, "command"), _read_text(fields, "border")
+            raise _bad(unknown[0])
+        _text(fields, "id")
+        command, border = _text(fields, "command"), _text(fields, "border")
         age = self._age(fields.get("at"), now, command or border)
         if "border" in allowed:
             if not border or not isinstance(fields.get("enabled"), bool):
-                raise _bad_message("enabled" if border else "border")
+                raise _bad("enabled" if border else "border")
             return Request(identity, sender_id, border=border, enabled=fields["enabled"], age=age)
         if command not in KNOWN:
-            raise _bad_message("command")
-        return Request(identity, sender_id, command, _read_text(fields, "seen_stop"), age=age)
+            raise _bad("command")
+        return Request(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
 
-    def _age(self, given: Any, now: float, what: str) -> float:
-        if isinstance(given, bool) or not isinstance(given, (int, float)) or not 0.0 <= given < 1e12:
+    def _age(self, at: Any, now: float, what: str) -> float:
+        if isinstance(at, bool) or not isinstance(at, (int, float)) or not 0.0 <= at < 1e12:
             raise Refusal("mqtt_undated")
-        if given > now + MAX_AGE:
-            raise Refusal("mqtt_clock", seconds=round(given - now))
-        if given < max(now - MAX_AGE, self._started):
+        if at > now + MAX_AGE:
+            raise Refusal("mqtt_clock", seconds=round(at - now))
+        if at < max(now - MAX_AGE, self._started):
             raise Refusal("expired", command=spelled_out(what))
-        return max(0.0, now - given)
+        return max(0.0, now - at)
 
 
-def _bad_message(field: str) -> Refusal:
+def _bad(field: str) -> Refusal:
     return Refusal("mqtt_bad_message", field=ascii(field[:40]))
 
 
 def _read(payload: bytes) -> Dict[str, Any]:
     """Reads JSON, or the word "stop"."""
     if len(payload) > MAX_BYTES:
-        raise _bad_message("length")
+        raise _bad("length")
     try:
         text = payload.decode("utf-8")
         fields = {"command": STOP} if text.strip().lower() == STOP else json.loads(text)
     except (ValueError, RecursionError):
-        raise _bad_message("JSON") from None
+        raise _bad("JSON") from None
     if not isinstance(fields, dict):
-        raise _bad_message("JSON")
+        raise _bad("JSON")
     return fields
 
 
-def _read_text(fields: Dict[str, Any], field: str) -> str:
+def _text(fields: Dict[str, Any], field: str) -> str:
     value = fields.get(field, "")
     if not isinstance(value, str) or not _TEXT.fullmatch(value):
-        raise _bad_message(field)
+        raise _bad(field)
     return value

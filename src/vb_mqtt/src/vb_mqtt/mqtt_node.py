@@ -33,10 +33,10 @@ from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
-SWITCH = "switch_border"  # switching a border is queued with the commands, which are carried out in order
-_PERIOD = 1.0  # [s] between two rounds of publishing, and of checking for silent nodes
-_SILENCE = 4.0  # [s] until a node counts as silent; a detector publishes at 1 Hz, the interaction manager at 10 Hz
-_GRACE = 5.0  # [s] without a broker before a notice reports it
+SWITCH = "switch_border"  # switching a border, among the commands, which are carried out in the order given
+_PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
+_SILENCE = 4.0  # [s] until a node is silent; a detector publishes once a second, the interaction manager ten times
+_GRACE = 5.0  # [s] without a broker before a notice says so
 _INTEGRATOR = "$map_integrator"
 
 
@@ -57,7 +57,7 @@ class MqttParams(Parameters):
 
 
 class MqttNode:
-    """Shows this system in Home Assistant by MQTT discovery, and accepts commands from it.
+    """Shows this system in Home Assistant by MQTT discovery, and accepts commands from there.
 
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid)
@@ -80,14 +80,14 @@ class MqttNode:
         self._inbox, self._answer_limiter = Inbox(time.time()), Limiter(RATE, BURST)
         self._refused: Dict[str, int] = {}  # number of refusals, by code
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
-        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None if not known yet
+        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
         self._grids: Dict[str, Any] = {}
-        self._has_question = False  # whether a question is open
-        self._last_received: Dict[str, float] = {}  # [s] time of the last message on the monotonic clock, by sender
+        self._asked = False  # whether a question is open
+        self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, last time by node or camera
         self._shown_notices: Optional[Set[Tuple[str, ...]]] = None  # keys of the last round's notices
         self._connected_at = time.monotonic()
         connection = read_connection(Path(params.connection_file).expanduser())
-        subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_description}
+        subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_described}
         will = (self._lab.topic("availability"), OFFLINE.encode())
         self._broker = MqttClient(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._command_sender = CommandSender(SOURCE, self._on_answer)
@@ -103,7 +103,7 @@ class MqttNode:
         rospy.loginfo("%s: the broker is %s", rospy.get_name(), self._broker.address)
 
     def close(self) -> None:
-        """Marks the system as offline in the hub, and ends the threads."""
+        """Tells the hub that the system is offline, and ends the threads."""
         self._maps.close()
         self._publish_timer.close()
         self._broker.close()
@@ -131,7 +131,7 @@ class MqttNode:
         self._maps.put(True)
 
     def _on_detector(self, message: DetectorStatus) -> None:
-        self._last_received["camera " + message.camera] = time.monotonic()
+        self._heard["camera " + message.camera] = time.monotonic()
 
     def _on_grid(self, message: Any) -> None:
         self._grids[message._connection_header["topic"]] = message
@@ -141,33 +141,33 @@ class MqttNode:
         grids = [self._grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)]
         if None in grids:
             return
-        physical, with_borders = map(messages.grid_from_message, grids)
-        if physical.same_geometry(with_borders):
+        before, after = map(messages.grid_from_message, grids)
+        if before.same_geometry(after):
             self._broker.put(
                 self._lab.topic("map"), entity_states.draw_map(before, after, list((self._borders or {}).values()))
             )
 
     # ------------------------------------------------------------------ to the broker
-    def _publish_state(self, key: str, value: Any) -> None:
+    def _put(self, key: str, value: Any) -> None:
         self._broker.put(self._lab.topic(key), _json(value))
 
-    def _on_description(self, topic: str, payload: bytes, _retained: bool) -> None:
+    def _on_described(self, topic: str, payload: bytes, _retained: bool) -> None:
         with self._lock:
             (self._described.add if payload else self._described.discard)(topic)
         self._publish_timer.set()
 
-    def _is_alive(self, what: str) -> bool:
-        return time.monotonic() - self._last_received.get(what, -1e9) < _SILENCE
+    def _is_heard(self, what: str) -> bool:
+        return time.monotonic() - self._heard.get(what, -1e9) < _SILENCE
 
-    def _publish_health(self) -> None:
-        manager, robots = self._is_alive(MANAGER), self._robots.current()
+    def _put_health(self) -> None:
+        manager, robots = self._is_heard(MANAGER), self._robots.current()
         offered = effective(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
         health.update(
-            {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._has_question}
+            {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._asked}
         )
         health[INTEGRATOR] = self._borders_subscriber.get_num_connections() > 0
-        self._publish_state("health", {key: ONLINE if available else OFFLINE for key, available in health.items()})
+        self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
     def _publish_all(self) -> None:
         """Publishes all entities with their availability and problems, and new notices."""
@@ -176,22 +176,22 @@ class MqttNode:
             self._lab = replace(self._lab, robots=tuple(status.robot for status in robots[0].robots))
         if borders is not None:
             self._lab = replace(self._lab, borders={border.id: border.name for border in borders.values()})
-        self._publish_health()
+        self._put_health()
         problems = {key_of("camera", camera): self._camera_problems(camera, notices) for camera in self._lab.cameras}
         for robot in self._lab.robots or ():
             lines = robots[1].lines if robots is not None else ()
             problems[key_of("robot", robot)] = entity_states.robot_problems(robot, lines, notices, self._language)
         for key, texts in problems.items():
-            self._publish_state(key, {"problem": bool(texts), "problems": sorted(set(texts))})
+            self._put(key, {"problem": bool(texts), "problems": sorted(set(texts))})
         for key, border in (borders or {}).items():
             self._put(key, entity_states.border_value(border))
         self._describe()
-        self._send_new_notices(notices)
+        self._send_news(notices)
         self._watch_connection()
 
     def _camera_problems(self, camera: str, notices: List[Notice]) -> List[str]:
-        problems = [n.sentence(self._language) for n in notices if n.camera == camera and n.severity]
-        if not self._is_alive("camera " + camera):
+        problems = [one.sentence(self._language) for one in notices if one.camera == camera and one.severity]
+        if not self._is_heard("camera " + camera):
             problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
         return problems
 
@@ -208,12 +208,12 @@ class MqttNode:
         values = [entity_states.notice_value(notice, self._language) for notice in notices]
         with self._lock:
             refused = dict(self._refused)
-        self._publish_state("notices", {"count": len(values), "notices": values[:20], "refused": refused})
-        current_values = dict(zip(((n.code, n.robot, n.border_id, n.camera) for n in notices), values))
-        for key, value in current_values.items():
+        self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
+        now = dict(zip(((one.code, one.robot, one.border_id, one.camera) for one in notices), values))
+        for key, value in now.items():
             if self._shown_notices is not None and key not in self._shown_notices:
                 self._broker.send(self._lab.topic(entities.NOTICE), _json(value))
-        self._shown_notices = set(current_values)
+        self._shown_notices = set(now)
 
     def _watch_connection(self) -> None:
         now = time.monotonic()
@@ -228,14 +228,14 @@ class MqttNode:
         try:
             request = self._inbox.take(payload, retained, time.time())
             if request is not None:
-                self._enqueue(request)
+                self._order(request)
         except CodedError as error:
             if retained:
-                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # else it would return at each connection
+                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # or it would arrive again at each connection
             self._refuse(Request("", getattr(error, "sender_id", "")), error)
 
-    def _enqueue(self, request: Request) -> None:
-        accepted = self._command_sender.put(
+    def _order(self, request: Request) -> None:
+        taken = self._command_sender.put(
             request.command or SWITCH,
             request,
             given=time.monotonic() - request.age,
@@ -243,7 +243,7 @@ class MqttNode:
             identity=request.id,
             carry_out=send if request.command else lambda _given: self._switch(request),
         )
-        if not accepted:
+        if not taken:
             self._refuse(request, CodedError("mqtt_too_fast"))
 
     def _switch(self, request: Request) -> Any:
@@ -269,7 +269,7 @@ class MqttNode:
     def _send_answer(self, request: Request, success: bool, code: str, text: str) -> None:
         what = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
-        # the inbox limits requests with an id; a refusal is counted even if it gets no answer
+        # the inbox limits requests with an id; a refusal without an answer is counted all the same
         if request.id or self._answer_limiter.allows("", time.time()):
             value = entity_states.answer_value(request.sender_id, what, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))
@@ -287,5 +287,5 @@ def _on_fault(error: Exception) -> None:
 
 
 def build() -> MqttNode:
-    """Reads the parameters and constructs the node."""
+    """Reads the parameters and makes the node."""
     return MqttNode(parameters.read(MqttParams))

@@ -1,7 +1,7 @@
-"""A map for a round robot's questions: clearance, lines of sight, shortest paths.
+"""The map as a round robot sees it: clearance, lines of sight, shortest paths.
 
-Only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the computing time
-does not depend on the map's size; the path of a robot outside the window enters at the window's edge.
+Only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the cost of a
+choice does not depend on the map's size; the path of a robot outside it enters at the window's edge.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from vb_core.grid_layers import Window, clearance_grid, sample
 from vb_core.grid_map import GridMap
 from vb_robot.shortest_paths import ShortestPaths
 
-STOP_MARGIN = 0.10  # [m] clearance beyond the radius where a robot stops
-TRAVEL_MARGIN = 0.03  # [m] clearance beyond the radius on the path; navigation keeps its own inflation
-BLOCKED_THRESHOLD = 50  # [%] a cell of this occupancy or more is blocked, even by a soft border
-PATH_CELL = 0.05  # [m] least cell size of the grid on which paths are searched
-MAX_PATH_CELLS = 10000  # a larger map is searched on coarser cells: a search takes 1 ms per 1,000 cells
-START_TOLERANCE = 0.35  # [m] distance from free cells at which a path may start, for a robot at a wall
-WINDOW_MARGIN = 3.0  # [m] around robot and line: robots look from up to 1.5 m, the line is extrapolated by 0.8 m
-MAX_WINDOW_REACH = 8.0  # [m] robots and lines farther away do not enlarge the window
-WINDOW_STEP = 2.0  # [m] windows start and end at multiples of this, so that one can be reused while the spot moves
+STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
+TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
+BLOCKED_THRESHOLD = 50  # [%] from this occupancy on a cell is blocked, even by a soft border
+PATH_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
+MAX_PATH_CELLS = 10000  # ... but coarser on maps that would have more cells: a search costs 1 ms per 1,000
+START_TOLERANCE = 0.35  # [m] how far from free cells a path may start, for a robot at a wall
+WINDOW_MARGIN = 3.0  # [m] of floor around what matters: robots look from up to 1.5 m, the line is extrapolated by 0.8 m
+MAX_WINDOW_REACH = 8.0  # [m] robots and lines farther away do not make the window larger
+WINDOW_STEP = 2.0  # [m] windows begin and end at multiples of this, so that one serves for a while as the spot moves
 
 
-def bounding_window(spot, *other_points) -> Window:
-    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and those points (N, 2) near it."""
+def bounding_window(spot, *others) -> Window:
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and the points (N, 2) near it."""
     spot = np.asarray(spot, dtype=float)
-    points = np.vstack([spot[None], *(np.asarray(group, dtype=float).reshape(-1, 2) for group in other_points)])
+    points = np.vstack([spot[None], *(np.asarray(some, dtype=float).reshape(-1, 2) for some in others)])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
     low = np.floor((points.min(axis=0) - WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
     high = np.ceil((points.max(axis=0) + WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
@@ -37,24 +37,24 @@ def bounding_window(spot, *other_points) -> Window:
 
 
 class ClearanceMap:
-    """A map prepared for queries about positions and paths. Constructed once per map and window.
+    """A map prepared for queries about positions and paths. Made once per map and window.
 
     Args:
         grid: the map with borders: physical obstacles and borders.
         radius: [m] of the robot.
-        physical: the map without borders, since borders do not block the view; None to use `grid`.
+        physical: the map without borders, which decides what blocks the view; a border does not. None: `grid`.
     """
 
     def __init__(self, grid: GridMap, radius: float, physical: Optional[GridMap] = None) -> None:
         self.grid, self.radius = grid, radius
         self.blocked = (grid.data >= BLOCKED_THRESHOLD) | (grid.data < 0)
         self.clearance = clearance_grid(self.blocked, grid.resolution)
-        visible_map = physical if physical is not None and physical.same_geometry(grid) else grid
-        self.opaque = visible_map.data >= BLOCKED_THRESHOLD
+        seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
+        self.opaque = seen_through.data >= BLOCKED_THRESHOLD
 
     # ------------------------------------------------------------- places
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: whether the robot and its margin fit at points (N, 2) [m]."""
+        """Returns (N,) bool: whether there is room for the robot and its margin at points (N, 2) [m]."""
         return sample(self.grid, self.clearance, points) >= self.radius + STOP_MARGIN
 
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
@@ -62,59 +62,59 @@ class ClearanceMap:
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
-        # samples have fixed distances from the target, so that one point's result does not depend on the others; the
-        # first piece is left out, because a spot at the foot of a wall is visible though its cell may be the wall's
-        distances = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
+        # from the target outwards at fixed steps, so that one point's answer does not depend on the others; the
+        # first piece is left out: a spot at the foot of a wall is visible although its cell may be the wall's
+        along = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
-        samples = target + distances[None, :, None] * units[:, None, :]
+        samples = target + along[None, :, None] * units[:, None, :]
         hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(samples.shape[:2])
-        hidden = np.where(distances[None, :] < lengths[:, None], hidden, 0.0)
+        hidden = np.where(along[None, :] < lengths[:, None], hidden, 0.0)
         return ~(hidden > 0).any(axis=1)
 
     # ------------------------------------------------------------- paths
-    def path_lengths(self, start, positions: np.ndarray, others=(), closed: Optional[np.ndarray] = None) -> np.ndarray:
-        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to positions (N, 2) [m].
+    def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
+        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf: no path.
 
-        A length is inf if there is no path. Other robots (K, 2) [m], of the same size, and closed cells (H, W) bool are
-        in the way. A start outside a window is joined to the free cells of its edge by straight lines.
+        Other robots (K, 2) [m], of the same size, and barred cells (H, W) bool are in the way. A start outside a
+        window is joined to the free cells of its edge by straight lines.
         """
         start, others = np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2)
-        min_cell_size = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
-        step = max(1, int(np.ceil(max(PATH_CELL, min_cell_size) / self.grid.resolution - 0.01)))
+        coarse = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
+        step = max(1, int(np.ceil(max(PATH_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
-        block_clearances = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
-        # a block has its largest clearance, because the smallest would close doorways that are wide enough
-        free = block_clearances.max(axis=(1, 3), initial=0.0) >= self.radius + TRAVEL_MARGIN
-        if closed is not None:
-            free &= ~closed[: rows * step, : columns * step].reshape(block_clearances.shape).any(axis=(1, 3))
+        blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
+        # the largest clearance of a block: the smallest would close doorways that are wide enough
+        free = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + TRAVEL_MARGIN
+        if barred is not None:
+            free &= ~barred[: rows * step, : columns * step].reshape(blocks.shape).any(axis=(1, 3))
         cells = np.argwhere(free)
         centers = self.grid.cell_to_world(cells * step + (step - 1) / 2.0)
         for other in others:
             free[tuple(cells[np.linalg.norm(centers - other, axis=1) < 2.0 * self.radius + TRAVEL_MARGIN].T)] = False
-        entry_costs = np.where(free[tuple(cells.T)], np.linalg.norm(centers - start, axis=1), np.inf)
+        gaps = np.where(free[tuple(cells.T)], np.linalg.norm(centers - start, axis=1), np.inf)
         if self.grid.contains_cells(self.grid.world_to_cell(start))[0]:
-            entries = np.argsort(entry_costs, kind="stable")[:1]
-            entries = entries[entry_costs[entries] <= START_TOLERANCE]
-            entry_costs = np.zeros(len(entry_costs))
+            gates = np.argsort(gaps, kind="stable")[:1]
+            gates = gates[gaps[gates] <= START_TOLERANCE]
+            gaps = np.zeros(len(gaps))
         else:
             at_edge = ((cells == 0) | (cells == np.array(free.shape) - 1)).any(axis=1)
-            entries = np.flatnonzero(at_edge & np.isfinite(entry_costs))
-        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[entries], entry_costs[entries])
-        goal_cells = self.grid.world_to_cell(positions) // step
-        inside = ((goal_cells >= 0) & (goal_cells < np.array(free.shape))).all(axis=1)
-        lengths = np.full(len(goal_cells), np.inf)
-        lengths[inside] = paths.costs[tuple(goal_cells[inside].T)]
+            gates = np.flatnonzero(at_edge & np.isfinite(gaps))
+        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[gates], gaps[gates])
+        wanted = self.grid.world_to_cell(places) // step
+        inside = ((wanted >= 0) & (wanted < np.array(free.shape))).all(axis=1)
+        lengths = np.full(len(wanted), np.inf)
+        lengths[inside] = paths.costs[tuple(wanted[inside].T)]
         return lengths
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
-        """Predicts the area that a border along the chain would restrict with this seed; an approximation.
+        """Predicts what a border along the chain would restrict with this seed, less exactly than the integration.
 
         Args:
             seed: (2,) [m]; chain: (M, 2) [m]; open ends are extended straight to the next obstacle.
 
         Returns:
-            (H, W) bool; None if the chain separates no area.
+            (H, W) bool; None if the chain separates nothing.
         """
         chain = np.asarray(chain, dtype=float).reshape(-1, 2)
         if len(chain) < 2:
@@ -123,21 +123,21 @@ class ClearanceMap:
             chain = np.vstack(
                 [self.ray_end(chain[0], chain[0] - chain[1]), chain, self.ray_end(chain[-1], chain[-1] - chain[-2])]
             )
-        free = (~self.blocked).astype(np.uint8)
+        canvas = (~self.blocked).astype(np.uint8)
         pixels = np.rint(self.grid.world_to_grid(chain)).astype(np.int32)
-        cv2.polylines(free, [pixels.reshape(-1, 1, 2)], closed, 0, thickness=1, lineType=cv2.LINE_8)
-        _, labels = cv2.connectedComponents(free, connectivity=4)
+        cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], closed, 0, thickness=1, lineType=cv2.LINE_8)
+        _, labels = cv2.connectedComponents(canvas, connectivity=4)
         label = sample(self.grid, labels, np.asarray(seed, dtype=float).reshape(1, 2))[0]
-        area = labels == label
-        return area if label > 0 and area.sum() <= 0.98 * int(free.sum()) else None
+        side = labels == label
+        return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else None
 
     def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Returns the point (2,) [m] where a ray meets a blocked cell or the map's edge."""
+        """Returns where (2,) [m] a ray from a start along a direction meets a blocked cell or the map's edge."""
         norm = float(np.linalg.norm(direction))
         if norm < 1e-9:
             return start
-        max_length = float(np.hypot(*self.grid.shape)) * self.grid.resolution
-        distances = np.arange(0.0, max_length, self.grid.resolution / 2.0)
-        points = start + distances[:, None] * (direction / norm)
-        blocked = np.flatnonzero(sample(self.grid, self.blocked, points, outside=1.0) > 0)
-        return points[blocked[0]] if len(blocked) else points[-1]
+        reach = float(np.hypot(*self.grid.shape)) * self.grid.resolution
+        steps = np.arange(0.0, reach, self.grid.resolution / 2.0)
+        points = start + steps[:, None] * (direction / norm)
+        hits = np.flatnonzero(sample(self.grid, self.blocked, points, outside=1.0) > 0)
+        return points[hits[0]] if len(hits) else points[-1]

@@ -42,11 +42,11 @@ from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
 from vb_robot.subscriptions import RUNNING, message_class, subscribe_map, subscribe_spots
 
-STATE_PERIOD = 0.5  # [s] between reports of the active source, even if nothing changes
-MIN_STOP = 0.5  # [s] a shorter stop causes no notice
+STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
+MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
 WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] in wall time
-MAX_AMCL_UPDATES = 40  # after which AMCL has found its pose, or never will
-# codes that cause notices, unlike the usual ones: "driving", "idle", "spot_in_view", "speed_limit" and so on
+MAX_AMCL_UPDATES = 40  # after which AMCL has found its pose, or will not
+# codes that people are told of, unlike the usual ones: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
@@ -59,42 +59,41 @@ class DriverParams(Parameters):
     """The node's parameters; the robot's properties come from its profile."""
 
     robot: str = param(
-        "",
-        doc="name of the robot in borders and notices, of its camera, and prefix of its frames; empty: the only robot",
+        "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"
     )
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
-    stop_file: str = param("", doc="file that keeps the robot's stops across restarts; empty: none")
+    stop_file: str = param("", doc="file with the stops that the robot holds, also after a restart; empty: none")
 
 
 class RobotDriverNode:
-    """Chooses the source that drives a robot, and limits every command. See `Arbiter`.
+    """Chooses which source drives a robot, and limits every command. See `Arbiter`.
 
     Subscribed topics:
-        cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist): forward and turning; sideways motion is rejected
+        cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist): forward and turning; sideways motion is refused
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (vb_msgs/Stop)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid)
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
-        scan (sensor_msgs/LaserScan): under the profile's name
-        <contact> (rospy/AnyMsg): each contact sensor, with the profile's message type
+        scan (sensor_msgs/LaserScan): as the profile names it
+        <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
         move_base/status (actionlib_msgs/GoalStatusArray)
-        move_base/recovery_status (move_base_msgs/RecoveryStatus): a recovery's turns pass unchanged; optional
+        move_base/recovery_status (move_base_msgs/RecoveryStatus): a recovery turns the robot by itself; optional
         move_base/NavfnROS/plan (nav_msgs/Path): or another planner's; the robot first turns towards it; optional
-        amcl_pose, initialpose (geometry_msgs/PoseWithCovarianceStamped): the localisation's uncertainty, and poses that
-            a person gives it; optional
-        cmd_vel (geometry_msgs/Twist): or the profile's base/topic and base/output; another node's command is answered
-            with a zero
-        /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and the sensors' mounts
+        amcl_pose, initialpose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be, and that
+            somebody has told it where the robot is; optional
+        cmd_vel (geometry_msgs/Twist): or the profile's base/topic and base/output; a command of another node is
+            answered with a zero
+        /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
-        cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while a source drives, and one zero after that;
-            zeros while the robot is stopped, and for some seconds after a subscriber connects
+        cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while the robot is driven, then one zero command;
+            zeros while it is stopped, and for some seconds after a subscriber is added
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
-        /virtual_borders/drivers (vb_msgs/DriverState): the active source and its code
+        /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
         robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the
-            localisation uncertainty, for navigation's costmaps
+            localisation uncertainty: for navigation's costmaps
     Services called:
-        request_nomotion_update (std_srvs/Empty): AMCL's, while it is uncertain of a pose that it had or was given
+        request_nomotion_update (std_srvs/Empty): AMCL's, while it is uncertain of a pose that it knew or was told
     Parameters:
         ~* DriverParams
         robot_profile: in the robot's namespace
@@ -118,48 +117,48 @@ class RobotDriverNode:
         self._transforms = TransformLookup()
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher(profile.base.topic, Twist, queue_size=1, tcp_nodelay=True)
-        self._has_listener = True  # whether any node subscribes to these commands
-        self._find_commanders()  # before anything can drive
+        self._heard = True  # whether any node listens to these commands
+        self._look_for_commanders()  # before anything can drive
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
-        self._amcl_updates_left = 0  # remaining requests since AMCL last had a certain pose, or was given one
+        self._amcl_updates_left = 0  # how many AMCL may still be asked for since it last knew, or was told, its pose
         self._subscribe(profile, contacts)
         self._thread = node.start_thread(self._run)
-        self._timers = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, AMCL_UPDATE_PERIOD))
-        node.Worker(self._timers[0], lambda _woken: self._find_commanders())
-        node.Worker(self._timers[1], lambda _woken: self._request_amcl_update())
+        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, AMCL_UPDATE_PERIOD))
+        node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
+        node.Worker(self._beats[1], lambda _woken: self._request_amcl_update())
 
     def close(self) -> None:
         """Stops the robot."""
-        for timer in (self._timer, *self._timers):
+        for timer in (self._timer, *self._beats):
             timer.close()
         self._thread.join(1.0)
         self._cmd_vel.publish(Twist())
 
     def _subscribe(self, profile: RobotProfile, contacts: List[Tuple[Contact, Any]]) -> None:
-        subscribe = rospy.Subscriber
+        listen = rospy.Subscriber
         planner = str(rospy.get_param("move_base/base_global_planner", "NavfnROS")).split("/")[-1]
-        subscribe("cmd_vel/navigation", Twist, self._on_request, NAVIGATION, queue_size=1, tcp_nodelay=True)
-        subscribe("cmd_vel/teleop", Twist, self._on_request, TELEOP, queue_size=1, tcp_nodelay=True)
+        listen("cmd_vel/navigation", Twist, self._on_request, NAVIGATION, queue_size=1, tcp_nodelay=True)
+        listen("cmd_vel/teleop", Twist, self._on_request, TELEOP, queue_size=1, tcp_nodelay=True)
         for topic in {profile.base.topic, profile.base.output} - {""}:
-            subscribe(topic, rospy.AnyMsg, self._on_command, queue_size=20, tcp_nodelay=True)
-        subscribe(names.STATE, InteractionState, self._on_state, queue_size=10)
-        subscribe(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True)
+            listen(topic, rospy.AnyMsg, self._on_command, queue_size=20, tcp_nodelay=True)
+        listen(names.STATE, InteractionState, self._on_state, queue_size=10)
+        listen(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True)
         subscribe_spots(self._arbiter.add)
-        subscribe(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
+        listen(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders"))
         subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical"))
         subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits"))
-        subscribe("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1)
-        subscribe("initialpose", PoseWithCovarianceStamped, self._on_initial_pose, queue_size=1)
-        subscribe("move_base/status", GoalStatusArray, self._on_status, queue_size=1)
-        subscribe(f"move_base/{planner}/plan", Path, self._on_plan, queue_size=1)
-        subscribe("move_base/recovery_status", RecoveryStatus, self._on_recovery, queue_size=5)
+        listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1)
+        listen("initialpose", PoseWithCovarianceStamped, self._on_initial_pose, queue_size=1)
+        listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1)
+        listen(f"move_base/{planner}/plan", Path, self._on_plan, queue_size=1)
+        listen("move_base/recovery_status", RecoveryStatus, self._on_recovery, queue_size=5)
         if profile.scanner.present:
-            subscribe(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1)
-        for contact, message_type in contacts:
-            subscribe(contact.topic, message_type, functools.partial(self._on_contact, contact))
+            listen(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1)
+        for contact, kind in contacts:
+            listen(contact.topic, kind, functools.partial(self._on_contact, contact))
 
     # ------------------------------------------------------------- callbacks
     def _on_request(self, message: Twist, source: str) -> None:
@@ -171,26 +170,26 @@ class RobotDriverNode:
         name = message._connection_header.get("callerid", "somebody")
         if name not in self._allowed:
             self._arbiter.gate.record_other_publisher(name, rospy.get_time())
-            self._cmd_vel.publish(Twist())  # the base obeys the last command, so this one until the next step
+            self._cmd_vel.publish(Twist())  # the base obeys the last command: this one until the next step
 
     def _on_recovery(self, _message: RecoveryStatus) -> None:
         self._arbiter.recover(rospy.get_time())
 
-    def _find_commanders(self) -> None:
-        """Finds the other nodes that can command the base now, whether or not they do."""
+    def _look_for_commanders(self) -> None:
+        """Looks up which other nodes could command the base now, whether or not they do."""
         try:
-            commanders = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
+            found = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
         except (rosgraph.MasterException, OSError):
-            return  # without a master, no other node can register either
-        self._allowed, self._has_listener = commanders.allowed, commanders.heard
-        self._arbiter.gate.registered = tuple(sorted(commanders.others))
+            return  # while the master is away, nobody can register with it either
+        self._allowed, self._heard = found.allowed, found.heard
+        self._arbiter.gate.registered = tuple(sorted(found.others))
 
     def _on_state(self, message: InteractionState) -> None:
         self._arbiter.set_state(
             state_of(message.name), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
         )
         self._stops.update_from_latch(message.stopped, message.stops)
-        self._stops.store()  # in the callback, so that a slow disk does not delay commands to the wheels
+        self._stops.store()  # in the callbacks, so that a slow disk does not delay commands to the wheels
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
@@ -204,7 +203,7 @@ class RobotDriverNode:
         if frame not in self._mounts:
             T = self._lookup(self._base, frame, rospy.Time(0))
             if T is None:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: scans are ignored: no transform from '{frame}' yet")
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: scans do not count: no transform from '{frame}' yet")
                 return
             self._mounts[frame] = T
         scan = Scan(
@@ -217,10 +216,10 @@ class RobotDriverNode:
             self._profile.radius,
             self._profile.scanner.no_return,
         )
-        # the message's stamp is that of its first beam
-        scan_duration = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
+        # the stamp is the first beam's
+        lasted = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
         stamp = message.header.stamp.to_sec()
-        self._arbiter.gate.set_scan(scan, stamp + min(scan_duration, max(rospy.get_time() - stamp, 0.0)))
+        self._arbiter.gate.set_scan(scan, stamp + min(lasted, max(rospy.get_time() - stamp, 0.0)))
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
         sensor = contact.topic, int(getattr(message, contact.sensor)) if contact.sensor else 0
@@ -253,10 +252,10 @@ class RobotDriverNode:
         self._amcl_updates_left = MAX_AMCL_UPDATES
 
     def _request_amcl_update(self) -> None:
-        """Makes AMCL update its pose while the robot stands still, if it had or was given a pose.
+        """Makes AMCL compare scans with the map although the robot stands still, if it knew or was told its pose.
 
-        AMCL itself updates only while the robot moves, and a robot that is lost stands still, so it would stay lost for
-        ever. A pose given in RViz is accurate to half a metre, which is not enough either.
+        By itself AMCL does so only while the robot moves, and a robot that does not know where it is stands still: one
+        bad moment would last for ever. A pose given in RViz is accurate to half a metre, which is not enough either.
         """
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
@@ -268,7 +267,7 @@ class RobotDriverNode:
     def _use_maps(self) -> None:
         borders, physical = self._maps.get("borders"), self._maps.get("physical")
         if borders is None or physical is None or not physical.same_geometry(borders):
-            self._arbiter.gate.workspace = None  # borders cannot be told from obstacles
+            self._arbiter.gate.workspace = None  # it is not known which cells are borders
             return
         workspace = Workspace(borders, physical, self._profile.radius, self._uncertainty.meters)
         self._arbiter.gate.workspace = workspace
@@ -277,26 +276,26 @@ class RobotDriverNode:
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
         # the robot must stop even if simulated time stands still
-        last_time, clock_changed_at = rospy.Time(0), time.monotonic()
+        last, moved = rospy.Time(0), time.monotonic()
         while self._timer.get() is not None and not rospy.is_shutdown():
             now = rospy.Time.now()
             try:
-                if now != last_time:
-                    last_time, clock_changed_at = now, time.monotonic()
-                self._arbiter.gate.clock_age = time.monotonic() - clock_changed_at
+                if now != last:
+                    last, moved = now, time.monotonic()
+                self._arbiter.gate.clock_age = time.monotonic() - moved
                 self._update_pose()
                 self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
             except Exception:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-                # the robot must not keep its last command after a failure here, and the next step may succeed; the
-                # report may fail too, but the zero is sent before it
+                # whatever fails here, the robot must not keep its last command, and the next step may succeed; the
+                # report may then fail too, but the zero is sent before it
                 with contextlib.suppress(Exception):
                     self._execute(self._arbiter.halt("internal_error"), now)
 
     def _update_pose(self) -> None:
-        # tf returns the newest transform at any age
+        # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         pose, odometry = (
             geometry.pose2d_from_transform(T) if T is not None else None
@@ -322,12 +321,12 @@ class RobotDriverNode:
 
     # ------------------------------------------------------------- notices
     def _report(self, command: DriveCommand, now: float) -> None:
-        """Publishes the active source, at once when it changes, and the notices."""
-        previous, published_at = self._reported
-        state = (command.source, command.code, self._stops.lasting)
-        if state == previous and 0.0 <= now - published_at < STATE_PERIOD:
+        """Publishes which source drives, at once when that changes, and the notices."""
+        before, at = self._reported
+        news = (command.source, command.code, self._stops.lasting)
+        if news == before and 0.0 <= now - at < STATE_PERIOD:
             return
-        self._reported = (state, now)
+        self._reported = (news, now)
         message = DriverState(
             robot=self._params.robot,
             source=command.source,
@@ -335,11 +334,11 @@ class RobotDriverNode:
             speed=command.v,
             angular_velocity=command.w,
             message=self._notice(_sentence_code(command.code), Severity.INFO).sentence(),
-            stops=state[2],
+            stops=news[2],
         )
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
-        if state[:2] != previous[:2]:
+        if news[:2] != before[:2]:
             rospy.loginfo("%s: %s: %s", rospy.get_name(), command.source, command.code)
         self._notices.set(self._list_notices(command, now))
 
@@ -348,13 +347,13 @@ class RobotDriverNode:
         if command.cancel:
             notices.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
-        has_lasted = now - self._stopped_since[command.code] >= MIN_STOP
-        if not self._has_listener:
+        held = now - self._stopped_since[command.code] >= MIN_STOP
+        if not self._heard:
             topic = rospy.resolve_name(self._profile.base.topic)
             notices.append(self._notice("base_not_listening", Severity.WARNING, topic=topic))
-        if has_lasted and self._stops.stopped and not self._stops.stored:
+        if held and self._stops.stopped and not self._stops.stored:
             notices.append(self._notice("stop_not_persisted", Severity.WARNING))
-        if command.code in STOP_CODES and (has_lasted or command.source == STOP):
+        if command.code in STOP_CODES and (held or command.source == STOP):
             severity = SEVERITIES.get(command.code, Severity.WARNING)
             others = self._arbiter.gate.other_publishers(now)
             notices.append(self._notice(_sentence_code(command.code), severity, others=others))
@@ -365,10 +364,10 @@ class RobotDriverNode:
 
 
 def _sentence_code(code: str) -> str:
-    """Returns the code of the sentence that explains a driver's code."""
+    """Returns the code of the sentence that says what stops or slows a robot."""
     return "robot_stopped_inside_border" if code == "inside_border" else f"robot_{code}"
 
 
 def build() -> RobotDriverNode:
-    """Reads the parameters and constructs the node."""
+    """Reads the parameters and makes the node."""
     return RobotDriverNode(parameters.read(DriverParams, "~"), robot_profile.read())

@@ -1,4 +1,4 @@
-"""Node: watches what is connected to robots, explains why goals are refused, sends robots to goals and to the spot."""
+"""Node: watches what is connected to the robots, says why goals are refused, sends robots to goals and to the spot."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ from vb_robot.monitoring.navigation_wiring import within
 from vb_robot.spot_sightings import Sighting
 
 PERIOD = 0.2  # [s] between checks of poses and speed limits
-DISPATCH_PERIOD = 0.25  # [s] between decisions of the dispatcher: the spot moves 0.1 m at most meanwhile
+DISPATCH_PERIOD = 0.25  # [s] between decisions which robot looks from where: the spot moves 0.1 m at most meanwhile
 GRAPH_PERIOD = 2.0  # [s] between checks of the ROS graph, in wall time
-REPEAT = 1.0  # [s] between repetitions of the status
-SETTLING_TIME = 10.0  # [s] for which a fault must last before people are notified: a lab starts and ends node by node
-SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, where its limit is requested: a planner brakes from 1 m/s within it
+REPEAT = 1.0  # [s]
+SETTLING_TIME = 10.0  # [s] for which a fault has to last before people are told: a lab starts and ends node by node
+SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, where its limit is set: a planner brakes from 1 m/s within that
 CANCEL_PERIOD = 0.5  # [s] between cancellations of goals that are sent again and again
 
 
@@ -60,10 +60,10 @@ class RobotMonitorParams(Parameters):
 
     robots: tuple = param((), doc="names of the robots, which are their namespaces; none: one without a namespace")
     frames: tuple = param((), doc="their base frames, in the same order; none: base_link, or NAME/base_link")
-    interaction: bool = param(True, doc="whether this lab has an interaction manager")
-    dispatch: bool = param(False, doc="whether to send a robot to positions from which its own camera sees the spot")
+    interaction: bool = param(True, doc="whether an interaction manager belongs to this lab")
+    dispatch: bool = param(False, doc="whether to send a robot to where its own camera sees the spot")
     obey: bool = param(
-        False, doc="whether to enforce stop and slow zones through the navigation of robots that have no driver"
+        False, doc="whether to obey stop and slow zones through the navigation of robots that have no driver"
     )
 
     def __post_init__(self) -> None:
@@ -75,20 +75,20 @@ class RobotMonitorParams(Parameters):
 
 
 class RobotMonitorNode:
-    """Watches robots that have their own navigation; with ~dispatch, also sends a robot to the spot.
+    """Watches robots with navigation of their own, whatever else is connected; with ~dispatch, sends one to the spot.
 
     Subscribed topics:
         /map, /virtual_borders/map, /<robot>/virtual_borders/map, /virtual_borders/speed_limits (nav_msgs/OccupancyGrid)
         [<robot>/]robot_driver/keep_out (nav_msgs/OccupancyGrid): if its navigation plans on it
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray): the borders' names and robots
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): names, and for which robot each is
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/detectors (vb_msgs/DetectorStatus)
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (vb_msgs/Stop)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress): with ~dispatch
-        [<robot>/]camera_info (sensor_msgs/CameraInfo): its camera's view of the floor, with ~dispatch
+        [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor, with ~dispatch
         [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal)
         [<robot>/]move_base/status (actionlib_msgs/GoalStatusArray)
-        <planner>/plan (nav_msgs/Path): the global planner's
-        <planner>/parameter_updates (dynamic_reconfigure/Config): the local planner's, to notice changed limits
+        <planner>/plan (nav_msgs/Path): of the global planner
+        <planner>/parameter_updates (dynamic_reconfigure/Config): of the local planner, whether its limit still holds
         /tf, /tf_static (tf2_msgs/TFMessage)
     Published topics:
         /virtual_borders/robots (vb_msgs/RobotStatusArray, latched)
@@ -98,7 +98,7 @@ class RobotMonitorNode:
     Services:
         /virtual_borders/send_robot (vb_msgs/SendRobot)
     Services called:
-        <planner>/set_parameters (dynamic_reconfigure/Reconfigure): the local planner's, with ~obey
+        <planner>/set_parameters (dynamic_reconfigure/Reconfigure): of the local planner, with ~obey
     Parameters:
         ~* RobotMonitorParams
         robot_profile: in each robot's namespace, with ~dispatch
@@ -109,9 +109,9 @@ class RobotMonitorNode:
         self._params = params
         node.wait_for_clock()
         self._lock = threading.RLock()
-        self._stops = HeldStops()  # in memory only, because the manager stores stops and repeats them in its state
+        self._stops = HeldStops()  # in memory only: the manager keeps stops, and its state repeats them
         self._speed_limits: Optional[GridMap] = None
-        self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None if not known yet
+        self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None: not known yet
         self._cameras: Dict[str, None] = {}
         self._offer = lab_offer.offer(lab_offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -132,27 +132,27 @@ class RobotMonitorNode:
         self._dispatched = {
             name: DispatchedRobot(self._robots[name], profile, transforms) for name, profile in profiles.items()
         }
-        self._dispatch_lock = threading.Lock()  # guards the dispatcher
+        self._deciding = threading.Lock()  # guards the dispatcher
         self._dispatch_timer = node.WakeTimer(DISPATCH_PERIOD)
         self._notices = NoticePublisher()
         self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
         self._subscribe()
         node.Worker(self._goals_to_check, self._check_goal)
         self._timer, self._graph_timer = node.WakeTimer(PERIOD), node.WakeTimer(GRAPH_PERIOD)
-        node.Worker(self._graph_timer, lambda _woken: self._update_wiring())
-        node.Worker(self._timer, lambda _woken: self._update_robots())
+        node.Worker(self._graph_timer, lambda _woken: self._look_at_graph())
+        node.Worker(self._timer, lambda _woken: self._look())
         if params.dispatch:
             node.Worker(self._dispatch_timer, lambda _woken: self._dispatch())
-        rospy.Service(names.SEND_ROBOT, SendRobot, self._on_send_robot)
+        rospy.Service(names.SEND_ROBOT, SendRobot, self._send)
 
     def _subscribe(self) -> None:
         def on_map(name: str, which: str, robots: List[WatchedRobot]) -> None:
             subscribe_map(name, functools.partial(self._on_map, which, robots))
 
-        all_robots = list(self._robots.values())
-        on_map(names.PHYSICAL_MAP, "physical", all_robots)
-        on_map(names.MAP_WITH_BORDERS, "borders", all_robots)
-        for robot in all_robots:
+        everyone = list(self._robots.values())
+        on_map(names.PHYSICAL_MAP, "physical", everyone)
+        on_map(names.MAP_WITH_BORDERS, "borders", everyone)
+        for robot in everyone:
             on_map(within(robot.name, names.MAP_WITH_MARGIN), "keep_out", [robot])
             if robot.name:
                 on_map(within(robot.name, names.MAP_WITH_BORDERS[1:]), "own", [robot])
@@ -167,11 +167,11 @@ class RobotMonitorNode:
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
-        """Restores the planners' usual speeds, and cancels dispatched robots' goals, which nothing supervises now."""
+        """Restores the planners' usual speeds, and cancels dispatched robots' goals: nothing supervises them now."""
         for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
-        for dispatched in self._dispatched.values():
-            dispatched.set_goal(None)
+        for sent in self._dispatched.values():
+            sent.set_goal(None)
         for robot in self._robots.values():
             speed = robot.speed
             if self._params.obey and speed is not None:
@@ -191,7 +191,7 @@ class RobotMonitorNode:
 
     def _on_driver(self, message: DriverState) -> None:
         if message.robot in self._robots:
-            self._robots[message.robot].update_driver(message, rospy.get_time())
+            self._robots[message.robot].hear_driver(message, rospy.get_time())
 
     def _on_detector(self, message: DetectorStatus) -> None:
         self._cameras[message.camera] = None
@@ -199,18 +199,18 @@ class RobotMonitorNode:
     def _on_state(self, message: InteractionState) -> None:
         self._stops.update_from_latch(message.stopped, message.stops)
         self._obey_stop()
-        with self._dispatch_lock:
+        with self._deciding:
             state = state_of(message.name)
             self._dispatcher.sightings.set_state(state, message.interaction_id, message.entered.to_sec())
-        self._dispatch_timer.set()  # robots must stop at once when the state ends
+        self._dispatch_timer.set()  # when the state ends the robots have to stop at once
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
         self._obey_stop()
 
-    # ------------------------------------------------------------- stop and slow zones, through navigation
+    # ------------------------------------------------------------- obeying through navigation
     def _obey_stop(self) -> None:
-        """Cancels the goals of robots without a driver repeatedly while a stop is in force."""
+        """Cancels the goals of robots without a driver while a stop is in force, again and again."""
         now = rospy.get_time()
         if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
             self._cancelled_at = now
@@ -218,8 +218,8 @@ class RobotMonitorNode:
                 if not robot.is_driven():
                     robot.cancel_goals()
 
-    def _find_speed_limit(self, robot: WatchedRobot) -> Optional[float]:
-        """Returns the speed limit [m/s] at a robot's position, inf for none; None while it is not known."""
+    def _limit(self, robot: WatchedRobot) -> Optional[float]:
+        """Returns the speed limit [m/s] where a robot is, inf for none; None while it is not known."""
         if robot.pose is None or self._slow_zones is None:
             return None
         if not self._slow_zones:
@@ -229,22 +229,22 @@ class RobotMonitorNode:
 
     # ------------------------------------------------------------- to the spot
     def _on_spot(self, sighting: Sighting) -> None:
-        with self._dispatch_lock:
+        with self._deciding:
             self._dispatcher.sightings.add(sighting)
 
     def _on_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
         seed = array_from_points([message.seed])[0] if message.has_seed else None
         drawn = DrawingState(points[-1] if len(points) else None, chain, closed=message.closed, seed=seed)
-        with self._dispatch_lock:
+        with self._deciding:
             self._dispatcher.set_progress(message.interaction_id, drawn, message.cameras)
 
     def _dispatch(self) -> None:
-        with self._dispatch_lock:
-            robot_wanted = self._dispatcher.sightings.should_dispatch()
-            robots = {name: dispatched.status(robot_wanted) for name, dispatched in self._dispatched.items()}
-            for name, dispatched in self._dispatched.items():
-                self._dispatcher.maps[name].update(dispatched.view, *self._robots[name].driving_maps())
+        with self._deciding:
+            wanted = self._dispatcher.sightings.should_dispatch()
+            robots = {name: sent.status(wanted) for name, sent in self._dispatched.items()}
+            for name, sent in self._dispatched.items():
+                self._dispatcher.maps[name].update(sent.view, *self._robots[name].driving_maps())
             for name, goal in self._dispatcher.decide(rospy.get_time(), robots).items():
                 self._dispatched[name].set_goal(goal)
 
@@ -261,7 +261,7 @@ class RobotMonitorNode:
             robot.refusal = refusal
         self._publish_status()
 
-    def _on_send_robot(self, request: Any) -> SendRobotResponse:
+    def _send(self, request: Any) -> SendRobotResponse:
         robot = self._robots.get(request.robot)
         if robot is None:
             return _answer(False, Notice("robot_unknown", values={"who": request.robot}))
@@ -282,7 +282,7 @@ class RobotMonitorNode:
         return _answer(True, robot.notice("robot_sent", Severity.INFO))
 
     # ------------------------------------------------------------- periodic checks
-    def _update_wiring(self) -> None:
+    def _look_at_graph(self) -> None:
         try:
             graph = read_graph()
             for robot in self._robots.values():
@@ -290,18 +290,18 @@ class RobotMonitorNode:
         except (rosgraph.MasterException, OSError) as error:
             rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
 
-    def _update_robots(self) -> None:
+    def _look(self) -> None:
         for robot in self._robots.values():
             robot.locate()
-            speed, limit = robot.speed, self._find_speed_limit(robot)
-            # a planner keeps its present limit while the new one is not known
+            speed, limit = robot.speed, self._limit(robot)
+            # a planner keeps its limit while it is not known whether it may be lifted
             if self._params.obey and speed is not None and limit is not None:
                 speed.request_limit(limit)
         self._obey_stop()
         self._publish_status()
 
     def _publish_status(self) -> None:
-        """Publishes what is connected, at once when it changes, and the notices."""
+        """Publishes what is connected, at once when that changes, and the notices."""
         with self._lock:
             now = rospy.get_time()
             stops = self._stops.ids if self._params.obey else None
@@ -316,19 +316,19 @@ class RobotMonitorNode:
             faults = self._lasting(self._offer.notices(), now)
             self._log(now)
             notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]
-            spot_notice = self._dispatcher.notice
-            self._notices.set([*faults, *notices, *([spot_notice] if spot_notice else [])])
+            unseen = self._dispatcher.notice
+            self._notices.set([*faults, *notices, *([unseen] if unseen else [])])
 
-    def _find_persistent(self, faults: List[Notice], now: float) -> List[Notice]:
-        """Returns the faults that have lasted for SETTLING_TIME."""
-        previous, self._faulty_since = self._faulty_since, {}
+    def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
+        """Returns the faults that have held for SETTLING_TIME."""
+        before, self._faulty_since = self._faulty_since, {}
         for fault in faults:
             key = (fault.code, fault.robot)
-            self._faulty_since[key] = min(previous.get(key, now), now)
+            self._faulty_since[key] = min(before.get(key, now), now)
         return [fault for fault in faults if now - self._faulty_since[(fault.code, fault.robot)] >= SETTLING_TIME]
 
-    def _log_changes(self, now: float) -> None:
-        """Logs what is connected once the lab has started, and later changes; faults are notices instead."""
+    def _log(self, now: float) -> None:
+        """Logs what is connected once the lab has started, and later its changes; faults are notices instead."""
         lines = self._offer.lines
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return
@@ -345,5 +345,5 @@ def _answer(success: bool, notice: Notice) -> SendRobotResponse:
 
 
 def build() -> RobotMonitorNode:
-    """Reads the parameters and constructs the node."""
+    """Reads the parameters and makes the node."""
     return RobotMonitorNode(parameters.read(RobotMonitorParams, "~"))

@@ -1,7 +1,7 @@
-"""Records the sightings of the spot in an interaction, and decides whether driver or dispatcher acts on them.
+"""Records the sightings of the spot in an interaction; one rule decides whether driver or dispatcher acts on them.
 
-Driver and dispatcher use this class with the same sightings, so that they never both act, and never wait for each
-other.
+One class decides from the same sightings whether a robot follows the spot or is sent to it, so that driver and
+dispatcher never both act, and never wait for each other.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 
-WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] of sightings that give the spot's position, and their least number
-LOST_TIMEOUT = 0.7  # [s] a spot unseen for this long is lost; shorter, a camera may have missed an image
-MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as straight
+WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] of sightings that give the spot's position, and how many it takes
+LOST_TIMEOUT = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
+MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as going straight on
 VELOCITY_WINDOW = 0.6  # [s] of sightings that give the direction in which the line continues
-MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that time, so that one false spot has no effect
+MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that time, so that one wrong spot does not count
 MIN_SPEED = 0.1  # [m/s] a slower spot counts as resting
-RUN_GAP = 2.0  # [s] without the spot, after which another robot's camera may take over
-MIN_CONFIDENCE = 0.4  # less certain spots move no robot: the laser has 0.6 and more, reflections have 0.3
-FOLLOW_DELAY = 1.0  # [s] for stationary cameras to see the spot too; if none does, the robot follows
+RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
+MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
+FOLLOW_DELAY = 1.0  # [s] that stationary cameras have to see the spot too; if none does, the robot follows
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """One detected spot: time [s], (x, y) [m] in the map frame, camera, whether it is on a robot, confidence."""
+    """One spot seen: time [s], (x, y) [m] in the map frame, camera, whether that is on a robot, confidence."""
 
     stamp: float
     position: Tuple[float, float]
@@ -38,27 +38,27 @@ class Sighting:
 
 
 class Sightings:
-    """Collects the sightings of one interaction and decides which robot acts on them.
+    """Collects the sightings of one interaction and decides who acts on them.
 
-    In Guide, the robot whose camera has seen the spot longest without a pause follows it. In Border and Seed, a robot
-    is sent once a stationary camera has seen the spot in this interaction; before, and without such a camera, the robot
-    follows.
+    In Guide, only the robot whose camera has seen the spot longest without a pause acts: it follows. In Border and Seed
+    a robot is sent once a stationary camera has seen the spot in this interaction; before that, and without any such
+    camera, the robot follows.
 
     Args:
-        mobile_cameras: names of the known cameras on robots; others are added with their first sighting.
+        mobile_cameras: names of cameras on robots, known before any of them has seen a spot.
     """
 
     def __init__(self, mobile_cameras: Iterable[str] = ()) -> None:
-        self._mobile_cameras: Set[str] = set(mobile_cameras)
+        self._mobile_names: Set[str] = set(mobile_cameras)
         self._recent: Deque[Sighting] = deque(maxlen=400)
         self._interaction = ""
         self._entered = 0.0
         self.state = DEFAULT
         self.stationary_seen = False
         self.first_mobile: Optional[float] = None
-        # for each robot's camera, start and end [s] of its newest run of sightings without a pause in this state
-        self._sighting_runs: Dict[str, Tuple[float, float]] = {}
-        self._follower: Optional[str] = None  # the camera of the robot that last followed in this state
+        # of each robot's camera in this state: since when, and until when, it has seen the spot without a pause [s]
+        self._runs: Dict[str, Tuple[float, float]] = {}
+        self._follower: Optional[str] = None  # the camera of the robot that followed last in this state
 
     @property
     def key(self) -> Tuple[str, State]:
@@ -66,20 +66,20 @@ class Sightings:
         return self._interaction, self.state
 
     def set_state(self, state: State, interaction: str, entered: float) -> None:
-        """Sets the interaction's state."""
+        """Adopts the interaction's state."""
         if interaction != self._interaction or state == DEFAULT:
             self.stationary_seen = False
             self.first_mobile = None
         if (interaction, state) != self.key:
             self._recent.clear()
-            self._sighting_runs.clear()
+            self._runs.clear()
             self._follower = None
         self.state, self._interaction, self._entered = state, interaction, entered
 
     def add(self, sighting: Sighting) -> bool:
-        """Adds a sighting; returns whether it is accepted: certain enough, and from this state, in which robots act."""
+        """Adds a sighting; returns whether it counts: certain enough, and from this state, in which robots act."""
         if sighting.mobile:
-            self._mobile_cameras.add(sighting.camera)
+            self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
             return False
         self._recent.append(sighting)
@@ -88,42 +88,42 @@ class Sightings:
             return True
         if self.first_mobile is None:
             self.first_mobile = sighting.stamp
-        run_start, run_end = self._sighting_runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
-        if abs(sighting.stamp - run_end) > RUN_GAP:
-            run_start = run_end = sighting.stamp  # the spot was lost meanwhile, or time has jumped back
-        self._sighting_runs[sighting.camera] = min(run_start, sighting.stamp), max(run_end, sighting.stamp)
-        self._update_follower(sighting.stamp)
+        since, until = self._runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
+        if abs(sighting.stamp - until) > RUN_GAP:
+            since = until = sighting.stamp  # lost meanwhile, or time has jumped back
+        self._runs[sighting.camera] = min(since, sighting.stamp), max(until, sighting.stamp)
+        self._update_leader(sighting.stamp)
         return True
 
     def should_dispatch(self) -> bool:
-        """Returns whether to send a robot to a position from which its camera sees the spot."""
+        """Returns whether to send a robot to where its camera sees the spot."""
         return bool(self.state.collects) and self.stationary_seen
 
     def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
-        if self._update_follower(now) != camera or not self.state.robots_act:
+        if self._update_leader(now) != camera or not self.state.robots_act:
             return False
         if self.state.guides:
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= FOLLOW_DELAY
 
-    def _update_follower(self, now: float) -> Optional[str]:
-        """Updates and returns the robot camera that has seen the spot longest without a pause, or last did.
+    def _update_leader(self, now: float) -> Optional[str]:
+        """Updates and returns the robot camera that has seen the spot longest without a pause; else the last that did.
 
-        The images' times count, not those of their arrival, so that every robot's driver gets the same result.
+        The times of the images count, not of their arrival, so that every robot's driver comes to the same answer.
         """
-        current_runs = {camera: run for camera, run in self._sighting_runs.items() if abs(now - run[1]) <= RUN_GAP}
-        if current_runs:
-            self._follower = min(current_runs, key=lambda camera: (current_runs[camera][0], camera))
+        seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
+        if seeing:
+            self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))
         return self._follower
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
-        """Adds cameras that contributed to an interaction, also before this program started."""
-        if interaction == self._interaction and self.state != DEFAULT and not self._mobile_cameras.issuperset(cameras):
+        """Learns which cameras contributed to an interaction, also before this program started."""
+        if interaction == self._interaction and self.state != DEFAULT and not self._mobile_names.issuperset(cameras):
             self.stationary_seen = True
 
     def forget_after(self, now: float) -> None:
-        """Drops sightings from the future, after time has jumped back."""
+        """Drops sightings from the future: time has jumped back."""
         self._recent = deque((s for s in self._recent if s.stamp <= now + 1.0), maxlen=self._recent.maxlen)
 
     def newest(self) -> Optional[Sighting]:
@@ -131,7 +131,7 @@ class Sightings:
         return max(self._recent, key=lambda s: s.stamp) if self._recent else None
 
     def seen_by_stationary(self, now: float) -> bool:
-        """Returns whether a stationary camera sees the spot; one sighting is enough for the seed, which does not move."""
+        """Returns whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
         newest = self.newest()
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
@@ -141,28 +141,28 @@ class Sightings:
         )
 
     def time_since_seen(self, now: float) -> float:
-        """Returns for how long [s] no camera has seen a border's spot; 0 before the first sighting and for a seed."""
+        """Returns for how long [s] no camera has seen a border's spot; 0 until one has, and for a seed: it is still."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self) -> Optional[np.ndarray]:
-        """Returns the spot's last position (2,) [m], the median of its last sightings.
+        """Returns where the spot was last, (2,) [m]: the median of its last sightings.
 
-        Returns None with fewer than MIN_TARGET_SIGHTINGS of them, so that one false spot sends no robot.
+        Returns None with fewer than MIN_TARGET_SIGHTINGS of them: one false spot sends no robot.
         """
         newest = self.newest()
         if newest is None:
             return None
-        positions = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
-        if len(positions) < MIN_TARGET_SIGHTINGS:
-            recent = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * WINDOW]
-            positions = [s.position for s in sorted(recent, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
-        return np.median(np.array(positions), axis=0) if len(positions) >= MIN_TARGET_SIGHTINGS else None
+        last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
+        if len(last) < MIN_TARGET_SIGHTINGS:
+            lately = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * WINDOW]
+            last = [s.position for s in sorted(lately, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
+        return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
         """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW; None if it rests or has just turned.
 
-        Only the camera that saw the spot last counts, because cameras differ by centimetres.
+        Cameras differ by centimetres: only the one that saw the spot last counts.
         """
         newest = self.newest()
         if newest is None:
@@ -172,8 +172,8 @@ class Sightings:
             return None
         samples = np.array(sorted((s.stamp, *s.position) for s in recent))
         thirds = np.array([np.median(third, axis=0) for third in np.array_split(samples, 3)])  # (3, 3): [s], x, y [m]
-        (first, second), (duration, *displacement) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
-        if math.hypot(*displacement) < MIN_SPEED * max(duration, 0.5 * VELOCITY_WINDOW):
+        (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
+        if math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
             return None
-        straight = np.dot(first, second) >= MIN_STRAIGHTNESS * (np.linalg.norm(first) * np.linalg.norm(second))
-        return np.array(displacement) / duration if straight else None
+        straight = np.dot(before, after) >= MIN_STRAIGHTNESS * (np.linalg.norm(before) * np.linalg.norm(after))
+        return np.array(whole) / seconds if straight else None

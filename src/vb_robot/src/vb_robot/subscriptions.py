@@ -1,4 +1,4 @@
-"""Inputs shared by several nodes: maps, borders, spots, contact sensors."""
+"""Inputs that several nodes share: maps, borders, spots, contact sensors."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from vb_robot.spot_sightings import Sighting
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)  # of navigation's goals
 
 
-def subscribe_map(topic: str, handle_map: Callable[[GridMap], None]) -> rospy.Subscriber:
-    """Passes every map of a topic to `handle_map`; rejects and logs malformed ones."""
+def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:
+    """Passes every map of a topic to `take`; refuses and logs malformed ones."""
 
     def on_map(message: OccupancyGridArray) -> None:
         try:
@@ -32,13 +32,13 @@ def subscribe_map(topic: str, handle_map: Callable[[GridMap], None]) -> rospy.Su
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
         else:
-            handle_map(grid)
+            take(grid)
 
     return rospy.Subscriber(topic, OccupancyGridArray, on_map, queue_size=1, buff_size=2**24)
 
 
 def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
-    """Returns the borders in force that a robot must not enter."""
+    """Returns the borders in force that a robot must not enter; the others never keep it out."""
     return [
         KnownBorder(
             border.name or border.id,
@@ -54,8 +54,8 @@ def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownB
     ]
 
 
-def subscribe_spots(handle_spot: Callable[[Sighting], None]) -> rospy.Subscriber:
-    """Passes every spot with a position in the map to `handle_spot`; rejects and logs the others."""
+def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
+    """Passes every spot with a position in the map to `take`; rejects and logs the others."""
 
     def on_spot(message: LaserSpot) -> None:
         position = (message.position.x, message.position.y)
@@ -67,17 +67,17 @@ def subscribe_spots(handle_spot: Callable[[Sighting], None]) -> rospy.Subscriber
             )
         else:
             stamp = message.header.stamp.to_sec()
-            handle_spot(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
+            take(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
 
     return rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=100)
 
 
 def message_class(contact: Contact) -> Any:
-    """Returns a contact sensor's message class; raises an error without it, since the robot needs its bumpers."""
-    message_type = get_message_class(contact.type)
-    if message_type is None:
+    """Returns a contact sensor's message class. A robot with an unheard bumper must not drive as if it had none."""
+    kind = get_message_class(contact.type)
+    if kind is None:
         raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")
-    missing = [name for name in (contact.field, contact.sensor) if name and not hasattr(message_type(), name)]
+    missing = [name for name in (contact.field, contact.sensor) if name and not hasattr(kind(), name)]
     if missing:
         raise ParameterError("robot_profile/contacts", f"{contact.type} has no field {missing[0]}")
-    return message_type
+    return kind

@@ -1,7 +1,7 @@
-"""Renders the wizard console's content and defines its keys. Needs the messages, but no node.
+"""What the wizard console shows, and what its keys mean. Needs the messages, but no node.
 
-Each key gives one command, each event prints one line, and the current state is shown below the last line. A terminal
-cannot draw borders; the page and the display do.
+Each key is one command, each event is one line, and the current state is shown below the last line. Borders are left to
+the page and the display, where they can be seen.
 """
 
 from __future__ import annotations
@@ -30,44 +30,44 @@ _CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
 
 
 def keys_in(typed: str) -> str:
-    """Returns the keys in terminal input, without arrow and function keys, as their sequences may end with a letter."""
+    """Returns the keys in terminal input, without arrow and function keys, whose sequences may end with a letter."""
     return _SEQUENCE.sub("", typed)
 
 
 def printable(text: str, style: str = "") -> Text:
-    """Returns a text without control characters, because rich passes ESC on, and other programs may send it."""
+    """Returns a text without control characters: names and sentences come from outside, and rich lets ESC pass."""
     return Text(text.translate(_CONTROLS), style)
 
 
 @dataclass
 class ConsoleContent:
-    """The newest messages, unchanged, and how they are rendered."""
+    """What is shown: the newest messages, unchanged."""
 
-    state: Optional[InteractionState] = None  # None while the interaction manager is silent
+    state: Optional[InteractionState] = None  # None: the interaction manager is not heard
     progress: BorderProgress = field(default_factory=BorderProgress)
     preview: BorderPreview = field(default_factory=BorderPreview)
     notices: Tuple[Notice, ...] = ()  # the most severe first
     language: str = sentences.ENGLISH
 
     def words(self, code: str, **values: Any) -> str:
-        """Returns the sentence for a code in the operator's language."""
+        """Returns the words for a code in the operator's language."""
         return sentences.translate(code, values, self.language)
 
     def lines(self, now: float = 0.0) -> List[RenderableType]:
-        """Renders state, drawing, keys, preview and notices at ROS time `now` [s]; equal sentences appear once."""
-        styles = dict(self._preview())
-        for notice in self.notices:
-            if self.state is None or notice.code not in _IN_STATE_LINE:
-                styles.setdefault(f"! {notice.sentence(self.language)}", SEVERITIES[notice.severity])
-        return [self._state_line(now), self._keys(), *(printable(text, style) for text, style in styles.items())]
+        """Renders the content at a ROS time [s]: state, drawing, keys, what saving would do, and notices, each once."""
+        said = dict(self._preview())
+        for one in self.notices:
+            if self.state is None or one.code not in _IN_STATE_LINE:
+                said.setdefault(f"! {one.sentence(self.language)}", SEVERITIES[one.severity])
+        return [self._state_line(now), self._keys(), *(printable(text, style) for text, style in said.items())]
 
     def _state_line(self, now: float) -> Text:
-        state, progress = self.state, self.progress
+        state, drawn = self.state, self.progress
         if state is None:
             return printable(self.words("console_waiting_manager"), "bold yellow")
         text = Text()
         if state.stopped:
-            # first, because nothing matters more
+            # before everything else
             text.append(f" {self.words('console_stopped')} ", "bold white on red")
             text.append_text(printable(f" {state.stopped_by} ", "bold red"))
         text.append(
@@ -75,10 +75,10 @@ class ConsoleContent:
         )
         if state.interaction_id:
             text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}")
-        if state.interaction_id and state.interaction_id == progress.interaction_id:
-            counts = {"border": progress.border_spots, "seed": progress.seed_spots, "ignored": progress.ignored_spots}
+        if state.interaction_id and state.interaction_id == drawn.interaction_id:
+            counts = {"border": drawn.border_spots, "seed": drawn.seed_spots, "ignored": drawn.ignored_spots}
             text.append(f"  {self.words('console_spots', **counts)}")
-            text.append_text(printable("  " + ", ".join(progress.cameras_seeing_spot), "bold green"))
+            text.append_text(printable("  " + ", ".join(drawn.cameras_seeing_spot), "bold green"))
         if state.confirm_save:
             text.append("  " + self.words("console_confirm"), "bold yellow")
         if not state.ends_at.is_zero():
@@ -87,32 +87,32 @@ class ConsoleContent:
 
     def _preview(self) -> List[Tuple[str, str]]:
         preview = self.preview
-        restricts, text = preview.available and preview.success, sentence_in(preview, self.language)
-        if restricts:
+        good, text = preview.available and preview.success, sentence_in(preview, self.language)
+        if good:
             text = self.words("preview_restricts", area=f"{preview.area_m2:.2f}")
             if preview.free_parts > 1:
                 text += " " + self.words("preview_parts", parts=preview.free_parts)
         issues = [
-            (sentence_in(issue, self.language), WRONG if issue.severity == BorderIssue.ERROR else BAD)
-            for issue in preview.issues
+            (sentence_in(one, self.language), WRONG if one.severity == BorderIssue.ERROR else BAD)
+            for one in preview.issues
         ]
-        return ([(text, GOOD if restricts else BAD)] if text else []) + [
-            (f"! {sentence}", style) for sentence, style in issues if sentence not in text
+        return ([(text, GOOD if good else BAD)] if text else []) + [
+            (f"! {what}", style) for what, style in issues if what not in text
         ]
 
     def _keys(self) -> Columns:
-        # a stop works without the interaction manager
+        # a stop needs no manager
         available = self.state.available_commands if self.state is not None else (STOP,)
-        labels = [
+        shown = [
             (key, self.words("command_" + command), "" if command in available else "dim")
             for key, command in COMMAND_KEYS.items()
         ]
-        labels.append((QUIT_KEY, self.words("console_quit"), ""))
+        shown.append((QUIT_KEY, self.words("console_quit"), ""))
         return Columns(
             Text.assemble(
                 (f" {self.words('console_space') if key == ' ' else key} ", f"reverse {style}"), f" {word}", style=style
             )
-            for key, word, style in labels
+            for key, word, style in shown
         )
 
 

@@ -1,4 +1,4 @@
-"""The hidden operator's console, a terminal program with one key per command."""
+"""The hidden operator's console: a terminal program, one key per command."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.wizard_console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
 
-_PERIOD = 0.2  # [s] between two updates; an operator cannot follow faster ones
-_SILENCE_TIMEOUT = 3.0  # [s]; the state arrives ten times a second
+_PERIOD = 0.2  # [s] between two updates: an operator cannot follow more
+_SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
 
 
 class WizardConsoleNode:
-    """Shows the interaction and sends commands; while no state arrives, it shows that and waits.
+    """Shows the interaction and sends commands; says when no state arrives, and continues when one does.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -43,8 +43,8 @@ class WizardConsoleNode:
         /virtual_borders/command (vb_msgs/Command)
 
     Args:
-        source: who gives the commands, for the record.
-        language: of all that is shown.
+        source: who sends the commands, for the record.
+        language: of everything that is shown.
     """
 
     def __init__(self, source: str, language: str = sentences.ENGLISH) -> None:
@@ -56,97 +56,97 @@ class WizardConsoleNode:
         self._command_sender.connect()
         self._notices = NoticeListener()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        for topic, message_type, attribute in (
+        for topic, kind, where in (
             (names.PROGRESS, BorderProgress, "progress"),
             (names.PREVIEW, BorderPreviewArray, "preview"),
         ):
-            rospy.Subscriber(topic, message_type, partial(setattr, self._view, attribute), queue_size=1)
+            rospy.Subscriber(topic, kind, partial(setattr, self._view, where), queue_size=1)
 
     # ------------------------------------------------------------------ ROS
     def _on_state(self, message: InteractionState) -> None:
         self._heard_at = time.monotonic()
         self._view.state = message
-        previous, self._answered = self._answered, message.last_answered
+        before, self._answered = self._answered, message.last_answered
         # an answer given before the console started is not news
-        if message.last_command and previous not in (None, message.last_answered):
+        if message.last_command and before not in (None, message.last_answered):
             who = message.last_source or self._view.words("console_somebody")
-            sentence = sentence_in(message, self._view.language, "last_")
-            text = f"{who}, {self._view.words('command_' + message.last_command)}: {sentence}"
-            self._print(text, GOOD if message.last_success else BAD)
+            said = sentence_in(message, self._view.language, "last_")
+            text = f"{who}, {self._view.words('command_' + message.last_command)}: {said}"
+            self._say(text, GOOD if message.last_success else BAD)
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """Handles a pressed key. Its command is sent by another thread, so that reading continues.
+        """Handles a pressed key; its command runs in a separate thread, so that reading goes on. Other keys do nothing.
 
         Returns:
             Whether to leave the console.
         """
         if key in COMMAND_KEYS and not self._command_sender.put(COMMAND_KEYS[key]):
-            self._print(self._view.words("console_too_many_keys"), BAD)
+            self._say(self._view.words("console_too_many_keys"), BAD)
         return key == QUIT_KEY
 
     def _on_answer(
         self, _request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
-        # other answers arrive with the state
+        # answers arrive with the state, except for these
         if error is not None:
-            reason = sentences.translate(error.code, error.values, self._view.language, error.message)
-            self._print(self._view.words("console_try_again", what=reason), BAD)
+            what = sentences.translate(error.code, error.values, self._view.language, error.message)
+            self._say(self._view.words("console_try_again", what=what), BAD)
         elif answer is not None and answer.code in ("busy", "expired", "stop_held"):
-            self._print(sentence_in(answer, self._view.language), BAD)
+            self._say(sentence_in(answer, self._view.language), BAD)
 
     # ------------------------------------------------------------------ screen
-    def _print(self, text: str, style: str) -> None:
-        """Prints a line with the time of day above the current state. Any thread may call it."""
+    def _say(self, text: str, style: str) -> None:
+        """Prints a line with the time of day above the current state; from any thread."""
         self._live.console.print(Text.assemble((time.strftime("%H:%M:%S "), "dim"), printable(text, style)))
 
     def run(self) -> None:
         """Shows the interaction until the operator leaves the console."""
         keyboard = sys.stdin.fileno()
-        settings = termios.tcgetattr(keyboard)
+        before = termios.tcgetattr(keyboard)
         try:
-            # keys arrive one by one and are not echoed; control-C still interrupts
+            # key by key, without an echo; control-C still interrupts
             tty.setcbreak(keyboard)
             with self._live:
-                self._run_screen(keyboard)
+                self._follow(keyboard)
         except KeyboardInterrupt:
             pass
         finally:
-            termios.tcsetattr(keyboard, termios.TCSADRAIN, settings)
+            termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
 
-    def _run_screen(self, keyboard: int) -> None:
+    def _follow(self, keyboard: int) -> None:
         shown = None
         while not rospy.is_shutdown():
             if time.monotonic() - self._heard_at > _SILENCE_TIMEOUT:
                 self._view.state = None
             self._view.notices = tuple(self._notices.current())
             lines = Group(*self._view.lines(rospy.get_time()))
-            rendered = self._live.console.render_lines(lines)
-            if rendered != shown:  # avoids flicker
-                shown = rendered
+            looks = self._live.console.render_lines(lines)
+            if looks != shown:  # avoids flicker
+                shown = looks
                 self._live.update(lines, refresh=True)
             typed = ""
             if select.select([keyboard], [], [], _PERIOD)[0]:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
                 if not typed:
-                    return  # the terminal was closed
+                    return  # the terminal is gone
             if any([self.press(key) for key in keys_in(typed)]):
                 return
 
 
 def main() -> None:
-    """Runs the console until the operator leaves it."""
+    """Runs the console until it is left."""
     parser = argparse.ArgumentParser(prog="wizard_console", description="The hidden operator's console.")
     parser.add_argument("--source", default="wizard", help="who gives the commands, for the record (default: wizard)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="(default: en)")
-    options = parser.parse_args(rospy.myargv()[1:])
+    chosen = parser.parse_args(rospy.myargv()[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         sys.exit("wizard_console needs a terminal; for scripts there is the service /virtual_borders/command")
     if not rosgraph.is_master_online():
         sys.exit(f"the ROS master does not answer at {rosgraph.get_master_uri()}: start the lab first")
     # rospy's own messages would garble the screen
     rospy.init_node("wizard_console", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
-    WizardConsoleNode(options.source, options.language).run()
+    WizardConsoleNode(chosen.source, chosen.language).run()
     sys.stdout.flush()
-    # exits without rospy's threads, which may wait for a master that no longer runs
+    # rospy's threads wait for a master that may be gone: leave without them
     os._exit(0)

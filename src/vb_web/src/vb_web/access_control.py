@@ -1,8 +1,8 @@
-"""Access control of the page: codes, roles, sessions, origins, connection slots and limits.
+"""Decides who may do what on the page, and how much of it: codes, roles, sessions, origins, places and limits.
 
-A request must prove its rights: on the loopback interface by a loopback name in the Host header, otherwise by the
-cookie of a session, which only the holder of a code gets. Connections are divided: each role has its own slots, and
-within a role the client that holds the most loses one first.
+A request is refused unless it proves its rights: on the loopback interface by a loopback name in the Host header,
+elsewhere by the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
+its own places for connections, and within a role the client that holds the most gives one up first.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from vb_core.files import write_atomically
 
 COOKIE = "virtual_borders_page"
 COOKIE_DAYS = 30
-# without letters and digits that look alike; 8 of 31 characters are 40 bits: 14 years on average at 1000 tries a second
+# without letters and digits that look alike; 8 of 31 are 40 bits: 14 years on average at 1000 tries a second
 _ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
 _CODE_LENGTH = 8
-_MAX_SESSIONS = 100  # per code, so that holders of one code cannot log out holders of the other
+_MAX_SESSIONS = 100  # per code, so that holders of one code cannot log out those of the other
 
 
 class Role(enum.IntEnum):
-    """The roles; each has the rights of the roles below it too."""
+    """Each role may also do what those below it may."""
 
     NOBODY = 0
-    VIEWER = 1  # may see the page
-    OPERATOR = 2  # may give commands, change borders, see the cameras' images
+    VIEWER = 1  # sees the page
+    OPERATOR = 2  # commands, changes borders, sees the cameras' images
 
 
 def normalize(code: str) -> str:
@@ -51,27 +51,27 @@ def _new_code() -> str:
 
 
 def load_codes(path: Path) -> Dict[str, str]:
-    """Reads the codes of "viewer" and "operator" from a file that only its owner can read; creates the file if needed.
+    """Reads the codes of "viewer" and "operator" from a file that only its owner can read; creates it if needed.
 
     Raises:
         CodedError: "page_codes_bad" if it is unusable, "cannot_write" if it cannot be created.
     """
-    roles = ("viewer", "operator")
+    names = ("viewer", "operator")
     try:
         if not path.exists():
             text = "# The codes of the page; delete this file and restart the page to replace both and log everybody out.\n"
-            text += yaml.safe_dump({name: _new_code() for name in roles})
+            text += yaml.safe_dump({name: _new_code() for name in names})
             write_atomically(path, text.encode("utf-8"), private=True)
-        codes = yaml.safe_load(path.read_text(encoding="utf-8"))
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise CodedError("page_codes_bad", file=path, reason=error) from None
-    if not isinstance(codes, dict) or set(codes) != set(roles) or not all(isinstance(codes[n], str) for n in roles):
-        raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(roles)}")
-    if min(map(len, map(normalize, codes.values()))) < _CODE_LENGTH:
+    if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
+        raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
+    if min(map(len, map(normalize, found.values()))) < _CODE_LENGTH:
         raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
-    if len(set(map(normalize, codes.values()))) < len(roles):
+    if len(set(map(normalize, found.values()))) < len(names):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
-    return codes
+    return found
 
 
 def _digest(text: str) -> str:
@@ -79,14 +79,14 @@ def _digest(text: str) -> str:
 
 
 class Sessions:
-    """The open sessions; a cookie without an entry here has no rights. Thread safe.
+    """The open sessions: a cookie without an entry here is worth nothing. Thread safe.
 
     Args:
-        codes: from `load_codes`.
-        path: the file of the sessions, beside that of the codes; None keeps them in memory only.
+        codes: as `load_codes` returns them.
+        path: the file of the sessions, beside that of the codes; None: memory only.
         on_fault: called with the error if the file cannot be written; the sessions in memory stay valid.
 
-    The file has digests of each session's cookie and of the code that opened it, so changing a code ends its sessions.
+    The file has digests of each session's cookie and of the code that opened it: changing a code ends its sessions.
     """
 
     def __init__(
@@ -102,37 +102,37 @@ class Sessions:
         try:
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
-                self._open = {str(name): (str(code), float(opened)) for name, (code, opened) in entries}
+                self._open = {str(name): (str(code), float(at)) for name, (code, at) in entries}
         except (OSError, ValueError, TypeError, AttributeError):
             pass  # everybody logs in again
 
     def open(self, typed: str) -> Optional[str]:
-        """Opens a session with a code as typed; returns the value of its cookie, or None if the code is wrong.
+        """Opens a session with a code as typed, and returns its cookie's value; None if the code is wrong.
 
-        Digests are compared, so that the duration reveals nothing about the code.
+        Digests are compared, so that the time it takes reveals nothing about the code.
         """
         code, cookie = _digest(normalize(typed)), secrets.token_urlsafe(24)
         if code not in self._roles:
             return None
-        surplus = [name for name, (of, _) in self._open.items() if of == code][: 1 - _MAX_SESSIONS]
-        self._change({_digest(cookie): (code, time.time())}, surplus)
+        others = [name for name, (of, _) in self._open.items() if of == code][: 1 - _MAX_SESSIONS]
+        self._change({_digest(cookie): (code, time.time())}, others)
         return cookie
 
     def find(self, cookie: Optional[str]) -> Tuple[Role, str]:
-        """Returns (role, session's name) for a cookie's value; (NOBODY, "") if its session is unknown or has ended."""
+        """Returns (role, session's name) of a cookie's value; (NOBODY, "") if there is no such session (any more)."""
         name = _digest(cookie or "")
-        code, opened = self._open.get(name, ("", 0.0))
+        code, since = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
-        is_fresh = 0.0 <= time.time() - opened < COOKIE_DAYS * 86400
-        return (role, name) if role and is_fresh else (Role.NOBODY, "")
+        fresh = 0.0 <= time.time() - since < COOKIE_DAYS * 86400
+        return (role, name) if role and fresh else (Role.NOBODY, "")
 
     def end(self, name: str) -> None:
         """Ends a session."""
         self._change({}, [name])
 
-    def _change(self, added: Dict[str, Tuple[str, float]], removed: Any) -> None:
+    def _change(self, new: Dict[str, Tuple[str, float]], gone: Any) -> None:
         with self._lock:
-            self._open = {name: entry for name, entry in {**self._open, **added}.items() if name not in removed}
+            self._open = {name: entry for name, entry in {**self._open, **new}.items() if name not in gone}
             if self._path is not None:
                 try:
                     write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
@@ -173,11 +173,11 @@ def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
 
 
 class ConnectionSlots:
-    """Slots for connections. When all are in use, the holder of the most slots loses one to a newcomer.
+    """A number of places for connections. When all are taken, the holder of the most gives one up for a newcomer.
 
     Args:
-        size: the number of slots.
-        yields: what to close if all holders have equally many: the longest unused one, or (False) one of the newcomer's.
+        size: the number of places.
+        yields: whether, if all hold the same number, the longest unused one goes; else one of the newcomer's own.
     """
 
     def __init__(self, size: int, yields: bool) -> None:
@@ -185,33 +185,33 @@ class ConnectionSlots:
         self._held: Dict[Any, Tuple[str, ...]] = {}  # connection: its holders; the longest unused first
 
     def leave(self, connection: Any) -> None:
-        """Frees a connection's slot, if it has one."""
+        """Gives up a connection's place, if it has one."""
         self._held.pop(connection, None)
 
     def take(self, connection: Any, *holders: str) -> Optional[Any]:
-        """Gives a connection a slot; returns the connection that must be closed for it, which may be the same one.
+        """Gives a connection a place; returns the connection that has to go for it, which may be the same one.
 
         Args:
-            connection: anything with `closed()`; a closed one loses its slot.
-            holders: its holders, for instance an address and a session, of which the one with more slots counts.
+            connection: anything with `closed()`; a closed one gives up its place.
+            holders: who holds it, for instance an address and a session: the one that holds more places counts.
         """
         self.leave(connection)
         self._held[connection] = holders
         if len(self._held) > self._size:
-            self._held = {other: its_holders for other, its_holders in self._held.items() if not other.closed()}
+            self._held = {other: whose for other, whose in self._held.items() if not other.closed()}
         if len(self._held) <= self._size:
             return None
-        counts = Counter(holder for its_holders in self._held.values() for holder in its_holders)
-        shares = {other: max(counts[holder] for holder in its_holders) for other, its_holders in self._held.items()}
+        counts = Counter(holder for whose in self._held.values() for holder in whose)
+        shares = {other: max(counts[holder] for holder in whose) for other, whose in self._held.items()}
         largest = [other for other, share in shares.items() if share == max(shares.values())]
-        own_connections = [] if self._yields else [other for other in largest if set(self._held[other]) & set(holders)]
-        removed = (own_connections or largest)[0]
-        self.leave(removed)
-        return removed
+        own = [] if self._yields else [other for other in largest if set(self._held[other]) & set(holders)]
+        gone = (own or largest)[0]
+        self.leave(gone)
+        return gone
 
 
 def security_headers(secure: bool) -> Dict[str, str]:
-    """Returns every response's headers: the page runs no code of other sites, and cannot be shown in a frame."""
+    """Returns the headers of every answer: nothing from elsewhere runs in the page, and the page runs in no frame."""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
         "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

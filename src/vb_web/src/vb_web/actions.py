@@ -29,7 +29,7 @@ from vb_web.page_view import answer, refusal, rounded
 _TIMEOUT = 20.0
 _INTEGRATOR = "$map_integrator"
 _MONITOR = "$robot_monitor"
-_CHANGES = {  # services that change a stored border; their fields have the same names as the request's
+_CHANGES = {  # to a stored border: services whose fields have the same names as the request's
     "update": (names.UPDATE_BORDER, UpdateBorder),
     "rename": (names.RENAME_BORDER, RenameBorder),
     "enable": (names.SET_BORDER_ENABLED, SetBorderEnabled),
@@ -41,9 +41,9 @@ class ActionHandler:
     """Carries out requests; thread safe.
 
     Args:
-        borders: returns the stored border with an id, or None.
-        manager_there: returns whether an interaction manager is connected.
-        invite: returns the addresses and codes that a phone needs to log in.
+        borders: returns the stored border of an id, or None.
+        manager_there: returns whether there is an interaction manager.
+        invite: returns what a phone needs to log in.
     """
 
     def __init__(
@@ -69,8 +69,8 @@ class ActionHandler:
     def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
         """Starts to carry out a command; returns a future of its answer in the calling thread's event loop."""
         command, answered = request.values["command"], asyncio.get_event_loop().create_future()
-        without_manager = command in (UNDO, REDO) and not self._manager_there()
-        # with the browser's id, so that a request that is repeated after a restart of the page is carried out once
+        alone = command in (UNDO, REDO) and not self._manager_there()
+        # the browser's id, so that a request repeated after a restart of the page is carried out once
         if not self._command_sender.put(
             command,
             answered,
@@ -78,14 +78,14 @@ class ActionHandler:
             source=source,
             seen_stop=request.values["seen_stop"],
             identity=request.id,
-            carry_out=_undo_or_redo if without_manager else send,
+            carry_out=_undo_or_redo if alone else send,
         ):
             answered.set_result(refusal(CodedError("page_too_fast")))
         return answered
 
     def _on_answer(self, _given: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
-        result = _to_answer(response) if error is None else refusal(error)
-        answered.get_loop().call_soon_threadsafe(answered.set_result, result)
+        found = _answer(response) if error is None else refusal(error)
+        answered.get_loop().call_soon_threadsafe(answered.set_result, found)
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
@@ -99,7 +99,7 @@ class ActionHandler:
         border = apply_draft(request.values["draft"], self._stored(known) if known else VirtualBorder(enabled=True))
         response = _call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
         return {
-            **_to_answer(response),
+            **_answer(response),
             "area": rounded(response.area_m2, 2),
             "parts": int(response.free_parts),
             "region": region_uri(response.region) if response.success else "",
@@ -109,50 +109,50 @@ class ActionHandler:
         border = apply_draft(request.values["draft"], VirtualBorder(enabled=True, occupancy=1.0))
         fields = {"border": border, "frame_id": names.MAP_FRAME, "source": source, "request_id": request.id}
         response = _call(names.ADD_BORDER, AddBorder, **fields)
-        return {**_to_answer(response), "border": response.id}
+        return {**_answer(response), "border": response.id}
 
     def _change(self, request: Request, source: str) -> Dict[str, Any]:
         fields = dict(request.values)
-        stored = self._stored(fields.pop("border"))  # only ids of stored borders are accepted
+        stored = self._stored(fields.pop("border"))  # only ids of stored borders get through
         if "draft" in fields:
             fields.update(border=apply_draft(fields.pop("draft"), stored), frame_id=names.MAP_FRAME)
         else:
             fields["id"] = stored.id
         revision = fields.pop("revision")
-        return _to_answer(_call(*_CHANGES[request.action], source=source, expected_revision=revision, **fields))
+        return _answer(_call(*_CHANGES[request.action], source=source, expected_revision=revision, **fields))
 
     _update = _rename = _enable = _remove = _change
 
     def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
-        request_class = ConfirmMap._request_class
-        map_answer = request_class.SAME_PLACE if request.values["same"] else request_class.OTHER_PLACE
-        fields = {"answer": map_answer, "source": source, "map_id": request.values["map_id"]}
-        return _to_answer(_call(names.CONFIRM_MAP, ConfirmMap, **fields))
+        places = ConfirmMap._request_class
+        place = places.SAME_PLACE if request.values["same"] else places.OTHER_PLACE
+        fields = {"answer": place, "source": source, "map_id": request.values["map_id"]}
+        return _answer(_call(names.CONFIRM_MAP, ConfirmMap, **fields))
 
     # ------------------------------------------------------------- robots
     def _send(self, request: Request, _source: str) -> Dict[str, Any]:
         goal = Point(*request.values["goal"], 0.0)
-        return _to_answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], goal=goal))
+        return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], goal=goal))
 
     def _halt(self, request: Request, _source: str) -> Dict[str, Any]:
-        return _to_answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
+        return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
     def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
         return {**answer("ok"), **self._give_invitation()}
 
 
-def _call(service_name: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
-    """Calls a service with a request that has these fields."""
-    return services.call(service_name, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
+def _call(which: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
+    """Calls a service with a request of these fields."""
+    return services.call(which, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
 
 
 def _undo_or_redo(order: CommandRequest) -> Any:
     return _call(names.UNDO_REDO, UndoRedo, redo=order.command == REDO, request_id=order.id)
 
 
-def _to_answer(response: Any) -> Dict[str, Any]:
+def _answer(response: Any) -> Dict[str, Any]:
     code = response.code or ("ok" if response.success else "page_not_done")
-    result = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
+    found = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
     if hasattr(response, "issues"):
-        result["issues"] = issues_section(response.issues)
-    return result
+        found["issues"] = issues_section(response.issues)
+    return found

@@ -20,20 +20,20 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import page_images
 
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
-_FLOOR_LIFETIME = 5.0  # [s] for which all browsers get the same image, if all cameras are in it
+_FLOOR_LIFETIME = 5.0  # [s] for which every browser that asks gets the same image, if all cameras are in it
 
 
 def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
     """Converts an image message to (H, W, 3) bgr uint8.
 
     Raises:
-        CodedError: "bad_image", "unknown_encoding" if the image is not a picture, such as a depth image.
+        CodedError: "bad_image", "unknown_encoding" for one that is no picture, such as depth.
     """
     return PixelReader().read(*decode(message)).bgr()
 
 
 class CameraImages:
-    """The detectors' debug images, and the ceiling cameras' view of the floor.
+    """The detectors' debug images, and the floor as the ceiling cameras see it.
 
     Args:
         detectors: returns the name of each camera's detector node, from its status messages.
@@ -55,10 +55,10 @@ class CameraImages:
         self._grid, self._transforms = grid, transforms
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
-        self._floor_time = -1e9
+        self._floor_at = -1e9
 
     def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """Returns the newest debug image of a camera; None if the camera is unknown or no image arrives."""
+        """Returns the newest debug image of a camera; None if the camera is unknown or nothing arrives."""
         detector = self._detectors().get(camera)
         if detector is None:
             return None
@@ -70,9 +70,9 @@ class CameraImages:
             return None
 
     def floor_webp(self) -> Optional[bytes]:
-        """Draws the floor from the current images of all ceiling cameras; None without any image."""
+        """Draws the floor as all ceiling cameras see it now; None if none of them does."""
         with self._floor_lock:
-            if self._floor is None or time.monotonic() - self._floor_time > _FLOOR_LIFETIME:
+            if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
                 self._floor = page_images.draw_floor(grid, views).data if grid is not None and views else None

@@ -1,7 +1,7 @@
-"""The images below the page's lines: map, restricted floor, and the ceiling cameras' view of the floor.
+"""The images under the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
 
-All are transparent where there is nothing to show, so that light and dark pages use the same images. Row 0 of an image
-is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced so that no wall vanishes.
+All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of an image
+is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall ever vanishes.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from vb_core.geometry import apply
 from vb_core.grid_map import UNKNOWN, GridMap
 from vb_web.page_view import rounded
 
-MAX_SIDE = 2048  # [px] largest side of an image; more is not visible on a display, and slow on a phone
-FLOOR_SIDE = 1400  # [px] largest side of the floor's image
-FLOOR_PIXEL = 0.01  # [m] size of a pixel on the floor; a ceiling camera does not resolve less
+MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
+FLOOR_SIDE = 1400  # [px] of the floor's image
+FLOOR_PIXEL = 0.01  # [m] a ceiling camera resolves nothing finer
 STRIPE_PERIOD = 0.2  # [m] period of the stripes
-_INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts it
+_INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
 _UNKNOWN = (128, 128, 128, 70)
 FORBIDDEN = (0, 94, 213)  # bgr, vermilion, as on the smart display
-PLANNED = (0, 159, 230)  # bgr, orange: floor that saving would restrict
-PREVIEW_SIDE = 700  # [px] largest side of a preview, which is part of a message
+PLANNED = (0, 159, 230)  # bgr, orange: what saving now would restrict
+PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
 
 
 @dataclass(frozen=True)
 class EncodedImage:
-    """A PNG or WebP image.
+    """A PNG or WebP.
 
     Attributes:
-        name: changes with the content, so that browsers may cache the image for ever.
-        cells: map cells per pixel along a side; less than 1 if the image is finer than the map.
+        name: changes with the content, so that browsers may cache it for ever.
+        cells: map cells per pixel along a side; less than 1 where an image is finer than the map.
     """
 
     data: bytes
@@ -44,23 +44,23 @@ class EncodedImage:
 
 
 class ImageCache:
-    """The newest two images of each kind, because a browser may still fetch the previous one."""
+    """The newest two images of each kind: a browser may still be fetching the previous one."""
 
     def __init__(self) -> None:
         self._images: Dict[str, Tuple[EncodedImage, ...]] = {}
 
     def put(self, kind: str, image: EncodedImage) -> None:
         """Adds an image as the newest one of its kind."""
-        others = [other for other in self._images.get(kind, ()) if other.name != image.name]
-        self._images[kind] = (image, *others[:1])
+        kept = [old for old in self._images.get(kind, ()) if old.name != image.name]
+        self._images[kind] = (image, *kept[:1])
 
     def get(self, kind: str, name: str) -> Optional[EncodedImage]:
-        """Returns an image by its name; None if it is unknown or has been replaced."""
+        """Returns an image by its name; None if it is not (or no longer) there."""
         return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
-    """Reduces (H, W) to the maxima of blocks, padded at the edge; also returns a block's side [cells]."""
+    """Reduces (H, W) to maxima of blocks, the last padded by the edge; also returns a block's side [cells]."""
     cells = max(1, -(-max(data.shape) // side))
     if cells == 1:
         return data, 1
@@ -89,7 +89,7 @@ def draw_map(grid: GridMap) -> EncodedImage:
 
 
 def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage], floor: bool) -> Dict[str, Any]:
-    """Describes the map's images and geometry for the page; `floor` says whether there is an image of the floor."""
+    """Describes the map's images and geometry for the page. `floor`: whether there is an image of the floor."""
     rows, columns = grid.shape
     return {
         "picture": base.name,
@@ -104,7 +104,7 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
 
 
 def draw_restricted(before: GridMap, after: GridMap) -> EncodedImage:
-    """Draws stripes where `after` has a higher occupancy than `before`, fainter for lower occupancy."""
+    """Draws stripes where `after` is more occupied than `before`, fainter for lower occupancy."""
     return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
 
 
@@ -117,21 +117,21 @@ def draw_region(
         region: (H, W) int8, 0 (outside) to 100; row 0 is the lowest y.
         resolution: [m] edge of a cell.
         tint: bgr.
-        side: [px] largest side of the image.
+        side: [px] the largest side of the image.
     """
     data, cells = _reduce(region, side)
     rows, columns = np.indices(data.shape, dtype=np.float32)
     period = max(4.0, STRIPE_PERIOD / (resolution * cells))
-    is_stripe = ((rows + columns) % period) < period / 2.0
+    dark = ((rows + columns) % period) < period / 2.0
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[..., :3] = tint
-    pixels[..., 3] = np.where(is_stripe, 1.45, 0.75) * np.maximum(data, 0)
+    pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0)
     return _encode(pixels, cells)
 
 
 @dataclass(frozen=True)
 class CeilingImage:
-    """The newest image of a ceiling camera.
+    """Holds the newest image of one ceiling camera.
 
     Attributes:
         image: (H, W, 3) bgr uint8.
@@ -149,34 +149,34 @@ def floor_cells(grid: GridMap) -> float:
 
 
 def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
-    """Draws all cameras' view of the floor in the map's geometry; transparent where no camera sees the floor.
+    """Draws the floor in the map's geometry, as all cameras together see it; transparent where none does.
 
-    Where several cameras see the same floor, each is weighted by the distance to its image's edge, to avoid seams.
+    Where several see the same floor, each is weighted by the pixel's distance to its image's edge: no hard seams.
     """
     cells = floor_cells(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
     centers = (
         np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
     )
-    points = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
-    color_sum = np.zeros((rows, columns, 3), np.float32)
+    places = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
+    total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
     for view in views:
-        camera_points = apply(view.pose, points)
-        in_front = camera_points[:, 2] > 0.05
-        camera_points[~in_front] = (0.0, 0.0, 1.0)
-        pixels = view.camera.project(camera_points).astype(np.float32)
+        seen = apply(view.pose, places)
+        in_front = seen[:, 2] > 0.05
+        seen[~in_front] = (0.0, 0.0, 1.0)
+        pixels = view.camera.project(seen).astype(np.float32)
         size = np.array([view.camera.width, view.camera.height], np.float32)
-        margin = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
-        weight = np.where(in_front & (margin > 0.0), margin, 0.0).reshape(rows, columns).astype(np.float32)
-        positions = pixels.reshape(rows, columns, 2)
-        colors = cv2.remap(view.image, positions[..., 0], positions[..., 1], cv2.INTER_AREA)
-        color_sum += colors * weight[..., None]
+        inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
+        weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
+        at = pixels.reshape(rows, columns, 2)
+        colors = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
+        total += colors * weight[..., None]
         weights += weight
     pixels = np.zeros((rows, columns, 4), np.uint8)
-    camera_points = weights > 0
-    pixels[..., :3][camera_points] = (color_sum[camera_points] / weights[camera_points][:, None]).clip(0, 255)
-    pixels[..., 3] = np.where(camera_points, 255, 0)
+    seen = weights > 0
+    pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
+    pixels[..., 3] = np.where(seen, 255, 0)
     return _encode(pixels, cells, _WEBP)
 
 

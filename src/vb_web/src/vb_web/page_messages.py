@@ -26,25 +26,25 @@ _KIND_NAMES = {value: key for key, value in KINDS.items()}
 
 
 def centimeters(points: Iterable[Point]) -> List[int]:
-    """Converts points to one list of whole centimetres; drops points that are not finite."""
-    coordinates = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
-    coordinates = coordinates[np.isfinite(coordinates).all(axis=1)].clip(-1e6, 1e6)
-    return np.rint(coordinates * 100.0).astype(int).ravel().tolist()
+    """Converts points to whole centimetres in one list, without points that are not finite."""
+    found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
+    found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
+    return np.rint(found * 100.0).astype(int).ravel().tolist()
 
 
 def copy_fields(message: Any, fields: str) -> Dict[str, Any]:
-    """Returns fields of a message, unchanged and under their own names; `fields`: names separated by spaces."""
+    """Returns fields of a message, given as names with spaces between, unchanged and under the same names."""
     return {field: getattr(message, field) for field in fields.split()}
 
 
 def coded_sentence(message: Any) -> Dict[str, Any]:
-    """Returns code, values and English sentence of a message that has these fields."""
+    """Returns code, values and English sentence of any message that has these three."""
     return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
 
 
 def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
-    """Converts the issues of a check."""
-    return [{"severity": int(issue.severity), **coded_sentence(issue)} for issue in issues]
+    """Converts the issues that a check reported."""
+    return [{"severity": int(found.severity), **coded_sentence(found)} for found in issues]
 
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
@@ -68,7 +68,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
 
 
 def progress_section(message: BorderProgress) -> Dict[str, Any]:
-    """Converts the drawing so far."""
+    """Converts what has been drawn so far."""
     return {
         "spots": message.border_spots,
         "points": centimeters(message.points),
@@ -93,7 +93,7 @@ def region_uri(region: Any) -> str:
 
 
 def preview_section(message: BorderPreview) -> Dict[str, Any]:
-    """Converts the preview of saving."""
+    """Converts the preview of what saving now would do."""
     if not message.available:
         return {"available": False}
     return {
@@ -122,38 +122,38 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
     }
 
 
-def _with_unkept(section: Dict[str, Any], offer: Optional[Offer]) -> Dict[str, Any]:
-    """Adds `unkept` to a border's section: a sentence that names the robots that ignore the border, if known."""
-    told = find_unkept(offer, section["zone"], section["robots"]) if offer is not None and section["in_force"] else None
+def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, Any]:
+    """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
+    told = find_unkept(found, section["zone"], section["robots"]) if found is not None and section["in_force"] else None
     return {**section, "unkept": {"code": told[0], "values": told[1]} if told else None}
 
 
-def borders_section(message: VirtualBorderArray, offer: Optional[Offer] = None) -> Dict[str, Any]:
-    """Converts all borders; `offer` is None if the connections are not known."""
+def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) -> Dict[str, Any]:
+    """Converts all borders. `found`: what is connected, if that is known."""
     return {
         **copy_fields(message, "revision map_id map_name available_commands"),
         "unconfirmed": message.needs_confirmation,
-        "list": [_with_unkept(border_section(border), offer) for border in message.borders],
+        "list": [_with_unkept(border_section(border), found) for border in message.borders],
         **coded_sentence(message),
     }
 
 
-def offer_section(offer: Offer, message: RobotStatusArray, extra_commands: Iterable[str] = ()) -> Dict[str, Any]:
-    """Converts the offer and the notices about robots; `extra_commands` are offered too."""
+def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
+    """Converts what is offered, and what is said about the robots; `more`: further commands to offer."""
     return {
-        **copy_fields(offer, "state zones goes"),
+        **copy_fields(found, "state zones goes"),
         "interaction": message.interaction,
-        "commands": [*offer.commands, *extra_commands],
+        "commands": [*found.commands, *more],
         "robots": [robot.robot for robot in message.robots],
         "lines": [
             {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
-            for line in offer.lines
+            for line in found.lines
         ],
     }
 
 
 def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
-    """Converts the goals and paths of driving robots, by robot."""
+    """Converts where robots are going: goal and path, by robot."""
     return {
         robot.robot: {"goal": centimeters([robot.goal]), "path": centimeters(robot.path)}
         for robot in message.robots
@@ -163,8 +163,8 @@ def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
     """Converts a spot to [x, y, track], x and y in cm; None if it is not finite."""
-    position = centimeters([message.position])
-    return [*position, int(message.track)] if position else None
+    place = centimeters([message.position])
+    return [*place, int(message.track)] if place else None
 
 
 def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
@@ -178,14 +178,14 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
 
 
 def driver_entry(message: DriverState) -> Dict[str, Any]:
-    """Converts the source that drives a robot, and the sentence that explains its code."""
+    """Converts who drives a robot, and the sentence that says why it stands or drives."""
     code = "robot_stopped_inside_border" if message.code == "inside_border" else f"robot_{message.code}"
     values = {"who": sentences.robot_value(message.robot), "others": "$page_other_program"}
     return {"source": message.source, "code": code, "values": values, "message": message.message}
 
 
 def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
-    """Converts the current notices."""
+    """Converts the notices that are now in effect."""
     return [
         {
             **copy_fields(notice, "code message robot camera"),
@@ -198,7 +198,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
-    """Copies a draft, checked by `action_requests`, into a border's message; other fields keep their values."""
+    """Puts a draft, checked by `action_requests`, into a border's message; fields that it lacks stay as they are."""
     border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
     border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
     border.kind = KINDS[draft["kind"]]

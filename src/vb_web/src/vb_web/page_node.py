@@ -33,11 +33,11 @@ from vb_web.action_requests import Bounds
 from vb_web.server import PageParams, PageServer, addresses
 from vb_web.page_view import View, coarse_age, mark_borders, rounded
 
-_POSE_PERIOD = 0.1  # [s] between two updates of the robots' poses
+_POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
-_SILENCE_TIMEOUT = 4.0  # [s] after which a node counts as silent; detectors publish at 1 Hz, robots' drivers faster
+_SILENCE_TIMEOUT = 4.0  # [s] without a message; detectors publish every second, robots' drivers more often
 _SESSIONS = "page_sessions.json"  # beside the codes
-_PENDING_CODES = ("saving", "changing")  # answers that precede the final one
+_UNDER_WAY = ("saving", "changing")  # answers that precede the final one
 _EVENTS = 100
 
 
@@ -50,7 +50,7 @@ class PageNode:
         /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
-        /virtual_borders/robots (vb_msgs/RobotStatusArray): the connected robots, which determine the offer
+        /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, which decides what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
         <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
         /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): the same
@@ -76,19 +76,19 @@ class PageNode:
         self._view, self._images = View(), page_images.ImageCache()
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
-        self._borders: Optional[VirtualBorderArray] = None  # None if not known yet
-        self._offer: Optional[Offer] = None  # None if the connections are not known
+        self._borders: Optional[VirtualBorderArray] = None  # None: not known yet
+        self._offer: Optional[Offer] = None  # None: it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
-        self._frames: Dict[str, str] = {}  # the robots' base frames, by name
+        self._frames: Dict[str, str] = {}  # of the robots' bases, by name
         self._marks: Dict[str, str] = {}
-        self._last_answer: Any = None
-        self._is_idle = True  # whether nobody draws
-        self._last_state = time.monotonic()
+        self._answered: Any = None
+        self._idle = True  # whether nobody draws
+        self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}
         self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._notices = NoticeListener(self._notices_due.set)
-        self._detectors: Dict[str, Any] = {}  # camera: (time received [s], node's name, entry)
-        self._drivers: Dict[str, Any] = {}  # robot: (time received [s], entry)
+        self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
+        self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
@@ -101,18 +101,18 @@ class PageNode:
         self._subscribe()
         self._robots = OfferListener()
         self._serve()
-        # in wall time, which continues when simulated time stops
-        checks = (
-            (node.WakeTimer(_POSE_PERIOD), self._update_poses),
-            (node.WakeTimer(_HEALTH_PERIOD), self._update_health),
+        # in wall time, which goes on when simulated time stops
+        looks = (
+            (node.WakeTimer(_POSE_PERIOD), self._look_at_robots),
+            (node.WakeTimer(_HEALTH_PERIOD), self._look_at_health),
             (self._notices_due, self._show_notices),
         )
-        self._timers = [timer for timer, _ in checks]
-        for timer, check in checks:
-            node.Worker(timer, lambda _woken, check=check: check())
+        self._beats = [beat for beat, _ in looks]
+        for beat, look in looks:
+            node.Worker(beat, lambda _woken, look=look: look())
 
     def _serve(self) -> None:
-        """Starts the server and logs the page's address."""
+        """Starts the server and logs where the page is."""
         params = self._params
         local = is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
@@ -141,8 +141,8 @@ class PageNode:
 
     def close(self) -> None:
         """Ends threads and server."""
-        for timer in self._timers:
-            timer.close()
+        for beat in self._beats:
+            beat.close()
         self._maps.close()
         self._server.close()
 
@@ -173,12 +173,12 @@ class PageNode:
         self._maps.put(True)
 
     def _draw_maps(self) -> None:
-        grids = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
-        physical, with_borders = (
-            grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
+        found = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
+        prior, posterior = (
+            found.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
         )
-        physical = physical or with_borders
-        if physical is None:
+        prior = prior or posterior
+        if prior is None:
             return
         self._grid = prior
         base = page_images.draw_map(prior)
@@ -190,10 +190,10 @@ class PageNode:
         self._view.put("map", page_images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
     def _show_robots(self) -> None:
-        """Shows the connected robots; when they are no longer known, browsers get a null offer."""
-        message, current_offer = self._robots.current() or (None, None)
-        changed, self._offer = current_offer != self._offer, current_offer
-        if message is not None and current_offer is not None:
+        """Shows what is connected; when that is no longer known, browsers get a null offer."""
+        message, found = self._robots.current() or (None, None)
+        changed, self._offer = found != self._offer, found
+        if message is not None and found is not None:
             self._frames = {robot.robot: robot.frame for robot in message.robots}
             # Stop does not vanish from under a finger while a driver is being restarted
             self._stoppable = self._stoppable or "stop" in found.commands
@@ -207,14 +207,14 @@ class PageNode:
             self._show_borders()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        previous, self._borders = self._borders, message
+        before, self._borders = self._borders, message
         self._show_borders()
-        for kind, border in border_changes(_by_id(previous), _by_id(message)) if previous is not None else ():
+        for kind, border in border_changes(_by_id(before), _by_id(message)) if before is not None else ():
             self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
-        """Shows the newest borders; the lock prevents that one of several calling threads shows an older list."""
-        with self._borders_lock:
+        """Shows the newest borders; called from several threads, of which none can bring back an older list."""
+        with self._showing:
             if self._borders is None:
                 return
             section = page_messages.borders_section(self._borders, self._offer)
@@ -227,20 +227,20 @@ class PageNode:
         section = page_messages.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
-        self._is_idle = section["name"] == DEFAULT.name
-        if self._is_idle:
+        self._idle = section["name"] == DEFAULT.name
+        if self._idle:
             self._view.put("progress", None)
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
-        if last["code"] in _PENDING_CODES:
+        if last["code"] in _UNDER_WAY:
             return  # the history shows only the final answer
-        if self._last_answer is not None and answered != self._last_answer and last["command"]:
+        if self._answered is not None and answered != self._answered and last["command"]:
             self._log_event(
                 "page_event_command" if last["ok"] else "page_event_refused",
                 {**last["values"], "command": last["command"], "code": last["code"]},
                 last["source"],
             )
-        self._last_answer = answered
+        self._answered = answered
 
     def _on_progress(self, message: BorderProgress) -> None:
         self._view.put("progress", None if self._idle else page_messages.progress_section(message))
@@ -274,19 +274,21 @@ class PageNode:
             return {camera: publisher for camera, (_, publisher, _) in self._detectors.items()}
 
     # ------------------------------------------------------------- periodic checks
-    def _update_poses(self) -> None:
+    def _look_at_robots(self) -> None:
         if not self._server.browsers:
             return
         poses = {robot: self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT) for robot, frame in self._frames.items()}
-        # rounded, so that a robot at rest is sent only once
-        entries = {robot: [rounded(value, 2) for value in pose] for robot, pose in poses.items() if pose is not None}
-        self._view.put("robots", entries)
+        # a robot at rest is reported once
+        seen = {robot: [rounded(value, 2) for value in pose] for robot, pose in poses.items() if pose is not None}
+        self._view.put("robots", seen)
 
-    def _update_health(self) -> None:
+    def _look_at_health(self) -> None:
         self._show_robots()
         now = time.monotonic()
         with self._lock:
-            cameras = [{**entry, "there": now - at < _SILENCE_TIMEOUT} for at, _, entry in self._detectors.values()]
+            cameras = [
+                {**entry, "there": now - heard < _SILENCE_TIMEOUT} for heard, _, entry in self._detectors.values()
+            ]
             drivers = {
                 robot: {**entry, "there": now - at < _SILENCE_TIMEOUT} for robot, (at, entry) in self._drivers.items()
             }
@@ -297,10 +299,10 @@ class PageNode:
             {
                 "manager": self._connected(names.STATE),
                 "integrator": self._connected(names.BORDERS),
-                "silent": coarse_age(now - self._last_state),
+                "silent": coarse_age(now - self._state_at),
             },
         )
-        self._view.put("beat", int(now) // 2)  # shows browsers that they are still connected
+        self._view.put("beat", int(now) // 2)  # so that a browser hears that it is still connected
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0
@@ -328,13 +330,13 @@ def _warn(error: CodedError) -> None:
 
 def _own_addresses() -> List[str]:
     """Returns this computer's address in the network, and its host name."""
-    addresses: List[str] = []
+    found: List[str] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
         probe.connect(("192.0.2.1", 9))  # a documentation address; connecting a datagram socket sends nothing
-        addresses.append(probe.getsockname()[0])
-    return [*addresses, socket.gethostname()]
+        found.append(probe.getsockname()[0])
+    return [*found, socket.gethostname()]
 
 
 def build() -> PageNode:
-    """Reads the parameters and constructs the node."""
+    """Reads the parameters and makes the node."""
     return PageNode(parameters.read(PageParams))

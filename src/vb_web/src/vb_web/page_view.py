@@ -1,7 +1,7 @@
-"""The page's contents, as sections of JSON, each with a revision.
+"""What the page shows, as sections of JSON with a revision each.
 
-A section is serialised once, when it changes. A browser that has revision N gets newer sections; all browsers get the
-same text, and a slow browser skips sections that were replaced meanwhile.
+A section is serialised once, when it changes. A browser that knows revision N gets the sections that are newer; all
+browsers get the same text, and a slow one skips what was replaced meanwhile.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ def rounded(value: float, digits: int = 3) -> Optional[float]:
 
 
 def coarse_age(seconds: float) -> int:
-    """Rounds an age [s] down to 0, 3, 5, 10, 20 ... 60, 120 ... 3600, since a screen reader reads each change."""
+    """Rounds an age [s] down, for a sentence read out at each change: 0, 3, 5, 10, 20 ... 60, 120 ... 3600."""
     steps = (3, 5, *range(10, 60, 10), *range(60, 3600, 60), 3600)
     return max([step for step in steps if step <= seconds], default=0)
 
 
 def as_message(value: Any) -> str:
-    """Serialises a message for a browser as JSON."""
+    """Serialises a message to a browser as JSON."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
@@ -69,7 +69,7 @@ class View:
     def since(self, revision: int) -> Tuple[int, str]:
         """Returns (revision, message) with all sections newer than a revision.
 
-        Revision 0 returns all sections; the message is empty if none is newer.
+        Revision 0 returns all of them; the message is empty if there are none.
         """
         with self._lock:
             if revision >= self._revision:
@@ -80,15 +80,15 @@ class View:
             return self._revision, self._last[2]
 
 
-def mark_borders(previous: Dict[str, str], ids: List[str]) -> Dict[str, str]:
-    """Gives each border a mark, shown where its name does not fit; returns the marks by border's id.
+def mark_borders(before: Dict[str, str], ids: List[str]) -> Dict[str, str]:
+    """Gives each border a mark that stands for it where its name has no room; returns the marks by border's id.
 
-    A border keeps its previous mark; a new one gets the first free mark of A to Z, A1 to Z1, ...
+    A border keeps its mark of `before`; a new one gets the first of A to Z, A1 to Z1, ... that is free there.
     """
-    marks = {key: previous[key] for key in ids if key in previous}
-    all_marks = (letter + str(turn or "") for turn in itertools.count() for letter in ascii_uppercase)
-    free_marks = (mark for mark in all_marks if mark not in previous.values())
+    marks = {key: before[key] for key in ids if key in before}
+    every = (letter + str(turn or "") for turn in itertools.count() for letter in ascii_uppercase)
+    free = (mark for mark in every if mark not in before.values())
     for key in ids:
         if key not in marks:
-            marks[key] = next(free_marks)
+            marks[key] = next(free)
     return marks

@@ -1,7 +1,7 @@
-"""Handles browsers' requests: files and images by HTTP, everything else by one WebSocket.
+"""Answers browsers: files and images by HTTP, and one WebSocket for everything else.
 
-Browsers receive the view's sections when they change, and send requests that `action_requests` checks. No request names
-a file on disk: everything that can be fetched is in dictionaries.
+Browsers get the view's sections as they change, and send requests that `action_requests` must accept. No request names
+a file on disk: dictionaries hold all that can be fetched.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ from vb_web import access_control, action_requests
 from vb_web.access_control import Role
 from vb_web.page_view import as_message, refusal
 
-# [s] between two messages to a browser: 25 a second look smooth, and take little processor time for 20 browsers
+# [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 _SEND_PERIOD = 0.04
-MAX_BODY = 2048  # [B] enough for a code, the only body
-_MAX_PENDING = 4  # requests of one browser
+MAX_BODY = 2048  # [B] the only body is a code
+_MAX_UNDERWAY = 4  # requests of one browser
 _MAX_FAULTS = 20  # refused messages after which the browser is disconnected
 
 
 def routes(page: Any) -> List[Tuple]:
-    """Lists the paths with their handlers; `page` is the `server.PageServer`."""
-    arguments = {"page": page}
+    """Lists the handler of each path; `page` is the `server.PageServer`."""
+    given = {"page": page}
     return [
-        (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, arguments),
-        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, arguments),
-        (r"/session", _SessionHandler, arguments),
-        (r"/link", _LinkHandler, arguments),
-        (r"/(.*)", _FileHandler, arguments),
+        (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
+        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
+        (r"/session", _SessionHandler, given),
+        (r"/link", _LinkHandler, given),
+        (r"/(.*)", _FileHandler, given),
     ]
 
 
-class _GuardedHandler(web.RequestHandler):
-    """Checks every request before it is handled."""
+class _Guarded(web.RequestHandler):
+    """Checks every request before a handler does anything."""
 
     NEEDS = Role.VIEWER
     role: Role
-    session: str  # its name; "" for a browser on this computer
+    session: str  # its name; "" for a browser of this computer
 
     def initialize(self, page: Any) -> None:
         self.page = page
@@ -94,8 +94,8 @@ class _GuardedHandler(web.RequestHandler):
 
 
 @web.stream_request_body
-class _Handler(_GuardedHandler):
-    """Reads bodies as bytes, so that Tornado's form and multipart parsers are never used."""
+class _Handler(_Guarded):
+    """Reads bodies as bytes: Tornado's form and multipart parsers are never reached."""
 
     def data_received(self, chunk: bytes) -> None:
         self.body += chunk
@@ -103,7 +103,7 @@ class _Handler(_GuardedHandler):
             raise web.HTTPError(413)
 
     def send(self, data: bytes, kind: str, keep: str = "no-store") -> None:
-        """Responds with bytes; Tornado adds an ETag, with which the browser can ask whether they have changed."""
+        """Answers with bytes; Tornado adds an ETag, by which the browser can ask whether they have changed."""
         self.set_header("Content-Type", kind)
         self.set_header("Cache-Control", keep)
         self.finish(data)
@@ -113,10 +113,10 @@ class _FileHandler(_Handler):
     NEEDS = Role.NOBODY  # the page's files reveal nothing about the house
 
     def get(self, name: str) -> None:
-        file = self.page.files.get(name or "index.html")
-        if file is None:
+        found = self.page.files.get(name or "index.html")
+        if found is None:
             raise web.HTTPError(404)
-        self.send(*file, keep="no-cache")
+        self.send(*found, keep="no-cache")
 
 
 class _ImageHandler(_Handler):
@@ -128,26 +128,26 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
-    """Sends a camera's image, or all cameras' view of the floor; both are created on request."""
+    """Sends a camera's image, or the floor as all of them see it; both are made on request."""
 
     NEEDS = Role.OPERATOR
 
     async def get(self, camera: Optional[str]) -> None:
-        make_image = (self.page.cameras.camera_jpeg, camera) if camera else (self.page.cameras.floor_webp,)
-        data = await self.page.in_turn(self.session, *make_image)
+        make = (self.page.cameras.camera_jpeg, camera) if camera else (self.page.cameras.floor_webp,)
+        data = await self.page.in_turn(self.session, *make)
         if data is None:
             raise web.HTTPError(404)
         self.send(data, "image/jpeg" if camera else "image/webp")
 
 
 class _SessionHandler(_Handler):
-    """Returns a browser's role, which a failed WebSocket cannot; logs in (POST, with a code) and out (DELETE)."""
+    """Tells a browser its role, which a failed WebSocket does not; logs in (POST, with a code) and out (DELETE)."""
 
     NEEDS = Role.NOBODY
 
     def get(self) -> None:
-        status = {"role": self.role.name.lower(), "login": self.page.sessions is not None}
-        self.send(json.dumps(status).encode("ascii"), "application/json")
+        found = {"role": self.role.name.lower(), "login": self.page.sessions is not None}
+        self.send(json.dumps(found).encode("ascii"), "application/json")
 
     async def post(self) -> None:
         sessions, address = self.page.sessions, self.request.remote_ip or ""
@@ -156,8 +156,8 @@ class _SessionHandler(_Handler):
         if not self.page.logins.allows(address, time.monotonic()):
             raise web.HTTPError(429)
         try:
-            fields = json.loads(self.body.decode("utf-8"))
-            code = fields["code"] if set(fields) == {"code"} and isinstance(fields["code"], str) else ""
+            given = json.loads(self.body.decode("utf-8"))
+            code = given["code"] if set(given) == {"code"} and isinstance(given["code"], str) else ""
         except (ValueError, TypeError, RecursionError):
             raise web.HTTPError(400) from None
         cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, code)
@@ -183,17 +183,17 @@ class _SessionHandler(_Handler):
         self.send(b'{"ok":true}', "application/json")
 
 
-class _LinkHandler(_GuardedHandler, WebSocketHandler):
+class _LinkHandler(_Guarded, WebSocketHandler):
     """The WebSocket of one browser."""
 
     def check_origin(self, origin: str) -> bool:
-        return True  # `prepare` has checked it, and refused a request without one
+        return True  # `prepare` has checked it, and refused a missing one
 
     def open(self, *_args: str) -> None:
         self.set_nodelay(True)
         self._faults = 0
-        self._pending = 0
-        self._request_limiter = Limiter(rate=10.0, burst=40.0)
+        self._underway = 0
+        self._asks = Limiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
         self._write(self.page.hellos[self.role])
         asyncio.ensure_future(self._send_view())
@@ -202,21 +202,21 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         self.page.browsers.discard(self)
 
     async def _send_view(self) -> None:
-        """Sends this browser new sections as fast as it accepts them, but no faster than _SEND_PERIOD.
+        """Sends this browser what it has not received yet, as fast as it accepts it, but no faster than looks fluid.
 
-        Viewers are served at random times within that period: otherwise an operator's answer would wait for them all.
+        Viewers are served at random moments within that period: otherwise an operator's answer would wait for them all.
         """
-        revision, offset = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
+        sent, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
             while self in self.page.browsers:
-                change = self.page.news
-                revision, text = self.page.view.since(revision)
+                news = self.page.news
+                sent, text = self.page.view.since(sent)
                 if text:
                     await self.write_message(text)
-                    await asyncio.sleep(_SEND_PERIOD - offset)
+                    await asyncio.sleep(_SEND_PERIOD - turn)
                 else:
-                    await change.wait()
-                    await asyncio.sleep(offset)
+                    await news.wait()
+                    await asyncio.sleep(turn)
 
     def _write_json(self, message: Dict[str, Any]) -> None:
         self._write(as_message(message))
@@ -226,12 +226,12 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
-        request_id = ""  # a refusal names its request too, if the request has a valid id
+        request_id = ""  # a refusal names its request too, if that has a usable id
         try:
-            if not self._request_limiter.allows("", time.monotonic()):
+            if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
-            request_id, fields = action_requests.read(message)
-            request = action_requests.check(request_id, fields, self.page.bounds())
+            request_id, found = action_requests.read(message)
+            request = action_requests.check(request_id, found, self.page.bounds())
             if self.role < Role.OPERATOR:
                 raise CodedError("page_viewer_only")
         except CodedError as error:
@@ -240,15 +240,15 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
             if self._faults >= _MAX_FAULTS:
                 self.close(1008)
             return
-        if self._pending >= _MAX_PENDING and request.values.get("command") != "stop":
+        if self._underway >= _MAX_UNDERWAY and request.values.get("command") != "stop":
             self._write_json({"re": request.id, **refusal(CodedError("page_too_fast"))})
             return
-        self._pending += 1
-        # by callback, because each await would take another turn of the loop, in which all other tasks run first
+        self._underway += 1
+        # by callback: each await would cost another turn of the loop, in which all others come first
         self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
 
     def _answer(self, request: action_requests.Request, answered: asyncio.Future) -> None:
-        self._pending -= 1
+        self._underway -= 1
         try:
             answer = answered.result()
         except Exception:

@@ -1,8 +1,8 @@
 """The web server: its thread, its connections' places, and the pools that carry out requests; `request_handlers` answers them.
 
-An attacker must not prevent an operator's *stop*. So each role has its own connection slots (`access.ConnectionSlots`),
-slow work has a separate pool and runs one piece at a time for each person, and a connection that reads or writes too
-slowly is closed. No ROS here; `actions.ActionHandler` carries requests out.
+An attacker must not keep an operator from a *stop*. So connections have places by role (`access.ConnectionSlots`), slow work is
+done apart from quick work and one piece at a time for each person, and a connection that reads or writes too slowly is
+closed. No ROS here; `actions.ActionHandler` carries requests out.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".webmanifest": "application/manifest+json",
 }
-# connections, together well below the usual limit of open files, which ROS needs too
-_SLOTS = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
-_IDLE_TIMEOUT = 10.0  # [s] for a request's headers, a handshake, or the next request
-_SEND_TIMEOUT = 20  # [s] for a browser to receive sent data
+# connections: together below the usual limit of open files, with room for ROS
+_PLACES = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
+_PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
+_SEND_PATIENCE = 20  # [s] for a browser to receive what is sent to it
 
 
 @dataclass(frozen=True)
@@ -65,18 +65,18 @@ class PageParams(Parameters):
 
     @property
     def certificate(self) -> Optional[Tuple[Path, Path]]:
-        """The files page.crt and page.key beside the codes, for https in a network; None if neither exists.
+        """The files page.crt and page.key beside the codes, for https in a network; None if there are none.
 
         Raises:
-            ParameterError: if only one of them exists, because its author does not want http.
+            ParameterError: if there is only one of the two: a person who made one does not want http.
         """
         if access_control.is_loopback(self.address):
             return None
         files = tuple(Path(self.codes_file).expanduser().with_name(name) for name in ("page.crt", "page.key"))
-        exists = [path.exists() for path in files]
-        if any(exists) and not all(exists):
+        there = [path.exists() for path in files]
+        if any(there) and not all(there):
             raise ParameterError("codes_file", f"{files[0]} and {files[1]} go together: one of them is missing")
-        return files if all(exists) else None  # type: ignore[return-value]
+        return files if all(there) else None  # type: ignore[return-value]
 
 
 class PageServer:
@@ -84,9 +84,9 @@ class PageServer:
 
     Args:
         sessions: None only for loopback addresses, where every user of this computer is an operator.
-        actions: an `actions.ActionHandler`, which carries requests out; cameras: a `camera_images.CameraImages`. Both
-            work in the pools' threads, for seconds if necessary.
-        bounds: returns the map's bounds, to check points; None without a map.
+        actions: carries requests out, an `actions.ActionHandler`; cameras: makes their images, a
+            `camera_images.CameraImages`. Their work in the pools' threads may take seconds.
+        bounds: returns the map's bounds, for checking points; None without a map.
         on_fault: called once with the error that ended the server's thread.
     """
 
@@ -106,7 +106,7 @@ class PageServer:
         self.logins = Limiter(rate=5.0 / 60.0, burst=5.0)
         self.requests = Limiter(rate=40.0, burst=120.0)
         self.connections = Limiter(rate=5.0, burst=100.0)
-        self.places = {role: ConnectionSlots(size, yields=role == Role.NOBODY) for role, size in _SLOTS.items()}
+        self.places = {role: ConnectionSlots(size, yields=role == Role.NOBODY) for role, size in _PLACES.items()}
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
@@ -123,18 +123,18 @@ class PageServer:
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
     def _hello(self, role: Role) -> str:
-        """Returns the first message to a browser: its role, and the tables of the vocabulary and the zones."""
-        message = {
+        """Writes the first message to a browser: its role, and the tables of the vocabulary and the zones."""
+        hello = {
             "role": role.name.lower(),
             "languages": sentences.languages(),
             "login": self.sessions is not None,
             **vocabulary.tables(),
             "zones": zones.table(),
         }
-        return as_message({"hello": message})
+        return as_message({"hello": hello})
 
     def start(self) -> None:
-        """Starts to listen.
+        """Begins to listen.
 
         Raises:
             CodedError: "page_no_address" if the address or port is not available.
@@ -146,10 +146,10 @@ class PageServer:
             raise CodedError(
                 "page_no_address", address=self.params.address, port=self.params.port, reason=error
             ) from error
-        self.view.on_change = lambda: self._loop.call_soon_threadsafe(self._notify_browsers)
+        self.view.on_change = lambda: self._loop.call_soon_threadsafe(self._announce)
 
     def close(self) -> None:
-        """Notifies the browsers that the server shuts down, and ends the thread."""
+        """Tells the browsers that the server shuts down, and ends the thread."""
         self.view.on_change = lambda: None
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._closing.set)
@@ -184,13 +184,13 @@ class PageServer:
             body_timeout=_PATIENCE,
         )
         sockets = bind_sockets(self.params.port, self.params.address)
-        for listening_socket in sockets:
-            self._loop.add_reader(listening_socket, server.accept, listening_socket)
+        for listening in sockets:
+            self._loop.add_reader(listening, server.accept, listening)
         self._started.set_result(sockets[0].getsockname()[1])
         await self._closing.wait()
-        for listening_socket in sockets:
-            self._loop.remove_reader(listening_socket)
-            listening_socket.close()
+        for listening in sockets:
+            self._loop.remove_reader(listening)
+            listening.close()
         for browser in list(self.browsers):
             browser.close(1001)
         await asyncio.sleep(0.05)
@@ -204,25 +204,25 @@ class PageServer:
             websocket_ping_timeout=45,
         )
 
-    def _notify_browsers(self) -> None:
-        """Wakes the browsers' senders after a change of the view."""
+    def _announce(self) -> None:
+        """Wakes the browsers' senders: the view has changed."""
         self.news.set()
         self.news = asyncio.Event()
 
     # ------------------------------------------------------------- browsers' requests
     def seat(self, stream: Any, role: Role, *holders: str) -> bool:
-        """Gives a connection a slot of its role, closing another if needed; returns whether it got a slot."""
-        for slots in self.places.values():
-            slots.leave(stream)
-        removed = self.places[role].take(stream, *holders)
-        if removed is not None and removed is not stream:
-            removed.close()
-        return removed is not stream
+        """Gives a connection a place of its role, and closes the one that has to go; returns whether it got a place."""
+        for places in self.places.values():
+            places.leave(stream)
+        gone = self.places[role].take(stream, *holders)
+        if gone is not None and gone is not stream:
+            gone.close()
+        return gone is not stream
 
     async def in_turn(self, person: str, work: Callable[..., Any], *args: Any) -> Any:
-        """Does slow work, one piece at a time for each person, so that one person cannot fill the pool."""
-        lock = self.turns.setdefault(person, asyncio.Lock())
-        async with lock:
+        """Does slow work, one piece at a time for each person, so that nobody fills the pool for all."""
+        turn = self.turns.setdefault(person, asyncio.Lock())
+        async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
     def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
@@ -247,30 +247,30 @@ class PageServer:
 
 
 class _BoundedServer(HTTPServer):
-    """Gives each new connection a slot of `Role.NOBODY`; closes connections that arrive too fast or read too slowly."""
+    """Gives each new connection a place of `Role.NOBODY`, and closes those that come too fast or read too slowly."""
 
     def initialize(self, *args: Any, page: PageServer, **kwargs: Any) -> None:
         super().initialize(*args, **kwargs)
         self._page = page
 
-    def accept(self, listening_socket: socket.socket) -> None:
-        """Accepts one new connection per turn of the event loop.
+    def accept(self, listening: socket.socket) -> None:
+        """Accepts one new connection at each turn of the event loop.
 
-        Tornado's own handler accepts up to 128 waiting connections at once. Their TLS handshakes, the most expensive
-        work here, would then run in one turn while open connections wait.
+        Tornado's own handler accepts all that wait, up to 128, whose TLS handshakes then come in one turn, while open
+        connections wait: a handshake costs more than all the rest.
         """
         try:
-            connection, address = listening_socket.accept()
+            connection, address = listening.accept()
         except (BlockingIOError, ConnectionError):
-            return  # the client has disconnected again
+            return  # it has closed again
         if self._page.connections.allows(address[0], time.monotonic()):
             self._handle_connection(connection, address)
         else:
             connection.close()
 
     def handle_stream(self, stream: Any, address: Any) -> None:
-        # the kernel's timeout also ends a connection whose peer keeps acknowledging a zero window
-        stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _SEND_TIMEOUT * 1000)
+        # the kernel keeps the time, even while the peer keeps confirming a window of zero
+        stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _SEND_PATIENCE * 1000)
         self._page.seat(stream, Role.NOBODY, address[0])
         super().handle_stream(stream, address)
 

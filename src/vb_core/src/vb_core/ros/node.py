@@ -27,12 +27,12 @@ _failures: List[CodedError] = []
 
 
 def run(name: str, build: Callable[[], Any]) -> None:
-    """Runs a node until it is shut down; with --help, prints the node's interface instead, without a ROS master.
+    """Runs a node until it is shut down; with --help prints its interface instead, without a ROS master.
 
     Args:
         name: the node's default name.
-        build: constructs the node; the docstring of the node's class is the interface. If it raises a `CodedError`, for
-            instance for a bad parameter, the error is logged as one line, and the process exits with status 1.
+        build: makes the node's object, whose class's docstring is the interface. A `CodedError` from it, for instance a
+            bad parameter, is logged as one line, and the process exits with status 1, as after `shut_down_with_error`.
     """
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_interface(name, build))
@@ -58,54 +58,54 @@ def run(name: str, build: Callable[[], Any]) -> None:
 
 
 def _log_without_registering() -> None:
-    """Prevents rospy from asking the ROS master for a parameter at each logged line.
+    """Keeps rospy from asking the ROS master for a parameter at each logged line.
 
-    While the parameter is not set, rospy subscribes to it under the node's name. If a node that was replaced by another
-    one of the same name logs a line while it shuts down, the master takes it for the newer of the two, and stops the
-    other one. That happened about once in seventy replacements.
+    As long as the parameter is not set, rospy subscribes to it under the node's name. If a node that has been replaced
+    by another of the same name logs one more line while it ends, the master takes it for the newer of the two and stops
+    the other one: about once in seventy replacements.
     """
     name = "/rosout_disable_topics_generation"
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
 
 
 def _keep_for_good() -> None:
-    """Excludes the objects created so far, which live as long as the node, from Python's garbage collection.
+    """Excludes the objects made so far, which live as long as the node, from Python's garbage collection.
 
-    Otherwise each collection would halt all threads for 30 to 60 ms of processor time, and several times as long on a
-    busy computer. During that time no stop is answered and no image is searched.
+    The collector would halt all threads while it goes through them: 30 to 60 ms of processor time, several times as
+    long on a busy computer, during which no stop is answered and no image searched.
     """
     gc.collect()
     gc.freeze()
 
 
 def _interface(name: str, build: Callable[[], Any]) -> str:
-    """Describes a node without starting it: returns its class's docstring and the path of its parameters."""
+    """Describes a node without starting it: its class's docstring, and where its parameters are."""
     # with postponed evaluation an annotation is the class's name
-    annotation = build.__annotations__.get("return", "")
-    class_ = build.__globals__.get(annotation) if isinstance(annotation, str) else annotation
-    docstring = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
-    config = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
-    return f"{name}\n\n{docstring}" + (f"\n\nParameters and their defaults: {config}" if config.is_file() else "")
+    returned = build.__annotations__.get("return", "")
+    class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
+    text = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
+    values = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
+    return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
 
 
 def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> None:
-    """Waits, for `timeout` seconds at most, until subscribers are connected to all publishers that the master knows.
+    """Waits until subscribers are connected to as many publishers as the master knows, `timeout` seconds at most.
 
-    Should be called before a short measurement, because connecting takes a while on a busy computer.
+    To be called before a measurement of some seconds: on a busy computer it takes a while to connect.
     """
-    publishers = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
-    expected = [(subscriber, len(publishers.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
-    deadline = time.monotonic() + timeout
+    published = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
+    expected = [(subscriber, len(published.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
+    end = time.monotonic() + timeout
     while any(subscriber.get_num_connections() < count for subscriber, count in expected):
-        if time.monotonic() > deadline or rospy.is_shutdown():
+        if time.monotonic() > end or rospy.is_shutdown():
             break
         rospy.rostime.wallsleep(0.05)
 
 
 def is_gone(master: rosgraph.Master, name: str) -> bool:
-    """Returns whether a registered node no longer answers at its address; the master lists killed nodes too.
+    """Returns whether a registered node no longer answers at its address: the master lists killed nodes too.
 
-    A node that hangs is not gone, because it may continue at any time.
+    A node that hangs is not gone: it may go on at any time.
     """
     try:
         host, port = rosgraph.network.parse_http_host_and_port(master.lookupNode(name))
@@ -118,7 +118,7 @@ def is_gone(master: rosgraph.Master, name: str) -> bool:
 
 
 def keep_private(*paths: Path) -> None:
-    """Makes files readable by their owner only, as `files.keep_private` does, and logs those that others could read.
+    """Makes files readable by their owner only, as `files.keep_private` does, and logs which ones others could read.
 
     Raises:
         CodedError: "file_not_private".
@@ -128,7 +128,7 @@ def keep_private(*paths: Path) -> None:
 
 
 def shut_down_with_error(error: CodedError) -> None:
-    """Ends a running node that cannot do its work: logs the error; `run` then exits with status 1."""
+    """Ends a running node that cannot do its work: logs a line, and `run` exits with status 1."""
     rospy.logfatal("%s: %s", rospy.get_name(), error)
     _failures.append(error)
     rospy.signal_shutdown(error.code)
@@ -148,26 +148,26 @@ def _tune_malloc(option: int, value: int) -> None:
 def _share_heap() -> None:
     """Makes all threads of this process use one heap.
 
-    rospy receives each connection in a separate thread. By default, glibc gives up to eight threads per core a heap
-    each, and a heap keeps the memory of the largest messages that it ever held: a detector grew by 18 MiB each time its
-    camera's driver restarted. The threads hardly compete for one heap, because Python runs only one of them at a time.
+    rospy receives each connection in a separate thread. By default glibc gives up to eight threads per core a heap
+    each, which keeps the memory of the largest messages it ever held: a detector grew by 18 MiB each time its camera's
+    driver was restarted. The threads hardly ever allocate at the same time: Python runs only one of them at a time.
     """
     _tune_malloc(_M_ARENA_MAX, 1)
 
 
 def disable_heap_trimming() -> None:
-    """Makes this process keep an image's memory for the next image; for nodes that handle many images.
+    """Makes this process keep the memory of an image for the next one; for nodes that handle many images.
 
-    By default, glibc returns blocks of that size to the system, which then clears the next image's pages one by one.
-    That takes three quarters of the time needed to receive 1080p images.
+    By default glibc returns blocks of that size to the system, which then clears the next image's pages one by one:
+    three quarters of the time needed to receive 1080p images.
     """
-    # the largest value that glibc accepts; rospy receives into buffers of half that size
+    # the largest glibc accepts; rospy receives into buffers of half that size
     _tune_malloc(_M_MMAP_THRESHOLD, 32 << 20)
     _tune_malloc(_M_TRIM_THRESHOLD, 128 << 20)
 
 
 class Queue(Generic[T]):
-    """A bounded queue for a worker, which skips no item and keeps their order."""
+    """A bounded queue for a worker: no item is skipped, order is kept."""
 
     def __init__(self, size: int = 1000) -> None:
         self._condition = threading.Condition()
@@ -176,7 +176,7 @@ class Queue(Generic[T]):
         self._closed = False
 
     def put(self, item: T) -> bool:
-        """Adds an item; returns False if the queue is full, which the caller must report."""
+        """Adds an item; returns False if too many wait already, which the caller must report."""
         with self._condition:
             if len(self._items) >= self._size:
                 return False
@@ -185,7 +185,7 @@ class Queue(Generic[T]):
             return True
 
     def get(self) -> Optional[T]:
-        """Waits for the oldest item and removes it; returns None once the queue is closed and empty."""
+        """Waits for the oldest item and takes it; None once the queue is closed and empty."""
         with self._condition:
             self._condition.wait_for(lambda: self._items or self._closed)
             item = self._items.popleft() if self._items else None
@@ -193,14 +193,14 @@ class Queue(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Closes the queue; `get` still returns the waiting items, then None."""
+        """Closes the queue: waiting items are still taken, then `get` returns None."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
 
 
 class Mailbox(Queue[T]):
-    """A queue of one item: a newer item replaces a waiting one, which counts as dropped. Closing it empties it.
+    """A queue of one item: the newest wins, and the one it replaces counts as dropped. Closing it empties it.
 
     A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
 
@@ -215,7 +215,7 @@ class Mailbox(Queue[T]):
         self.dropped = 0
 
     def put(self, item: T) -> bool:
-        """Stores an item, replacing one that still waits."""
+        """Stores an item, in place of one that is still there."""
         with self._condition:
             self.received += 1
             replaced = len(self._items)
@@ -227,7 +227,7 @@ class Mailbox(Queue[T]):
         return True
 
     def wait_until_taken(self) -> None:
-        """Waits until the item is taken or the mailbox closed; for a source that can wait."""
+        """Waits until the item is taken or the mailbox closed: for a source that can wait."""
         with self._condition:
             self._condition.wait_for(lambda: not self._items or self._closed)
 
@@ -245,45 +245,44 @@ MAX_PACE = 20.0  # simulated seconds per second of wall time
 class WakeTimer:
     """Wakes a worker when it is notified, or after a period of wall or simulated time, whichever ends first.
 
-    For work that must not pause, unlike a rospy.Timer's, which pauses with simulated time. If simulated time is faster
-    than wall time, other nodes expect the work at the same rate in simulated time.
+    For work that must not pause: a rospy.Timer follows simulated time, which may. Where simulated time runs faster than
+    wall time, other nodes expect the work as often in simulated time.
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self._due = 0.0  # [s] of simulated time
-        self._pace = 1.0  # simulated seconds per second of wall time, measured during the last wait
+        self._pace = 1.0  # simulated seconds per second of wall time, as measured in the last wait
         self._wake = threading.Event()
         self._closed = False
 
     def set(self) -> None:
-        """Notifies the worker, which then stops waiting."""
+        """Notifies the worker, which stops waiting."""
         self._wake.set()
 
     def get(self) -> Optional[bool]:
         """Waits; returns whether it was notified, or None once closed."""
         if rospy.rostime.is_wallclock():
-            notified = not self._closed and self._wake.wait(self._period)
+            woken = not self._closed and self._wake.wait(self._period)
         else:
-            notified = self._get_simulated()
-        if notified:  # after a timeout, a notification that arrives now is kept for the next wait
+            woken = self._get_simulated()
+        if woken:  # after a timeout, a notification that arrives just now is left for the next wait
             self._wake.clear()
-        return None if self._closed else notified
+        return None if self._closed else woken
 
     def _get_simulated(self) -> bool:
-        wall_start, sim_start = time.monotonic(), rospy.get_time()
-        if not 0.0 <= self._due - sim_start <= self._period:
-            # this is the first wait, the previous one ended too late, or time has jumped
-            self._due = sim_start + self._period
-        wall_now, sim_now, notified = wall_start, sim_start, False
-        while not (self._closed or notified) and wall_now < wall_start + self._period and sim_now < self._due:
-            timeout = max((self._due - sim_now) / self._pace, MIN_POLL_PERIOD)
-            notified = self._wake.wait(min(wall_start + self._period - wall_now, timeout))
-            wall_now, sim_now = time.monotonic(), rospy.get_time()
+        began, then = time.monotonic(), rospy.get_time()
+        if not 0.0 <= self._due - then <= self._period:
+            self._due = then + self._period  # this is the first wait, the last one ended too late, or time has jumped
+        wall, now, woken = began, then, False
+        while not (self._closed or woken) and wall < began + self._period and now < self._due:
+            rest = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
+            woken = self._wake.wait(min(began + self._period - wall, rest))
+            wall, now = time.monotonic(), rospy.get_time()
         self._due += self._period
-        if wall_now > wall_start:
-            self._pace = min(max((sim_now - sim_start) / (wall_now - wall_start), 1.0), MAX_PACE)
-        return notified
+        if wall > began:
+            self._pace = min(max((now - then) / (wall - began), 1.0), MAX_PACE)
+        return woken
 
     def close(self) -> None:
         """Wakes up the worker; `get` then returns None."""
@@ -294,7 +293,7 @@ class WakeTimer:
 def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
     """Runs work in a separate thread. An exception ends the node, with a traceback; roslaunch then restarts it.
 
-    Otherwise the node would continue to run without doing its work.
+    Otherwise the node would run on without doing its work.
     """
 
     def run() -> None:
@@ -312,23 +311,23 @@ def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
-    A `CodedError` means a faulty item, and is logged. Exceptions from topics that close during shutdown are ignored.
-    Any other exception is a fault in the node, and ends it.
+    A `CodedError` means a faulty item, and is logged. Exceptions of topics that close during shutdown are ignored. Any
+    other exception is a fault of the node, which ends.
     """
 
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
-        self._handle = handle
+        self._do = handle
         self._thread = start_thread(self._work)
 
     def join(self, timeout: float) -> None:
-        """Waits until a closed mailbox's last item is handled, for `timeout` [s] at most."""
+        """Waits until a closed mailbox's last item is handled, at most for a time [s]."""
         self._thread.join(timeout)
 
     def _work(self) -> None:
         for item in iter(self._mailbox.get, None):
             try:
-                self._handle(item)
+                self._do(item)
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
             except rospy.ROSException:
@@ -336,43 +335,43 @@ class Worker:
                     raise
 
 
-LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and between the first and the second
+LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and before the second
 INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 
 def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
-    """Watches in a thread for an input: logs what the node waits for, and gives up after a timeout.
+    """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up after a timeout.
 
     Args:
         what: the input's name in the log, for instance "the map on /map".
-        arrived: returns whether the input has arrived.
-        timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it; None
-            for never, because the node is useful without the input, or a restart would not help.
+        arrived: returns whether it is there.
+        timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
+            None: never, because the node is useful without it or a restart would not help.
     """
     threading.Thread(target=_await, args=(what, arrived, timeout), daemon=True).start()
 
 
 def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
-    start = last_logged = time.monotonic()
+    began = said = time.monotonic()
     while not arrived():
         now = time.monotonic()
         if rospy.is_shutdown():
             return False
-        if timeout is not None and now - start > timeout:
-            shut_down_with_error(CodedError("input_timeout", what=what, seconds=round(now - start)))
+        if timeout is not None and now - began > timeout:
+            shut_down_with_error(CodedError("input_timeout", what=what, seconds=round(now - began)))
             return False
-        if now - last_logged > LOG_DELAY:
+        if now - said > LOG_DELAY:
             rospy.logwarn("%s waits for %s", rospy.get_name(), what)
-            # the pause between log lines doubles: 5, 10, 20 s ...
-            last_logged = now + max(0.0, now - start - LOG_DELAY)
+            # the pause doubles each time: 5, 10, 20 s ...
+            said = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)
     return True
 
 
 def wait_for_clock() -> None:
-    """Waits for the first message on /clock if simulated time is used; returns at once otherwise.
+    """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
 
-    If none arrives within `INPUT_TIMEOUT`, the node ends with "input_timeout".
+    If none comes within `INPUT_TIMEOUT`, the node ends with "input_timeout".
     """
     _await("the time on /clock, because /use_sim_time is set", _clock_runs, INPUT_TIMEOUT)
 

@@ -1,4 +1,4 @@
-"""Converts notices to and from messages, publishes them repeatedly, and keeps those received that still apply."""
+"""Converts notices to and from messages; a publisher that repeats them, and a listener that keeps the current ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
 from vb_msgs.msg import NoticeArray
 
-LOG_PERIOD = 60.0  # [s] without an intermittent notice before it is logged again
+LOG_PERIOD = 60.0  # [s] before an intermittent notice is logged again
 
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
@@ -37,7 +37,7 @@ def message_from_notice(notice: Notice) -> NoticeMessage:
 def notice_from_message(message: NoticeMessage) -> Notice:
     """Converts a message to a notice; inverse of `message_from_notice`.
 
-    An unknown severity, perhaps from a newer version, counts as an error.
+    An unknown severity counts as an error: it may come from a newer version.
     """
     return Notice(
         code=message.code,
@@ -53,10 +53,10 @@ def notice_from_message(message: NoticeMessage) -> Notice:
 class NoticeListener:
     """Keeps the notices of all nodes; its methods may be called from any thread.
 
-    Notices are repeated, and so expire, in ROS time, because a simulation may be slow or paused.
+    Notices are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
 
     Args:
-        on_change: called after each message, from the subscriber's thread.
+        on_change: is called after each message, from the subscriber's thread.
     """
 
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
@@ -66,7 +66,7 @@ class NoticeListener:
         self.subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
 
     def current(self) -> List[Notice]:
-        """Returns the notices that apply now, most severe first."""
+        """Returns the notices that hold now, most severe first."""
         with self._lock:
             return self._active.current(rospy.get_time())
 
@@ -89,7 +89,7 @@ class NoticePublisher:
         self._source = source or rospy.get_name()
         self._lock = threading.Lock()
         self._notices: List[Notice] = []
-        self._logged: Dict[Tuple[Any, ...], float] = {}  # [s] of wall time when each notice last applied
+        self._logged: Dict[Tuple[Any, ...], float] = {}  # [s] of wall time when each held last
         self._publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=10, latch=True)
         self._timer = node.WakeTimer(REPEAT_PERIOD)
         node.Worker(self._timer, lambda _: self._publish())
@@ -115,18 +115,18 @@ class NoticePublisher:
             new = self._find_new()
         message.header.stamp = rospy.Time.now()
         self._publisher.publish(message)
-        for notice in new_notices:
+        for notice in new:
             log = rospy.logerr if notice.severity is Severity.ERROR else rospy.logwarn
             log("%s: %s [%s]", self._source, notice.sentence(), notice.code)
 
     def _find_new(self) -> List[Notice]:
-        """Returns the warnings and errors that did not apply within LOG_PERIOD: intermittent ones are logged once."""
-        now, new_notices = time.monotonic(), []
+        """Returns the warnings and errors that did not hold within LOG_PERIOD: an intermittent one is logged once."""
+        now, new = time.monotonic(), []
         for notice in self._notices:
-            # the severity is part of the key, so that a warning that becomes an error is logged
+            # a warning that becomes an error is news
             key = (notice.code, notice.robot, notice.border_id, notice.camera, notice.severity)
             if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
-                new_notices.append(notice)
+                new.append(notice)
             self._logged[key] = now
-        self._logged = {key: last_held for key, last_held in self._logged.items() if now - last_held <= LOG_PERIOD}
-        return new_notices
+        self._logged = {key: at for key, at in self._logged.items() if now - at <= LOG_PERIOD}
+        return new

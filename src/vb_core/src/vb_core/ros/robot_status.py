@@ -1,4 +1,4 @@
-"""Converts robot_monitor's messages to connections; page, display, hub and check_lab derive the offer from them."""
+"""Reads from robot_monitor's messages what is connected; page, display, hub and check_lab derive the offer from it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def connections_from_message(message: RobotStatusArray) -> Connections:
 
 
 class OfferListener:
-    """Keeps the offer derived from robot_monitor's newest message until robot_monitor stops publishing.
+    """Keeps the offer made from robot_monitor's newest message, until robot_monitor falls silent.
 
     Args:
         on_message: called from rospy's thread after each message.
@@ -47,11 +47,11 @@ class OfferListener:
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
     def current(self) -> Optional[Tuple[RobotStatusArray, Offer]]:
-        """Returns the newest message and the offer derived from it; None if it is too old or none has arrived."""
-        latest = self._newest
-        if latest is None or not 0.0 <= rospy.get_time() - latest[0] <= _SILENCE:
+        """Returns the newest message and the offer made from it; None if it is too old, or there was none."""
+        newest = self._newest
+        if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
             return None
-        return latest[1:]
+        return newest[1:]
 
     def _on_robots(self, message: RobotStatusArray) -> None:
         self._newest = (rospy.get_time(), message, offer(connections_from_message(message)))

@@ -25,7 +25,7 @@ class Inputs:
     """The newest messages; progress and preview only if they belong to the current interaction.
 
     Attributes:
-        region: the area that saving would restrict, from the preview; None if the preview has no region.
+        region: what saving would restrict, from the preview; None if it has no region.
     """
 
     state: Optional[InteractionState] = None
@@ -55,7 +55,7 @@ class InputListener:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
     def current(self) -> Inputs:
-        """Returns the current inputs, except those of an interaction that has ended."""
+        """Returns the current inputs, without those of an interaction that has ended."""
         with self._lock:
             newest, spots = self._newest, tuple(self._spots)
         interaction = newest.state.interaction_id if newest.state is not None else ""
@@ -67,13 +67,13 @@ class InputListener:
         region = newest.region if preview is not None else None
         return replace(newest, progress=progress, preview=preview, region=region, spots=spots)
 
-    def _change(self, **changes: Any) -> None:
+    def _change(self, **newest: Any) -> None:
         with self._lock:
-            self._newest = replace(self._newest, **changes)
+            self._newest = replace(self._newest, **newest)
         self._on_change()
 
-    def _store(self, message: Any, field: str) -> None:
-        self._change(**{field: message})
+    def _store(self, message: Any, where: str) -> None:
+        self._change(**{where: message})
 
     def _on_preview(self, message: BorderPreview) -> None:
         region = None

@@ -1,10 +1,10 @@
-"""The policy that decides each robot's goal, without maps, messages and actions.
+"""Decides where each robot should be going: the policy, apart from maps, messages and actions.
 
-One robot serves: it keeps its position while it sees the target from there. If it loses the target for a while, or the
-position fails, each robot bids the cheapest position from which it would see the target (its present position costs
-nothing). Bids rank by whether they see the spot, the robot's failures, whether it is busy, and cost. A position fails
-if navigation does not accept it, the robot makes no progress, or no camera sees the spot in time; it is then not bid
-again for a while. The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
+One robot serves, and keeps its position as long as it sees the target from there. If it does not for a while, or the
+position has failed, each robot bids the cheapest position from which it would see the target (its present position
+costs nothing). Bids rank by whether they see the spot, the robot's failures, whether it is busy, and cost. A position
+fails if navigation does not accept it, the robot makes no progress, or no camera sees the spot in time; it is then not
+bid again for a while. The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from vb_core.geometry import Pose, pose_distance
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT
 
-MIN_INTERVAL = 1.5  # [s] between two goals, since navigation makes a new plan for each
-LOST_INTERVAL = 0.5  # [s] between two goals while no camera sees the spot; UNFIT_TIMEOUT does not apply then
-RETRY_AFTER = 0.5  # [s] pause after a failure, multiplied by the number of failures so far
-UNFIT_TIMEOUT = 0.6  # [s] for which the present goal must be unsuitable before it is replaced
-MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] least distance of a new goal from the present one
-FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] positions this near to a failed one are avoided for this long
-# [s] within which a robot must make progress: move_base itself needs 40 s to give up
+MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
+LOST_INTERVAL = 0.5  # [s] the same while no camera sees the spot; UNFIT_TIMEOUT does not apply then
+RETRY_AFTER = 0.5  # [s] after a failure, times the number of failures so far
+UNFIT_TIMEOUT = 0.6  # [s] how long the present goal must have been unfit to be replaced
+MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new goal must be from the present one
+FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a failed position, nothing is tried for this long
+# [s] within which there must be progress: move_base itself needs 40 s to give up
 PROGRESS_TIMEOUTS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
 STUCK_DISTANCE = 0.10  # [m] a shorter move is not progress
-BLIND_TRIES = 2  # positions tried while no camera sees the spot: the laser may be off
+BLIND_TRIES = 2  # positions tried until a camera sees the spot again: the laser may be off
 PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
-SWITCH_GAIN = 1.0  # [m] advantage that another robot must have to take over
+SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
 
 Circle = Tuple[float, float, float]  # (x, y, radius) [m]
 
 
 class SentGoalState(enum.Enum):
-    """State of the newest goal."""
+    """State of the goal that was sent last."""
 
     NONE = "none"
     SENT = "sent"  # not acknowledged yet
@@ -56,8 +56,8 @@ class DispatchStatus:
 
     Attributes:
         pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
-        server: whether its navigation runs.
-        goal: the state of the newest goal that was sent to it.
+        server: whether its navigation is running.
+        goal: the state of the last goal that was sent to it.
         busy: whether it drives to another node's goal.
     """
 
@@ -68,27 +68,27 @@ class DispatchStatus:
 
 
 class Fleet:
-    """Decides which robot serves, and its goal.
+    """Decides which robot serves, and where it goes.
 
     Attributes:
-        serving: the name of the robot that serves; None if no robot does.
-        goal: the viewpoint to which it was sent; None if it sees the target from its present position.
+        serving: the name of the robot that serves; None: no robot does.
+        goal: where it was sent; None: it sees the target from where it is.
     """
 
     def __init__(self, robots) -> None:
         self._names = tuple(robots)
-        self._previous_step: Tuple[float, Hashable] = (-math.inf, None)
-        self._reset()
+        self._before: Tuple[float, Hashable] = (-math.inf, None)
+        self._forget()
 
-    def _reset(self) -> None:
-        self._failed: List[Tuple[str, float, Circle]] = []  # robot, time [s] and position of each failure
-        self._resting_until: Dict[str, float] = {}  # [s] by robot's name
+    def _forget(self) -> None:
+        self._failed: List[Tuple[str, float, Circle]] = []  # which robot, when [s], and around which position
+        self._rests_until: Dict[str, float] = {}  # [s] by robot's name
         self.serving: Optional[str] = None
         self.goal: Optional[Viewpoint] = None
         self._sent = -math.inf
         self._unfit_since: Optional[float] = None
-        self._pending_event: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # event, start [s], start pose
-        self._blind: List[Circle] = []  # positions from which no camera saw the lost spot
+        self._awaited: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # what, since when [s], from where
+        self._blind: List[Circle] = []  # around positions from which no camera saw the lost spot
 
     def step(
         self,
@@ -97,71 +97,71 @@ class Fleet:
         unseen: float,
         robots: Mapping[str, Tuple[DispatchStatus, Optional[ViewpointPlanner]]],
     ) -> Dict[str, Optional[Viewpoint]]:
-        """Decides the goal of each robot, which it may have reached already; None for no goal.
+        """Decides the goal of each robot, which it may have reached already; None: no goal.
 
         The caller sends a goal that differs from the previous one, and cancels the previous one if there is no new one.
 
         Args:
-            now: [s]; key: changes with interaction and state; None if no robot is wanted.
-            unseen: [s] since a camera last saw the spot.
-            robots: each robot's status and viewpoint planner, None until the planner can be constructed.
+            now: [s]; key: changes with interaction and state; None: no robot is wanted.
+            unseen: [s] since a camera saw the spot.
+            robots: the status of each, and its viewpoint planner; None until that can be made.
         """
-        previous, self._previous_step = self._previous_step, (now, key)
+        before, self._before = self._before, (now, key)
         self._failed = [failure for failure in self._failed if now - failure[1] < FAILED_MEMORY]
         self._blind = self._blind if unseen > LOST_TIMEOUT else []
-        if key is None or now < previous[0] - 1.0:
-            self._reset()  # also if time has jumped back, because the memory is then from another run
-        elif key != previous[1]:
-            unfinished = self.serving, self.goal, self._sent, self._pending_event
-            under_way = self.serving is not None and self.goal is not None and robots[self.serving][0].goal.under_way
-            self._reset()
-            if under_way:  # a robot that is on its way continues
-                self.serving, self.goal, self._sent, self._pending_event = unfinished
-        available = {
+        if key is None or now < before[0] - 1.0:
+            self._forget()  # also when time has jumped back: what is remembered belongs to another run
+        elif key != before[1]:
+            on_its_way = self.serving, self.goal, self._sent, self._awaited
+            running = self.serving is not None and self.goal is not None and robots[self.serving][0].goal.under_way
+            self._forget()
+            if running:  # a robot that is on its way goes on
+                self.serving, self.goal, self._sent, self._awaited = on_its_way
+        able = {
             name: (status, planner)
             for name, (status, planner) in robots.items()
             if key is not None and status.server and status.pose is not None
         }
-        if self.serving not in available:
+        if self.serving not in able:
             self.serving = self.goal = None
-        if self.serving is None or self._must_move(now, unseen, *available[self.serving]):
-            self._choose(now, {name: candidate for name, candidate in available.items() if candidate[1] is not None})
+        if self.serving is None or self._must_move(now, unseen, *able[self.serving]):
+            self._choose(now, {name: known for name, known in able.items() if known[1] is not None})
         return {name: self.goal if name == self.serving else None for name in self._names}
 
     def _must_move(
         self, now: float, unseen: float, status: DispatchStatus, planner: Optional[ViewpointPlanner]
     ) -> bool:
-        """Returns whether to choose another position for the serving robot, or another robot."""
+        """Returns whether to choose another position for the robot that serves, or another robot."""
         pose = status.pose
         if self.goal is not None:
-            state = status.goal.value
-            stalled = status.goal.under_way and self._measure_wait(now, state, pose) > PROGRESS_TIMEOUTS[state]
-            if status.goal is SentGoalState.FAILED or stalled:
+            what = status.goal.value
+            late = status.goal.under_way and self._awaits(now, what, pose) > PROGRESS_TIMEOUTS[what]
+            if status.goal is SentGoalState.FAILED or late:
                 self._failed.append((self.serving, now, (*self.goal.pose[:2], FAILED_RADIUS)))
-                self._resting_until[self.serving] = now + RETRY_AFTER * len(self._failed_circles(self.serving))
+                self._rests_until[self.serving] = now + RETRY_AFTER * len(self._failures_of(self.serving))
                 self.goal = None
                 return True
             if status.goal is SentGoalState.PREEMPTED:
-                self._resting_until[self.serving] = now + PREEMPTION_PAUSE
+                self._rests_until[self.serving] = now + PREEMPTION_PAUSE
                 self.goal = None
                 return True
         if planner is None:
             return False
         under_way = self.goal if status.goal.under_way else None
-        target_pose = under_way.pose if under_way is not None else pose
-        avoided_circles = [*self._blind, *self._failed_circles(self.serving)]
-        suitable = planner.shows_target(target_pose) and (under_way is None or planner.has_room_at(target_pose))
-        suitable = suitable and all(math.dist(target_pose[:2], (x, y)) >= radius for x, y, radius in avoided_circles)
-        # a robot that is leaving the seed's side continues, because the border would lock it in
-        if suitable or (under_way is not None and not under_way.sees_spot):
+        wanted = under_way.pose if under_way is not None else pose
+        avoided = [*self._blind, *self._failures_of(self.serving)]
+        fits = planner.shows_target(wanted) and (under_way is None or planner.has_room_at(wanted))
+        fits = fits and all(math.dist(wanted[:2], (x, y)) >= radius for x, y, radius in avoided)
+        # a robot that is leaving the seed's side goes on: the border would lock it in
+        if fits or (under_way is not None and not under_way.sees_spot):
             self._unfit_since = None
-            waiting_time = 0.0 if under_way is not None else min(unseen, self._measure_wait(now, "seen", pose))
-            if waiting_time < PROGRESS_TIMEOUTS["seen"] or len(self._blind) >= BLIND_TRIES:
+            waited = 0.0 if under_way is not None else min(unseen, self._awaits(now, "seen", pose))
+            if waited < PROGRESS_TIMEOUTS["seen"] or len(self._blind) >= BLIND_TRIES:
                 return False
             self._blind.append((pose[0], pose[1], FAILED_RADIUS))  # something hides the spot from there
             self.goal = None
         if under_way is None:
-            self._measure_wait(now, "", pose)  # waiting for the spot counts only where the robot should see it
+            self._awaits(now, "", pose)  # the wait for the spot counts only where the robot should see it
         if self.goal is None:
             return True
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
@@ -169,47 +169,47 @@ class Fleet:
             return now >= self._sent + LOST_INTERVAL
         return now >= self._sent + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
 
-    def _failed_circles(self, name: str) -> List[Circle]:
-        return [circle for robot, _, circle in self._failed if robot == name]
+    def _failures_of(self, name: str) -> List[Circle]:
+        return [around for robot, _, around in self._failed if robot == name]
 
-    def _measure_wait(self, now: float, event: str, pose: Pose) -> float:
-        """Measures for how long [s] an event has been pending while the robot hardly moved."""
-        previous_event, _, start_pose = self._pending_event
-        if event != previous_event or start_pose is None or pose_distance(start_pose, pose) >= STUCK_DISTANCE:
-            self._pending_event = (event, now, pose)
-        return now - self._pending_event[1]
+    def _awaits(self, now: float, what: str, pose: Pose) -> float:
+        """Measures for how long [s] the same event has been awaited without the robot moving on."""
+        before, _, start = self._awaited
+        if what != before or start is None or pose_distance(start, pose) >= STUCK_DISTANCE:
+            self._awaited = (what, now, pose)
+        return now - self._awaited[1]
 
-    def _choose(self, now: float, available: Mapping[str, Tuple[DispatchStatus, ViewpointPlanner]]) -> None:
-        """Accepts the best bid; without any bid, nothing changes."""
+    def _choose(self, now: float, able: Mapping[str, Tuple[DispatchStatus, ViewpointPlanner]]) -> None:
+        """Accepts the best bid; without any bid nothing changes."""
         bids: Dict[str, Tuple[tuple, Optional[Viewpoint]]] = {}
-        for name, (status, planner) in available.items():
-            failures, serves = self._failed_circles(name), name == self.serving
-            if now < self._resting_until.get(name, -math.inf):
+        for name, (status, planner) in able.items():
+            failures, serves = self._failures_of(name), name == self.serving
+            if now < self._rests_until.get(name, -math.inf):
                 continue
             if not serves and not status.busy and planner.shows_target(status.pose):
                 bids[name] = (False, len(failures), False, 0.0), None
                 continue
             viewpoint = planner.best_viewpoint(status.pose, [*self._blind, *failures])
             if viewpoint is None:
-                self._resting_until[name] = now + MIN_INTERVAL  # planning again at once would give the same result
+                self._rests_until[name] = now + MIN_INTERVAL  # asking again at once would give the same answer
                 continue
             cost = viewpoint.cost - (SWITCH_GAIN if serves else 0.0)
             bids[name] = (not viewpoint.sees_spot, len(failures), status.busy and not serves, cost), viewpoint
         if not bids:
             return
-        winner = min(bids, key=lambda name: bids[name][0])
-        goal, status = bids[winner][1], available[winner][0]
-        if winner == self.serving and self._is_near_goal(goal, status):
+        best = min(bids, key=lambda name: bids[name][0])
+        chosen, status = bids[best][1], able[best][0]
+        if best == self.serving and self._is_about_the_goal(chosen, status):
             self._unfit_since = now
             return
-        # a copy, because a second goal at the same position is another goal
-        self.serving, self.goal = winner, goal and replace(goal)
-        self._sent, self._unfit_since, self._pending_event = now, None, ("", now, None)
+        # a copy: being sent to the same position again is another goal
+        self.serving, self.goal = best, chosen and replace(chosen)
+        self._sent, self._unfit_since, self._awaited = now, None, ("", now, None)
 
-    def _is_near_goal(self, viewpoint: Optional[Viewpoint], status: DispatchStatus) -> bool:
-        """Returns whether a viewpoint is close to the robot's goal, reached or not."""
+    def _is_about_the_goal(self, chosen: Optional[Viewpoint], status: DispatchStatus) -> bool:
+        """Returns whether a viewpoint is close to where the robot already is or is going."""
         goal = self.goal
-        if viewpoint is None or goal is None or math.dist(viewpoint.pose[:2], goal.pose[:2]) >= MIN_GAIN:
+        if chosen is None or goal is None or math.dist(chosen.pose[:2], goal.pose[:2]) >= MIN_GAIN:
             return False
-        turn = abs(math.remainder(viewpoint.pose[2] - goal.pose[2], 2.0 * math.pi))
+        turn = abs(math.remainder(chosen.pose[2] - goal.pose[2], 2.0 * math.pi))
         return turn < MIN_TURN and (status.goal.under_way or math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN)

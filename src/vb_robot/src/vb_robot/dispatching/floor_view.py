@@ -1,4 +1,4 @@
-"""Computes which floor points a robot's camera sees."""
+"""Computes what a camera sees of the floor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class FloorView:
     Args:
         camera: the lens, from camera_info.
         T_base_camera: (4, 4) the mount, from tf.
-        max_range: [m] from the base, beyond which a spot is too small to be detected.
+        max_range: [m] farther from the base a spot is too small to be detected.
     """
 
     def __init__(self, camera: CameraModel, T_base_camera: np.ndarray, max_range: float = 3.0) -> None:
@@ -27,7 +27,7 @@ class FloorView:
         corners = np.array(
             [[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]]
         )
-        # far outside the image, the distortion polynomials may map points back into it
+        # far outside the image the distortion polynomials may map points back into it
         self._widest = 1.05 * float(
             min(camera.limit, np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
         )
@@ -36,17 +36,17 @@ class FloorView:
         """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside of the image."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         points = geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
-        in_view = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
+        ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
         pixels = np.full((len(points), 2), np.nan)
-        pixels[in_view] = self.camera.project(points[in_view])
+        pixels[ahead] = self.camera.project(points[ahead])
         return pixels
 
     def sees(self, points: np.ndarray, margin: Union[float, np.ndarray] = 0.0) -> np.ndarray:
         """Returns (N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
 
         Args:
-            margin: least distance from the image's edges, as a fraction of its width and height, or (2,) one for each;
-                0.5 leaves only the centre.
+            margin: how far from the image's edges, as a fraction of its width and height, or (2,) of each; 0.5 leaves
+                the middle only.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         width, height = self.camera.width, self.camera.height

@@ -1,10 +1,10 @@
-"""The arbiter between the sources that request motion of one robot.
+"""The arbiter between the sources that want to drive one robot.
 
-Exactly one source drives at a time, and every command passes one gate (gate.py). In doubt the robot stops, and a code
-says why.
+Several sources may request motion (a joystick, the spot, the escape, navigation); exactly one drives at a time, and
+every command passes one gate (gate.py). In doubt the robot stops, and a code says why.
 
-The sources in order of priority: stop (in force until resume), teleoperation, following the spot, escape from a border
-or obstacle that is too near, navigation.
+The sources, in order of priority: stop (it holds until resume), teleoperation, following the spot, escape from
+a border or obstacle that is too near, navigation.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.spot_sightings import Sighting, Sightings
 
-# [s] for which zeros are sent to each new subscriber, because a base may still hold a command of a driver that died
+# [s] for which each new listener is sent zeros: a base may still hold the last command of a driver that died
 START_ZEROS = 3.0
-GOAL_TIMEOUT = 1.0  # [s] after which a goal that navigation no longer reports counts as gone; it reports at 5 Hz
+GOAL_TIMEOUT = 1.0  # [s] after navigation last reported a goal, the goal counts as gone; five reports come a second
 CANCEL_PERIOD = 1.0  # [s] between cancellations of navigation's goals while the robot follows the spot
-STILL = 0.1  # [rad/s] a robot that turns more slowly counts as standing; navigation's slowest turn is twice as fast
+STILL = 0.1  # [rad/s] a robot that turns more slowly counts as standing: navigation's slowest turn is twice as fast
 
 
 @dataclass(frozen=True)
 class DriveCommand:
-    """The command for the wheels.
+    """The command that goes to the wheels now.
 
     Attributes:
         v, w: [m/s, rad/s]
-        source: the source that drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
-        code: "driving", or the reason that stops or slows the robot.
-        publish: whether to publish it; no commands are published to a robot that no source drives.
+        source: who drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
+        code: "driving", or what stops or slows the robot.
+        publish: whether to publish it; a robot that no source drives is left alone.
         cancel: whether to cancel navigation's goals.
     """
 
@@ -53,16 +53,16 @@ class DriveCommand:
 
 
 class Arbiter:
-    """Chooses the source that drives a robot, and passes its requests through the gate.
+    """Chooses which source drives a robot, and passes its requests through the gate.
 
-    Several threads may call the input methods; only one may call `step`.
+    Several threads may feed it; only one may call `step`.
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
-        stops: the stops that the robot has held since before this program started.
+        stops: the stops that the robot holds from before this program started.
 
     Attributes:
-        gate: limits every command; receives the inputs that decide how fast the robot may drive.
+        gate: limits every command; takes the inputs that decide how fast the robot may drive.
         follower: requests the motion that follows the spot.
         stops: the stops in force; while there is one, no other source drives.
     """
@@ -90,7 +90,7 @@ class Arbiter:
 
     # ------------------------------------------------------------- inputs
     def set_state(self, state: State, interaction: str, entered: float, stamp: float) -> None:
-        """Stores the interaction's state, published at time `stamp` [s]."""
+        """Stores the interaction's state, published at a time [s]."""
         with self._lock:
             self._spots.set_state(state, interaction, entered)
             self.gate.record_input("state", stamp)
@@ -98,22 +98,22 @@ class Arbiter:
     def add(self, sighting: Sighting) -> None:
         """Adds a spot of any camera."""
         with self._lock:
-            accepted = self._spots.add(sighting)
-            # only this camera's spots are in order; those of other cameras may arrive earlier
-            if accepted and sighting.mobile and sighting.camera == self._camera:
+            counts = self._spots.add(sighting)
+            # in the order of this camera alone: spots of other cameras may arrive sooner
+            if counts and sighting.mobile and sighting.camera == self._camera:
                 self.follower.spot, self.gate.stamps["spot"] = sighting.position, sighting.stamp
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
-        """Adds cameras that contributed to an interaction, for instance before this program started."""
+        """Learns which cameras contributed to an interaction, for instance before this program started."""
         with self._lock:
             self._spots.add_contributors(interaction, cameras)
 
     def set_goal(self, active: bool, now: float) -> None:
-        """Stores whether navigation has a goal, according to its status at time `now` [s]."""
+        """Stores whether navigation has a goal, according to its status at a time [s]."""
         self._goal_at = now if active else -math.inf
 
     def recover(self, now: float) -> None:
-        """Records that navigation started a recovery."""
+        """Notes that navigation began a recovery."""
         with self._lock:
             self._rotation_shim.recover(now)
 
@@ -128,43 +128,43 @@ class Arbiter:
 
     # ------------------------------------------------------------- who drives
     def halt(self, code: str) -> DriveCommand:
-        """Stops the robot in spite of any request, because the program has a fault."""
+        """Stops the robot, whatever is requested, because the program has a fault."""
         with self._lock:
             self._last = DriveCommand(0.0, 0.0, self._last.source, code, True)
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Decides the command at time `now` [s]; called at RATE. `listeners`: number of the commands' subscribers."""
+        """Decides the command for a time [s]; called RATE times a second. `listeners`: subscribers to the commands."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS
             self._listeners = listeners
-            has_goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
-            source, request = self._choose(now, has_goal)
+            goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
+            source, request = self._choose(now, goal)
             if source in (STOP, TELEOP, FOLLOW):
                 self._escape.interrupt(now)
             v, w, code = self.gate.limit(now, source, request)
-            cancel = has_goal and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
+            cancel = goal and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
             if cancel:
                 self._cancelled_at = now
             if source != NONE:
                 self._zeros_until = now
-            # when the last source stops driving, one zero is published; while a stop is in force, zeros are repeated
+            # when no source drives any more, one stop is published; while a stop is in force, it is repeated
             publish = source != NONE or self._last.source != NONE or now < self._zeros_until or code != request.code
             self._last = DriveCommand(v, w, source, code, publish, cancel)
             return self._last
 
-    def _choose(self, now: float, has_goal: bool) -> Tuple[str, VelocityRequest]:
+    def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
         """Chooses the source that drives; returns it and its request."""
         if self.stops.stopped:
             return STOP, VelocityRequest(code="stopped")
         teleop = self._command(TELEOP, now)
         if teleop is not None:
             return TELEOP, teleop
-        # a guided robot does not change its source when the state is lost: the gate then stops it
+        # a robot that a person guides does not change its source when the state is lost: the gate then stops it
         if self._spots.should_follow(self._camera, now):
             return FOLLOW, self.follower.compute_request(self.gate.pose(now))
-        request = self._request_escape(now, has_goal)
+        request = self._compute_escape(now, goal)
         if request is not None:
             return ESCAPE, request
         navigation = self._command(NAVIGATION, now)
@@ -177,11 +177,11 @@ class Arbiter:
             self._commands[source] if -0.1 <= now - self.gate.stamps.get(source, -math.inf) <= INPUT_TIMEOUT else None
         )
 
-    def _request_escape(self, now: float, has_goal: bool) -> Optional[VelocityRequest]:
+    def _compute_escape(self, now: float, goal: bool) -> Optional[VelocityRequest]:
         pose, workspace = self.gate.pose(now), self.gate.workspace
         if pose is None or workspace is None:
             return None
-        # a command that the gate stopped, at a border or a wall, does not move the robot, though navigation assumes so
-        executed = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
-        is_moving = executed and self._command(NAVIGATION, now) is not None
-        return self._escape.compute_request(now, pose, workspace, has_goal and self._spots.state == DEFAULT, is_moving)
+        # a command that the gate stopped, at a border or a wall, does not move the robot, whatever navigation believes
+        granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
+        moves = granted and self._command(NAVIGATION, now) is not None
+        return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)

@@ -1,4 +1,4 @@
-"""Finds the topics of a robot's navigation, from the ROS graph and its parameters. No ROS."""
+"""Finds how a robot's navigation is wired, from the ROS graph and its parameters. No ROS."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from vb_core import names
 GRIDS = ("nav_msgs/OccupancyGrid",)
 PATHS = ("nav_msgs/Path",)
 VELOCITIES = ("geometry_msgs/Twist",)
-# local planners whose speed limit can be set while they run, with the parameters to lower: the limits themselves, and
-# parameters that must stay below them
+# local planners whose speed limit can be set while they run, with the values to lower: their limits, and what must
+# stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
     "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
     "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards", "penalty_epsilon"),
@@ -25,14 +25,14 @@ PLANNERS: Mapping[str, Tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Wiring:
-    """The connections of a robot's move_base.
+    """What a robot's move_base is connected to.
 
     Attributes:
-        move_base: its node; "" if none runs.
-        maps: the map topics that it subscribes to; missing_maps: those of them that nobody publishes.
+        move_base: its node; "": none is running.
+        maps: the map topics that it subscribes to; missing_maps: those of them that it waits for in vain.
         unheard, plans_round_borders: see vb_msgs/RobotStatus.
-        path: the topic of its path; planner: the name of its local planner, one of PLANNERS; "" if not known.
-        radius: [m] of the robot's inscribed circle, from its costmap; None if not given.
+        path: the topic of its path; planner: the name of its local planner, one of PLANNERS; "": not known.
+        radius: [m] of the robot's inscribed circle, from its costmap; None: not given.
     """
 
     move_base: str = ""
@@ -51,33 +51,33 @@ def within(robot: str, name: str) -> str:
 
 
 def find_move_base(graph: Any, robot: str) -> str:
-    """Finds the node that plans for a robot, under any name, even while it waits for a map; "" if there is none."""
-    nodes = graph.publishers.get(within(robot, "move_base/status")) or graph.subscribers.get(
+    """Finds the node that plans for a robot, whatever its name, even while it waits for a map; "" if there is none."""
+    serving = graph.publishers.get(within(robot, "move_base/status")) or graph.subscribers.get(
         within(robot, "move_base_simple/goal")
     )
-    return nodes[0] if nodes else ""
+    return serving[0] if serving else ""
 
 
 def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
     """Finds the wiring of a robot's navigation.
 
     Args:
-        graph: a vb_core.node_graph.NodeGraph; parameters: those of the move_base node.
+        graph: a vb_core.node_graph.NodeGraph; parameters: the move_base node's.
     """
     node = find_move_base(graph, robot)
     if not node:
         return Wiring()
     maps = tuple(sorted(graph.subscriptions(node, GRIDS)))
-    is_running = bool(graph.publishers.get(within(robot, "move_base/status")))
+    serves = bool(graph.publishers.get(within(robot, "move_base/status")))
     planner = next((name for name in PLANNERS if f"{node}/{name}/set_parameters" in graph.services), "")
     return Wiring(
         node,
         maps,
-        # move_base starts its action server once it has all maps, so a running one waits for none
-        tuple(topic for topic in maps if not (is_running or graph.publishers.get(topic))),
+        # its action server starts once it has all maps: a running one waits for none
+        tuple(topic for topic in maps if not (serves or graph.publishers.get(topic))),
         tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
         _plans_round_borders(robot, maps, parameters),
-        # the global planner's path; local planners name theirs global_plan and local_plan
+        # the global planner's: the local planners call theirs global_plan and local_plan
         next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
         planner,
         _radius(parameters),
@@ -85,12 +85,12 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
 
 
 def _plans_round_borders(robot: str, maps: Sequence[str], parameters: Mapping[str, Any]) -> bool:
-    bordered_maps = {names.MAP_WITH_BORDERS, within(robot, names.MAP_WITH_BORDERS.strip("/"))}
-    if bordered_maps.isdisjoint(maps) or names.PHYSICAL_MAP in maps or within(robot, "map") in maps:
+    own = {names.MAP_WITH_BORDERS, within(robot, names.MAP_WITH_BORDERS.strip("/"))}
+    if own.isdisjoint(maps) or names.PHYSICAL_MAP in maps or within(robot, "map") in maps:
         return False
-    # if the local costmap lacks the map, a new border has an effect only if the global plan is renewed periodically
-    local_costmap = parameters.get("local_costmap")
-    return not local_costmap or _has_static_map(local_costmap) or float(parameters.get("planner_frequency", 0.0)) > 0.0
+    # if the local costmap lacks the map, borders are noticed only if the global plan is renewed periodically
+    local = parameters.get("local_costmap")
+    return not local or _has_static_map(local) or float(parameters.get("planner_frequency", 0.0)) > 0.0
 
 
 def _has_static_map(costmap: Mapping[str, Any]) -> bool:

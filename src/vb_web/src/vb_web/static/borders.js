@@ -1,11 +1,11 @@
-// The list of borders, and the dialogs that change one.
+// The list of borders, and what can be done with one.
 "use strict";
 import { closeButton, leave, show, whenAnswered } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
 import { hello, operator, row, say, view, words } from "./state.js";
 import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
 
-// The reason why a border is not in force; "" if it is.
+// Why a border is not in force; "" if it is.
 function idle(border) {
   const code = !border.enabled
     ? "page_reason_disabled"
@@ -15,7 +15,7 @@ function idle(border) {
   return code && say(words.has(code) ? code : border.reason);
 }
 
-// The style of a border, on the map and in the list.
+// How that is drawn, on the map and in the list.
 const idleLook = (border) => (idle(border) ? "off" : "");
 
 const markOf = (border) => element("span", { class: `mark ${idleLook(border)}` }, border.mark);
@@ -99,7 +99,7 @@ export function borderDialog(id, typed = null) {
   const change = (asked) =>
     whenAnswered(asked, ({ ok, code }) => {
       if (ok) $("dialog").close();
-      // another person's change is reported and shown before this one's continues
+      // somebody else's change is told and shown before it is built upon
       else if (code === "revision_conflict") borderDialog(id, name.value);
     });
   form.addEventListener("submit", (event) => {
@@ -119,7 +119,7 @@ export function borderDialog(id, typed = null) {
         () =>
           leave(() => {
             $("dialog").close();
-            edit(find() || border); // its present version, because the dialog may have been open for a long time
+            edit(find() || border); // as it is now: the dialog may have been open for long
           }),
         "primary",
       ),

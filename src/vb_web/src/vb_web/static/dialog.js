@@ -1,9 +1,9 @@
-// Dialogs, which are not modal so that Stop stays within reach; and the effect of Escape and a phone's Back.
+// Dialogs, which are not modal: stop has to be in reach all the time; and what Escape and a phone's Back do.
 "use strict";
 import { page, say } from "./state.js";
 import { $, button, element, lock } from "./ui.js";
 
-// The activity below a dialog: whether it has unsaved work, and how to leave it.
+// What a dialog lies on: whether something unsaved is there, and how it is left.
 export const below = { isChanged: () => false, leave: () => {} };
 
 export function show(title, ...children) {
@@ -13,16 +13,16 @@ export function show(title, ...children) {
     ...children.filter(Boolean),
   );
   Object.assign(dialog, { unsaved: () => null, onBack: leave });
-  // not modal, so that Stop stays within reach
+  // not modal: stop has to be in reach all the time
   if (!dialog.open) dialog.show();
   lock(dialog);
   keepBack();
   document.querySelector("main").inert = true;
-  // otherwise a phone's keyboard would appear at once
+  // else a phone's keyboard comes up at once
   $("dialog-title").focus();
 }
 
-// Continues when a dialog's request is answered, unless the dialog was closed or replaced meanwhile.
+// Goes on when what a dialog asked for is answered, unless it was closed or another one has come up meanwhile.
 export async function whenAnswered(asked, next) {
   const title = $("dialog-title"),
     answer = await asked;
@@ -31,8 +31,8 @@ export async function whenAnswered(asked, next) {
 
 export const closeButton = (code = "page_close") => button(code, () => leave());
 
-// Leaves a dialog or a drawing, and asks first if unsaved work would be lost: a dialog's `unsaved` returns null, or a
-// function that reopens the dialog, for instance when Back leaves the question.
+// Goes on to what follows a dialog or a drawing, and asks first if something unsaved would be lost: `unsaved` of a dialog
+// returns null, or what brings it back, as Back does from the question.
 export function leave(next = () => $("dialog").close()) {
   const again = $("dialog").open ? $("dialog").unsaved() : below.isChanged() ? () => $("dialog").close() : null;
   if (!again) return next();
@@ -48,7 +48,7 @@ export function leave(next = () => $("dialog").close()) {
   $("dialog").onBack = again;
 }
 
-// Escape and a phone's Back close the topmost dialog; Back leaves the page only if none is open.
+// What lies on top goes by Escape and by a phone's Back, which leaves the page only when there is nothing.
 function goBack() {
   if ($("dialog").open) $("dialog").onBack();
   else if (page.mode !== "look")
@@ -74,7 +74,7 @@ document.addEventListener("keydown", (event) => {
 });
 
 $("dialog").addEventListener("close", () => {
-  // the event comes after the closing, when another dialog may be open
+  // the event comes later than the closing: another dialog may have come up
   if ($("dialog").open) return;
   document.querySelector("main").inert = false;
   lock(document.querySelector("main"));

@@ -1,7 +1,7 @@
-// Drawing and changing borders on the map, and sending robots to places on it.
+// Drawing and changing borders on the map, and sending robots to a place of it.
 //
-// page.mode decides the effect of a touch on the map: "look" moves it and selects borders; "draw" and "wall" draw a line; "side"
-// asks for the side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
+// page.mode is what a touch of the map means: "look" moves it and chooses borders; "draw" and "wall" put a line; "side" asks for
+// the side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
 "use strict";
 import { below, keepBack } from "./dialog.js";
 import { MapView } from "./map.js";
@@ -14,9 +14,9 @@ let turn = 0, // counts changes of mode
   taps = [],
   chosenCorner = null,
   check = null,
-  checking = null, // the newest preview request, which has no answer yet
-  asking = false; // whether a request is pending
-// Callbacks of the rest of the page, for a tapped border and for a new mode.
+  checking = null, // the newest question, which has no answer yet
+  asking = false; // whether one is under way
+// What the rest of the page does about a border that was tapped, and about another mode.
 export const listeners = { pick: () => {}, mode: () => {} };
 
 export const map = new MapView(words, {
@@ -68,7 +68,7 @@ export const map = new MapView(words, {
   },
 });
 
-// Replaces corners, as splice does; a polygon's seed is updated unless somebody has put it outside.
+// Puts corners in the place of others, as splice does; a polygon's seed follows while nobody has put it outside.
 function changeCorners(at, gone, corners, chosen) {
   const follows = draft.kind === "polygon" && inside(draft.seed, draft.points);
   draft.points.splice(at, gone, ...corners);
@@ -81,7 +81,7 @@ export function setMode(next) {
   turn += 1;
   lock($("panel"));
   keepBack();
-  if (next !== "look") toast(""); // the old message concerns the previous action
+  if (next !== "look") toast(""); // of what was done before
   map.drawing = next === "draw" || next === "wall";
   map.picking = next === "side" || next === "go";
   if (next === "look") {
@@ -101,7 +101,7 @@ export function setMode(next) {
   if (["draw", "wall", "side", "go"].includes(next)) $("map").focus({ preventScroll: true });
 }
 
-let sent = ""; // the robot to be sent
+let sent = ""; // the robot that goes
 
 async function sendRobot(goal) {
   const asked = turn;
@@ -143,7 +143,7 @@ function showRough(points, kind) {
   drawReview();
 }
 
-// The hint about touching the map; if a touch only selects a border, the most important notice is shown instead.
+// What a touch of the map does; while it only chooses a border, the first thing that people should know comes before that.
 export function drawHint() {
   const [first] = page.mode === "look" ? standing() : [];
   const which =
@@ -199,10 +199,10 @@ export function edit(border) {
   setMode("review");
 }
 
-// Whether a drawing or a change has not been saved.
+// Whether something has been drawn or changed that nobody has saved.
 const begun = () => (draft ? JSON.stringify(draftFields()) !== draft.stored : taps.length > 0);
 
-// Whether a polygon or a line remains valid without one of its corners.
+// Whether it is still a polygon, or a line, without one of its corners.
 const spareCorners = () => draft.points.length > (draft.kind === "polygon" ? 3 : 2);
 
 function removeCorner(corner) {
@@ -222,8 +222,8 @@ export const draftFields = (of = draft) => ({
   robots: of.robots,
 });
 
-// Requests previews of saving, one at a time, and after each answer only the newest one. The last answer stays on the page
-// until then, so that nothing moves.
+// Asks what saving would do, one question at a time, and after each answer only the newest, which counts. The last answer
+// stands until then: nothing jumps.
 export async function examine() {
   checking = {};
   drawReview();
@@ -235,7 +235,7 @@ export async function examine() {
     answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });
   } while (checking && checking !== question);
   asking = false;
-  if (!checking) return; // the draft is gone
+  if (!checking) return; // there is no draft any more
   checking = null;
   check = answer;
   map.picture("region", answer.region || "");
@@ -252,29 +252,29 @@ async function save() {
   const answer = border
     ? await ask("update", { draft: draftFields(), border, revision }, "page_saved")
     : await ask("add", { draft: draftFields() }, "page_saved");
-  if (draft !== saved) return; // a late answer does not concern the present draft
+  if (draft !== saved) return; // an answer that comes late is not about what is drawn now
   if (answer.ok) return setMode("look");
   check = answer;
   drawReview();
-  // another person's change is reported and shown before this one's continues
+  // somebody else's change is told and shown before it is built upon
   if (["revision_conflict", "page_no_border"].includes(answer.code)) {
-    lock($("panel")); // a double tap on Save must not save twice
+    lock($("panel")); // a double tap on Save is no second try
     draft.revision = view.borders.revision;
     if (!view.borders.list.some((one) => one.id === border)) {
-      draft.border = draft.stored = ""; // the drawing may be saved as a new border
+      draft.border = draft.stored = ""; // what is drawn may be saved as another one
       toast(say("page_removed", { border: draft.name }), true);
     }
     examine();
   }
 }
 
-// The zones to offer for a border: those that some robot respects, and its present one. "keep out" can always be drawn in advance.
+// What a border may do: what some robot keeps, and what it does already. "keep out" may always be drawn beforehand.
 const zonesFor = ({ zone }) =>
   hello.zones
     .map(({ name }) => name)
     .filter((one, at) => at === 0 || one === zone || !view.offer || view.offer.zones.includes(one));
 
-// The robots to which a border applies: all, unless some are selected.
+// Which robots a border is for: all, unless some are chosen.
 function robotChoice() {
   const known = [...new Set([...((view.offer && view.offer.robots) || []), ...draft.robots])].filter(Boolean);
   if (known.length < 2) return null;
@@ -354,7 +354,7 @@ export function drawReview() {
   fill(box, [
     element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", what(draft.kind))),
     element("label", { class: "beside" }, element("span", {}, say("page_name")), name),
-    // the preview stands above the choices, so that people see it before they save, even on a small screen
+    // what saving would do stands above what can be chosen: it is seen before one saves, also on a small screen
     check === null
       ? element("p", { class: "muted" }, say("page_checking"))
       : refused

@@ -1,8 +1,8 @@
-// Fingers, mouse and keys on the map: they move it, draw, move corners and select borders.
+// What fingers, mouse and keys do on the map: they move it, draw, move corners and choose borders.
 "use strict";
 import { distance, inside, toSegment } from "./shapes.js";
 
-export const HANDLE_PX = 24; // half the width of a finger
+export const HANDLE_PX = 24; // half of a finger
 
 export class Gestures {
   constructor(map) {
@@ -11,7 +11,7 @@ export class Gestures {
     this.listen();
   }
 
-  // Drops a stroke, for instance when the phone was turned and the finger is at another position.
+  // Forgets a stroke: a phone was turned, and the finger is elsewhere now.
   drop() {
     if (this.gesture !== "stroke") return;
     this.gesture = null;
@@ -37,7 +37,7 @@ export class Gestures {
       },
       { passive: false },
     );
-    // unless something is being drawn, one finger scrolls the page and two move the map
+    // one finger scrolls the page while nothing is drawn, two move the map
     element.addEventListener(
       "touchmove",
       (event) => {
@@ -45,7 +45,7 @@ export class Gestures {
       },
       { passive: false },
     );
-    // a tap ends when the finger is lifted: its click would press a button that has just appeared under the finger
+    // a tap is over when the finger is lifted: its click would press what the tap has brought up under the finger
     element.addEventListener(
       "touchend",
       (event) => {
@@ -124,7 +124,7 @@ export class Gestures {
       gesture = this.gesture;
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     this.gesture = null;
-    // a corner stays at the finger's last position, also if the browser cancels the gesture
+    // a corner stays where the finger was last, also when the browser takes the gesture away
     if (gesture === "corner" && this.moved)
       this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(regular ? this.at(event) : last)), true);
     if (gesture === "stroke" && !regular) this.map.on.stroke([], false);

@@ -1,4 +1,4 @@
-// The rest of the panel: notices, cameras, robots and events; and the floor's image.
+// The rest of the panel: notices, cameras, robots and events; and the picture of the floor.
 "use strict";
 import { drawHint, map } from "./editor.js";
 import { commandName, operator, robotName, say, sourceName, standing, view, words } from "./state.js";
@@ -6,9 +6,9 @@ import { $, ask, button, dropStanding, element, fill, toast } from "./ui.js";
 
 export let floorOn = false;
 let floorSeers = "";
-export const watched = new Map(); // images of the cameras whose image is open, by camera
+export const watched = new Map(); // camera: its picture, while somebody looks at it
 
-// The robots' drives, each with a button that ends it.
+// Where robots are going, each with its own stop beside it.
 export function drawDrives() {
   const drives = view.drives || {};
   map.setDrives(drives);
@@ -49,7 +49,7 @@ export function drawNotices() {
 export function drawHealth() {
   const cameras = view.cameras || [],
     drivers = view.drivers || {};
-  // each camera and robot with a problem counts once; a notice about the only robot has its name in a value
+  // each camera and robot with a problem once, no matter who tells it; a notice about the only robot has its name in a value
   const about = (one) =>
     one.camera ? `camera ${one.camera}` : one.robot || one.values.who ? `robot ${one.robot || one.values.who}` : "";
   const told = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter((one) => one.severity);
@@ -100,7 +100,7 @@ export function drawHealth() {
       ),
     ),
   );
-  // reuses the element, because a replaced image flickers
+  // the same element again: a picture that is replaced flickers
   [...$("cameras").children].forEach((line, i) => {
     const image = watched.get(cameras[i].name);
     if (image && image.parentNode !== line) line.append(image);
@@ -126,7 +126,7 @@ export function drawHealth() {
   );
 }
 
-// Opens a camera's image below its line, or closes it.
+// Opens a camera's picture below its line, or closes it.
 export function watch(camera) {
   const image = watched.get(camera) || element("img", { alt: say("page_camera_image", { camera }) });
   if (watched.delete(camera)) image.remove();
@@ -178,7 +178,7 @@ export function drawEvents() {
   );
 }
 
-// A camera that appears or disappears changes the visible part of the floor.
+// A camera that comes or goes changes what there is to see of the floor.
 export function refreshFloor() {
   const seeing = view.cameras
     .filter((one) => one.there && one.hz)

@@ -24,7 +24,7 @@ async function command(name) {
   return ask("command", { command: name });
 }
 
-// A command's button, with its spoken form below if that is a different text.
+// What one does now, and below it what one says for it, where that is another word.
 function commandLabel(name) {
   const label = name === "save" && view.state && view.state.confirm ? say("page_save_again") : commandName(name),
     { spoken } = row("commands", name);
@@ -51,7 +51,7 @@ function confirmSave() {
 export function drawState() {
   const state = view.state,
     there = page.online && view.health && view.health.manager;
-  // a lab without a manager does not wait for one: its robots are ready or not
+  // where no manager belongs to the lab, nothing waits for one: the robots are what is ready or not
   const alone = view.offer && !view.offer.interaction && !there;
   const ready = alone && view.offer.state === "ready" ? "default" : alone && view.offer.state;
   const name = !page.online ? "offline" : ready || (!state || !there ? "absent" : state.name);
@@ -65,14 +65,14 @@ export function drawState() {
   $("laser").hidden = (!state && !there) || !offers("define_border");
   $("go").hidden = !view.offer || !offers("go");
   const given = new Set(there && state ? state.available_commands.filter(offers) : []);
-  const places = new Map(); // of commands that share a position, the available one is shown, or else the first
+  const places = new Map(); // of commands that share a place, the one that is available is shown, or else the first
   for (const one of hello.commands.filter((command) => command.button_place))
     if (given.has(one.name) || !places.has(one.button_place)) places.set(one.button_place, one.name);
   const buttons = [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
   $("laser-text").textContent = say(
     !there ? "page_manager_gone" : !state ? "page_laser_absent" : prompt() || "page_laser_default",
   );
-  // also for a command by voice or from another phone, to explain why nothing happened
+  // also of a command by voice or from another phone: this is why nothing happened
   const refused =
     there && state && state.name !== "default" && state.last.command && !state.last.ok ? words.tell(state.last) : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
@@ -120,10 +120,10 @@ export function drawBanners() {
     list.push(element("p", { class: kind }, element("span", {}, sentence), ...(operator() ? buttons : [])));
   if (!page.online) put("bad", say("page_offline"));
   else {
-    // the person who draws is informed by the state alone
+    // the person who draws is told by the state alone
     if (state && state.stopped && page.mode === "look")
       put("bad", say("page_stopped", { who: sourceName(state.stopped_by) }));
-    // a hanging manager is connected but silent, so the displayed state is outdated
+    // a manager that hangs is there and says nothing: what is shown is as old as that
     if (view.health && view.health.manager && view.health.silent)
       put("bad", say("page_state_old", { time: clock(view.health.silent) }));
     if (view.health && !view.health.integrator) put("bad", say("page_integrator_gone"));
@@ -142,5 +142,5 @@ export function drawBanners() {
     if (state && state.ends_in_s && state.name !== "default")
       put("", say("page_ends", { time: clock(state.ends_in_s) }));
   }
-  fill($("banners"), list); // unchanged banners are not read out again by a screen reader
+  fill($("banners"), list); // what is read out already is not read out again
 }

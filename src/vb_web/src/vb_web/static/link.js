@@ -1,10 +1,10 @@
-// The connection to the server: receives sections of the view, sends requests. A request that is sent again after a lost
-// connection keeps its id, so that it is carried out once.
+// The link to the server: sections of the view come in, requests go out. A request keeps its id when it is sent again after
+// the link was lost, so that it is carried out once.
 "use strict";
 
 const RESEND_MS = 8000,
   ANSWER_MS = 30000,
-  SILENT_MS = 8000; // the server sends a message at least every two seconds
+  SILENT_MS = 8000; // the server says something every two seconds
 
 export class Link {
   constructor(onView, onHello, onDown, onSession) {
@@ -35,7 +35,7 @@ export class Link {
     try {
       session = await (await fetch("session", { cache: "no-store", signal: limit.signal })).json();
     } catch (_) {
-      // no server, another program's server, or one that does not answer
+      // no server, none of ours, or none that answers
     } finally {
       clearTimeout(timer);
       this.connecting = false;
@@ -69,7 +69,7 @@ export class Link {
     socket.onclose = () => this.lost(socket);
   }
 
-  // A phone that slept or changed its network may notice the end of its connection minutes later, or never.
+  // A phone that slept, or has another network, may be told of the end of its connection minutes later, or never.
   lost(socket) {
     if (this.socket !== socket) return;
     this.socket = null;
@@ -84,7 +84,7 @@ export class Link {
     this.pause = Math.min(3000, this.pause * 1.6);
   }
 
-  // A command contains its age.
+  // A command says how long ago it was given.
   text(id, { action, fields, asked }) {
     const age = action === "command" ? { age: Math.min(Math.max(0, Date.now() - asked), 60000) / 1000 } : {};
     return JSON.stringify({ do: action, id, ...fields, ...age });
@@ -98,8 +98,8 @@ export class Link {
     one.resolve(answer);
   }
 
-  // Resolves with the answer, never rejects. A request that is repeated while it is pending, for instance by a double tap, is
-  // sent once; only stop is always sent. Requests are the same if their fields and `shown`, their subject on the page, are.
+  // Resolves with the answer, never rejects. What is asked for again while it is under way, as by a double tap, is asked for
+  // once; only stop always goes out. "What" is the request and `shown`, what it is about where its fields do not say that.
   ask(action, fields = {}, shown = null) {
     const what = JSON.stringify([action, fields, shown]);
     if (fields.command === "stop") return this.send(action, fields);
@@ -123,7 +123,7 @@ export class Link {
       );
       this.waiting.set(id, Object.assign(one, { resolve, timer }));
       if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(this.text(id, one));
-      // a queued "stop" would mislead: a request that is not sent after a moment has failed
+      // "stop" that lies in a queue would be a lie: what is not on its way after a moment failed
       else
         setTimeout(() => {
           if (!this.socket || this.socket.readyState !== WebSocket.OPEN)

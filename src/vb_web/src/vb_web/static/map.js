@@ -1,5 +1,5 @@
-// The map: images below, lines above, both moved by one view {x, y: metres at the centre, scale: pixels per metre}.
-// Lines, in world metres, scale with the view; placed elements (robots, names, handles) keep their size.
+// The map: pictures below, lines above, both moved by one view {x, y: metres in the middle, scale: pixels per metre}.
+// What is drawn in the world's metres (lines) scales with it; what is placed (robots, names, handles) keeps its size.
 "use strict";
 import { Gestures, HANDLE_PX } from "./gestures.js";
 import { MARK_PX, layWriting } from "./map_writing.js";
@@ -61,7 +61,7 @@ export class MapView {
     return [this.view.x + (u - w / 2) / this.view.scale, this.view.y - (v - h / 2) / this.view.scale];
   }
 
-  // Converts between the world and metres right of and above the map's lower left corner.
+  // Between metres right of and above the map's lower left corner, and the world.
   fromCorner([right, up]) {
     const { x, y, cos, sin } = this.info;
     return [x + cos * right - sin * up, y + sin * right + cos * up];
@@ -73,7 +73,7 @@ export class MapView {
 
   fit() {
     const [w, h] = this.size();
-    if (!this.info || w < 24 || h < 24) return; // not laid out yet; the observer will call again
+    if (!this.info || w < 24 || h < 24) return; // not laid out yet: the observer calls again
     const { width, height } = this.info,
       corners = [
         [0, 0],
@@ -96,7 +96,7 @@ export class MapView {
     this.update();
   }
 
-  // Moves the view by pixels, within the map's frame.
+  // Moves the view by pixels; the map cannot leave its frame.
   pan(right, down) {
     this.view.x -= right / this.view.scale;
     this.view.y += down / this.view.scale;
@@ -118,7 +118,7 @@ export class MapView {
     this.update();
   }
 
-  // The map's point nearest to a point of the world, so that every corner stays visible and can be dragged.
+  // The point of the map that is nearest to a point of the world, so that every corner can be seen and gripped.
   onMap(point) {
     const { width, height } = this.info,
       [right, up] = this.toCorner(point);
@@ -154,7 +154,7 @@ export class MapView {
       [left, bottom] = this.toScreen(this.fromCorner([0, 0]));
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
-      // every image starts at the map's lower left corner; images differ in cells per pixel
+      // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
       const per =
         { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
       const [c, s] = [cos, sin].map((one) => one * per * resolution * scale),
@@ -174,7 +174,7 @@ export class MapView {
     layWriting(this);
   }
 
-  // ------------------------------------------------------------- contents
+  // ------------------------------------------------------------- what is shown
   setMap(info) {
     const other = ["rows", "columns", "resolution", "origin"].some(
       (one) => String(this.info?.[one]) !== String(info[one]),
@@ -206,9 +206,9 @@ export class MapView {
     this.fetchPicture(image, url, 1000);
   }
 
-  // Requests an image repeatedly until it arrives or is no longer needed: cameras may start later than the page.
+  // Asks for a picture, and again as long as it is wanted and cannot be had: cameras may come later than the page.
   fetchPicture(image, url, pause) {
-    const next = new Image(); // the previous image stays until the new one has loaded
+    const next = new Image(); // the one before stays until the new one is there
     next.onload = () => {
       if (image.dataset.url === url) {
         image.src = url;
@@ -244,7 +244,7 @@ export class MapView {
     return group;
   }
 
-  // Writes lines of text, one below the other, at a position that layWriting finds.
+  // Writes lines of text, one below the other, whose place layWriting finds.
   write(layer, kind, texts) {
     const lines = texts.filter(Boolean),
       group = make("g", { class: kind }, this.placedGroup);
@@ -259,19 +259,19 @@ export class MapView {
     return group;
   }
 
-  // The length of a draft's side, written on the side away from the draft's centre.
+  // The length of a draft's side, written away from the draft's middle.
   measure(side, centre) {
     const text = `${this.words.number(distance(...side), 2)} m`;
     this.write("draft", "length", [text]).side = [...side, centre];
   }
 
-  // `hidden` is the id of the border being changed; a border's `note` is written below its name.
+  // `hidden` is the id of the border that is being changed; a border's `note` stands under its name.
   setBorders(borders, hidden) {
     this.borders = borders.map((border) => ({ ...border, line: pairs(border.points) }));
     this.clear("borders");
     for (const border of this.borders) {
       if (border.id === hidden) continue;
-      // the floor that an unconfirmed border closed off before, and that it will close off
+      // what a border that waits for a person closed off before, and what it will close off
       for (const when of ["before", "after"]) {
         if (border[when]?.length) this.line("borders", `border ${when}`, path(pairs(border[when]), true));
       }
@@ -329,7 +329,7 @@ export class MapView {
     this.update();
   }
 
-  // Robots' goals, by name, and their navigation's paths.
+  // Where robots are going, by name: the goal, and their navigation's path there.
   setDrives(drives) {
     this.clear("drives");
     for (const { goal, path: way } of Object.values(drives)) {
@@ -348,7 +348,7 @@ export class MapView {
       if (old && old.stamp === spot[3]) continue;
       const group = old || this.place(null, "spot", [0, 0], [["circle", { r: 6 }]]);
       this.spots[camera] = group;
-      // spots from before this page was opened, or before the connection was lost, are outdated
+      // what came before this page was opened, or before the link was lost, is not seen now
       const first = group.stamp === undefined;
       group.stamp = spot[3];
       group.at = [spot[0] / 100, spot[1] / 100];
@@ -362,7 +362,7 @@ export class MapView {
     this.lay();
   }
 
-  // A draft's line, corners and seed; `chosen` is the corner that buttons and arrow keys change.
+  // A draft's line, corners and seed; chosen is the corner that buttons and arrow keys are about.
   setDraft(draft, chosen, rough) {
     this.clear("draft");
     const focused = document.activeElement && document.activeElement.dataset && document.activeElement.dataset.corner;

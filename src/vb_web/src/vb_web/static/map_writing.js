@@ -1,13 +1,13 @@
-// The text on the map: positions of lengths and of borders' names, and the length of the scale bar.
+// What is written on the map: where lengths and names of borders stand, and how long the scale's bar is.
 "use strict";
 import { deepest, distance, middle } from "./shapes.js";
 import { $ } from "./ui.js";
 
-const MIN_SIDE_PX = 24; // shortest side whose length is written
+const MIN_SIDE_PX = 24; // of a side whose length is written
 export const MARK_PX = 10;
 
-// Texts never overlap. Lengths are placed first, then a mark for each visible border, then the border's name instead of
-// the mark if it fits.
+// Nothing that is written covers anything else that is. First lengths, then a mark for each border of which
+// something is in view, where it is; then its name instead of the mark, if there is room for it.
 export function layWriting(map) {
   const [w, h] = map.size(),
     taken = [];
@@ -26,7 +26,7 @@ export function layWriting(map) {
   for (const group of map.placedGroup.querySelectorAll(".length")) {
     const [a, b, centre] = group.side.map((one) => map.toScreen(one)),
       long = distance(a, b);
-    let [nu, nv] = [(b[1] - a[1]) / long, (a[0] - b[0]) / long]; // away from the shape, or upwards without a shape
+    let [nu, nv] = [(b[1] - a[1]) / long, (a[0] - b[0]) / long]; // away from the shape, upwards if that is no shape
     const away = nu * (a[0] - centre[0]) + nv * (a[1] - centre[1]);
     if (Math.abs(away) > 1 ? away < 0 : nv > 0) [nu, nv] = [-nu, -nv];
     const { half, high } = group.extent,
@@ -54,7 +54,7 @@ export function layWriting(map) {
     taken.splice(taken.indexOf(box), 1);
     const name = namePlaces(map, group, box.at)
       .map((one) => ({ from: one, to: inFrame({ ...one, ...group.extent }) }))
-      // it may be shifted into the frame as long as it still belongs to its border
+      // it may be shifted into the frame as long as it is still where it belongs
       .find(({ from, to }) => Math.abs(to.u - from.u) < to.half && Math.abs(to.v - from.v) < to.high && isFree(to));
     put(group, name ? name.to : box);
     taken.push(name ? name.to : box);
@@ -64,7 +64,7 @@ export function layWriting(map) {
   document.body.classList.toggle("marks", unnamed);
 }
 
-// Possible positions of a border's name: on an area, beside a line.
+// Where a border's name may stand: on an area, beside a line.
 function namePlaces(map, { border, extent: { half, high } }, { u, v }) {
   if (border.kind === "polygon") return [{ u, v }];
   const [a, b] = [border.line[0], border.line[border.line.length - 1]].map((one) => map.toScreen(one)),
@@ -74,7 +74,7 @@ function namePlaces(map, { border, extent: { half, high } }, { u, v }) {
   return steep ? [...beside, ...above] : [...above, ...beside];
 }
 
-// The centre of a border's visible part; null if it is not visible.
+// The middle of what can be seen of a border; null if that is nothing.
 function middleInView(map, border) {
   const [w, h] = map.size(),
     [left, high] = map.toWorld([0, 0]),
@@ -96,7 +96,7 @@ function middleInView(map, border) {
   return visible.length ? visible[Math.floor(visible.length / 2)] : null;
 }
 
-// Draws the scale bar, with a round length.
+// Lays the scale's bar, of a round length.
 function layScale(map) {
   const most = 100 / map.view.scale,
     power = 10 ** Math.floor(Math.log10(most)),

@@ -1,4 +1,4 @@
-// The page: shows the server's view as texts and buttons, and turns presses into requests.
+// The page: what the server's view says, as words and buttons; what people press, as requests.
 "use strict";
 import { borderDialog, drawBorders } from "./borders.js";
 import { closeButton, show } from "./dialog.js";
@@ -21,7 +21,7 @@ function drawAll() {
   drawDrives();
 }
 
-let floorTried = false; // whether the floor's image was switched on automatically; that happens once
+let floorTried = false; // it is switched on by itself once: who has switched it off keeps it off
 
 const DRAW = {
   map(section) {
@@ -70,7 +70,7 @@ const DRAW = {
   events: drawEvents,
 };
 
-// The language chosen here, or the first available one of the browser's languages.
+// The language that was chosen here, or the first of the browser's that there is.
 async function speak() {
   const asked = [localStorage.getItem("language"), ...navigator.languages, "en"].filter(Boolean);
   for (const one of asked.map((tag) => tag.slice(0, 2))) if (one === words.language || (await words.load(one))) return;
@@ -89,7 +89,7 @@ async function settings() {
           onclick: async () => {
             localStorage.setItem("language", one);
             await words.load(one);
-            toast(""); // it is in the previous language
+            toast(""); // it is in the language before
             drawAll();
             settings();
           },
@@ -154,10 +154,10 @@ page.link = new Link(
   },
   (found) => {
     Object.assign(hello, found);
-    for (const section of Object.keys(view)) delete view[section]; // a restarted server may have fewer sections
+    for (const section of Object.keys(view)) delete view[section]; // a server that was started again may know less
     document.body.dataset.role = hello.role;
     page.online = true;
-    if (!words.language) speak().then(drawAll); // the server was not available when the page was opened
+    if (!words.language) speak().then(drawAll); // the server was away when the page was opened
     $("login").hidden = true;
     drawAll();
     if (page.mode === "review") examine();
@@ -203,8 +203,8 @@ $("health").addEventListener("toggle", () => {
   if (!$("health").open) [...watched.keys()].forEach(watch);
 });
 
-// Stop and the state with Resume keep their positions and size on the screen while two fingers have
-// enlarged the page to make it readable.
+// Stop and, as far from it as ever, the state with Resume keep place and size on the screen also while two fingers have
+// enlarged the page, which helps to read it.
 function keepOnScreen() {
   const { scale, offsetLeft, offsetTop } = window.visualViewport;
   for (const part of [$("stop"), $("standing")]) {
@@ -217,7 +217,7 @@ function keepOnScreen() {
 
 for (const change of ["resize", "scroll"]) window.visualViewport.addEventListener(change, keepOnScreen);
 
-// when the keyboard shrinks the page, the field with the focus stays visible
+// a keyboard that shrinks the page covers no field that one types in
 window.addEventListener("resize", () => {
   if (document.activeElement.matches("input")) document.activeElement.scrollIntoView({ block: "center" });
 });

@@ -5,7 +5,7 @@ export const pairs = (flat) =>
   Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 100, flat[2 * i + 1] / 100]);
 export const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
-// The distance of a point from the line segment between two others.
+// How far a point is from a line between two others.
 export function toSegment(p, a, b) {
   const [dx, dy] = [b[0] - a[0], b[1] - a[1]],
     square = dx * dx + dy * dy;
@@ -13,7 +13,7 @@ export function toSegment(p, a, b) {
   return distance(p, [a[0] + t * dx, a[1] + t * dy]);
 }
 
-// Simplifies a line; no removed point is further than `tolerance` [m] from it.
+// Fewer points, none of the others further than `tolerance` [m] from the line.
 export function simplify(points, tolerance) {
   if (points.length < 3) return points;
   let worst = 0,
@@ -35,8 +35,8 @@ export function inside(p, polygon) {
   return odd;
 }
 
-// The point inside a polygon and a box [left, right, low, high] that is furthest from their edges, on a grid of
-// 24 x 24; null if no point is inside.
+// The point of what is inside a polygon and a box [left, right, low, high] that is furthest from their edges, of a grid of
+// 24 x 24; null if there is none.
 export function deepest(polygon, [left, right, low, high]) {
   const xs = polygon.map((p) => p[0]),
     ys = polygon.map((p) => p[1]);
@@ -52,7 +52,7 @@ export function deepest(polygon, [left, right, low, high]) {
       let d = Math.min(p[0] - left, right - p[0], p[1] - low, high - p[1]);
       for (let k = 0; k < polygon.length; k++)
         d = Math.min(d, toSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
-      d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // of equally deep points, the one nearest to the centre
+      d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // where several are as deep: the one in the middle
       if (d > depth) [best, depth] = [p, d];
     }
   return best;
@@ -60,5 +60,5 @@ export function deepest(polygon, [left, right, low, high]) {
 
 export const mean = (points) => [0, 1].map((axis) => points.reduce((sum, p) => sum + p[axis], 0) / points.length);
 
-// The inner point furthest from the edges; for a polygon without an inside, the mean of its corners.
+// The point inside that is furthest from the edges; of a polygon that has no inside, its corners' mean.
 export const middle = (polygon) => deepest(polygon, [-Infinity, Infinity, -Infinity, Infinity]) || mean(polygon);

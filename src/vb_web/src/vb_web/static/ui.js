@@ -1,9 +1,9 @@
-// Building blocks of the page: elements, answers and requests.
+// What every part of the page is made of: elements, answers and requests.
 "use strict";
 import { page, prompt, say, view, words } from "./state.js";
 
 export const $ = (id) => document.getElementById(id);
-const CHANGES = ["add", "update", "rename", "enable", "remove"]; // actions that undo can revert
+const CHANGES = ["add", "update", "rename", "enable", "remove"]; // what undo takes back
 const NAME_LENGTH = 60;
 
 export function element(tag, attributes = {}, ...children) {
@@ -23,8 +23,8 @@ export const button = (code, onclick, kind = "", attributes = {}) =>
 
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 
-// Replaces a list's content only if it changed, because a button that is replaced under a finger is never pressed. The focused
-// element keeps the focus, by data-key; a field that is being edited stays, with its caret and incomplete text.
+// Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
+// keeps it, by data-key; a field that is being typed into stays, with its caret and half a number.
 const filled = new WeakMap();
 
 export function fill(parent, children) {
@@ -46,17 +46,17 @@ export function fill(parent, children) {
   if (at >= 0) parent.querySelector(key).focus({ preventScroll: true });
 }
 
-// An answer that is already on the page, for instance as a notice, is not shown twice.
+// An answer that stands on the page, for instance as a notice, is not said twice.
 export function dropStanding() {
   const standing = [...(view.notices || []).map((notice) => notice.code), prompt(), !page.online && "page_offline"];
   if ($("laser-refused").textContent) standing.push(view.state.last.code);
-  const { code } = $("toast").dataset; // undefined if it is not an answer
+  const { code } = $("toast").dataset; // none where it is no answer
   if (code && standing.includes(code)) $("toast").textContent = "";
 }
 
-// A quick second tap, as for zooming, must not press a button that the first tap has brought up.
+// A second tap at once, as one zooms a picture, presses nothing that the first has brought up or uncovered.
 const LOCKED_MS = 400;
-const unlocking = new Map(); // the timers that end the locks, by part; an animation would not run in a page that is not painted
+const unlocking = new Map(); // part: the timer that ends its lock; an animation would stand still in a page that is not painted
 
 export function lock(part) {
   clearTimeout(unlocking.get(part));
@@ -80,10 +80,10 @@ export function toast(text, bad = false, code = "", more = null) {
 }
 
 export async function ask(action, fields, done = null, values = {}) {
-  // a command is refused after a stop that was not shown here yet
+  // a command is void after a stop that was not shown here yet
   const shown = (view.state && view.state.stop_number) || "";
   const seen = action === "command" ? { seen_stop: fields.command === "stop" ? "" : shown } : {};
-  // undo and redo refer to the displayed borders: pressed again after these have changed, they mean the next change
+  // undo and redo are about the borders as they are shown: pressed again once these have changed, they mean the next change
   const about = ["undo", "redo"].includes(fields.command) ? (view.borders || {}).revision : null;
   const answer = await page.link.ask(action, { ...fields, ...seen }, about);
   if (answer.ok && done)

@@ -7,7 +7,7 @@ export class Words {
     this.language = "";
   }
 
-  // Returns whether the language is known; if not, the texts do not change.
+  // Returns whether the language is known; if not, the words stay as they are.
   async load(language) {
     const found = await fetch(`words/${language}.json`).catch(() => null);
     if (!found || !found.ok) return false;
@@ -37,7 +37,7 @@ export class Words {
     );
   }
 
-  // A value that begins with $ is itself a code, with the sentence's other values; at the beginning of a sentence it is capitalised.
+  // A value that begins with $ is itself a code, with the sentence's other values; where a sentence begins with it, so with a capital.
   value(name, { [name]: given, ...others }, at) {
     const text = name === "border" || name === "borders" ? this.border(given) : given;
     if (!/^\$./.test(text)) return text;
@@ -45,12 +45,12 @@ export class Words {
     return at ? said : said.charAt(0).toUpperCase() + said.slice(1);
   }
 
-  // A border or wall without a name is numbered in the reader's language.
+  // A border or wall that nobody named is numbered in the reader's language.
   border(name) {
     return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number }));
   }
 
-  // The sentence of any object with code, values and message.
+  // Of anything that has code, values and message.
   tell(said) {
     return this.say(said.code, said.values, said.message);
   }
