@@ -31,7 +31,7 @@ REFUSALS = {"nothing_to_save", "missing_seed", "missing_border", "missing_border
 REFUSALS |= {"not_paused", "not_while_drawing"}
 
 for_all_commands_in_all_situations = pytest.mark.parametrize(
-    "before, command", itertools.product(ALL_SITUATIONS, COMMANDS)
+    "before, command", list(itertools.product(ALL_SITUATIONS, COMMANDS))
 )
 
 
