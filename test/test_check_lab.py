@@ -26,9 +26,9 @@ def codes(lines):
     return [line.code for line in lines if line.severity is not Severity.INFO]
 
 
-def graph(*publishers, topic="/north/image_raw", type="sensor_msgs/Image"):
+def graph(*publishers, topic="/north/image_raw"):
     """Returns the graph of a topic's publishers."""
-    return NodeGraph([(topic, publishers)], [], types={topic: type})
+    return NodeGraph([(topic, publishers)], [], types={topic: "sensor_msgs/Image"})
 
 
 DETECTOR = {"image_transport": "raw"}

@@ -148,6 +148,7 @@ class SpotDetectorTest(unittest.TestCase):
         o = self.observer
         self.wait(lambda: camera in o.status and o.status[camera].spots > 10, f"the status of {camera}")
         status = o.status[camera]
+        self.assertEqual(status.detector, f"/spot_detector_{camera}")
         self.assertGreaterEqual(status.received, status.processed)
         self.assertGreater(min(status.rate_hz, status.search_ms), 0.0)
 

@@ -102,13 +102,13 @@ class SeenTest(PageTest):
     def test_each_robot_has_a_line_and_each_camera_a_picture(self):
         driver = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         detector = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
-        images = rospy.Publisher("/page_test/debug_image", Image, queue_size=1)
+        images = rospy.Publisher("/camera_of_the_test/debug_image", Image, queue_size=1)
         image = Image(height=4, width=4, encoding="mono8", step=4, data=bytes(16))
 
         def publish(_event):
             driver.publish(DriverState(robot="one", source="navigation", code="obstacle"))
             for camera in ("north", "south"):
-                detector.publish(DetectorStatus(camera=camera))
+                detector.publish(DetectorStatus(camera=camera, detector="/camera_of_the_test"))
             images.publish(image)
 
         beat = rospy.Timer(rospy.Duration(0.2), publish)

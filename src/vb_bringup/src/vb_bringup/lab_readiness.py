@@ -15,6 +15,7 @@ import numpy as np
 from vb_core import sentences
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
+from vb_laser_detect.detector_params import image_topic
 
 MIN_DISK_MB = 500  # room for a day of logs and recordings
 MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead
@@ -31,7 +32,7 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], mea
         rate: [1/s] searched images per second.
     """
     source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
-    topic = "" if source or not parameters else f"/{(parameters.get('image') or f'{name}/image_raw').strip('/')}"
+    topic = "" if source or not parameters else "/" + image_topic(name, parameters.get("image", "")).lstrip("/")
     topic += "/compressed" if topic and parameters.get("image_transport") == "compressed" else ""
     publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
     others = sorted(

@@ -32,7 +32,7 @@ from vb_laser_detect.camera.exposure import WHITE, Brightness, find_exposure, me
 from vb_laser_detect.camera.source import printable
 from vb_laser_detect.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.camera_geometry import is_rectified, require_size, sibling_topic
-from vb_laser_detect.detector_params import DetectorParams
+from vb_laser_detect.detector_params import DetectorParams, image_topic
 
 _TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] to wait for the next image, and between two polls
 _SETTLED = 0.5  # [s] until a new exposure time shows in the images
@@ -66,7 +66,7 @@ class CameraImages:
         self.settings = str(self.params.get("settings", ""))
         self.frame = str(self.params.get("frame", ""))
         self._newest: Deque[ReceivedImage] = deque(maxlen=1)
-        self._image = "/" + (self.params.get("image") or f"{camera}/image_raw").lstrip("/")
+        self._image = "/" + image_topic(camera, self.params.get("image", "")).lstrip("/")
         transport = str(self.params.get("image_transport"))
         self._topic = subscribe_images(self._image, transport, self.frame, self._newest.append)
 

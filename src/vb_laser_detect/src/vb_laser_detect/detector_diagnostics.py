@@ -31,7 +31,7 @@ class DetectorDiagnostics:
         /virtual_borders/notices (vb_msgs/NoticeArray): what keeps spots from being found or located
 
     Args:
-        source: the camera's namespace.
+        namespace: of the camera's parameters and debug image.
         camera: its name.
         mailbox: of the detector's images.
         mobile: whether the camera is on a robot.
@@ -42,9 +42,9 @@ class DetectorDiagnostics:
     """
 
     def __init__(
-        self, source: str, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False
+        self, namespace: str, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False
     ) -> None:
-        self._camera, self._mobile, self._own_source = camera, mobile, own_source
+        self._namespace, self._camera, self._mobile, self._own_source = namespace, camera, mobile, own_source
         self._frame_id, self.focal, self._mailbox = "", 0.0, mailbox
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self._color = True  # whether the images show colours
@@ -55,7 +55,7 @@ class DetectorDiagnostics:
         self._faults: Dict[str, Tuple[Notice, rospy.Time, bool]] = {}
         self._source_fault: Optional[Notice] = None  # an ERROR if it keeps images from coming
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
-        self._notices = NoticePublisher(source)
+        self._notices = NoticePublisher(namespace)
         self._timer = WakeTimer(1.0)
         Worker(self._timer, lambda _: self._publish())
 
@@ -194,6 +194,7 @@ class DetectorDiagnostics:
             DetectorStatus(
                 header=rospy.Header(stamp=now),
                 camera=self._camera,
+                detector=self._namespace,
                 mobile=self._mobile,
                 frame_id=self._frame_id,
                 focal_px=self.focal,

@@ -8,6 +8,11 @@ from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection.projection import ProjectionParams
 
 
+def image_topic(camera: str, image: str) -> str:
+    """Returns the topic of a camera's images, given its parameter `image`."""
+    return image or f"{camera}/image_raw"
+
+
 @dataclass(frozen=True)
 class DetectorParams(Parameters):
     """The detector's parameters, by default those of a stationary camera.

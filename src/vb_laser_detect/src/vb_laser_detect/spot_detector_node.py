@@ -31,7 +31,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.camera_feed import CameraFeed, LensFile, ReceivedImage, subscribe_images
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
-from vb_laser_detect.detector_params import SpotDetectorNodeParams
+from vb_laser_detect.detector_params import SpotDetectorNodeParams, image_topic
 from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, ProjectionParams
 from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, is_rectified, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
@@ -47,7 +47,7 @@ class SpotDetectorNode:
     A camera with bad parameters is reported, and left out; with no good one, the node ends.
 
     Subscribed topics, for each camera:
-        <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two, unless ~source is
+        <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two, unless `source` is
             set: then the node reads the camera directly
         <camera>/camera_info (sensor_msgs/CameraInfo): next to the image; may arrive late, and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth>/camera_info (sensor_msgs/CameraInfo): only if a
@@ -61,12 +61,12 @@ class SpotDetectorNode:
             published when it is confirmed, in order and with their own times
         /virtual_borders/detectors (vb_msgs/DetectorStatus): once a second
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), <camera>/camera_info
-            (sensor_msgs/CameraInfo): only with ~source, and while there are subscribers
+            (sensor_msgs/CameraInfo): only with a `source`, and while there are subscribers
         /virtual_borders/notices (vb_msgs/NoticeArray): the camera's faults: no images and why, no lens, no pose,
             another camera's frame, too bright, too slow, clocks that differ
         <namespace>/debug_image (sensor_msgs/Image): spots, and rejected candidates with the reason; only if there are subscribers
     Services:
-        <camera>/set_camera_info (sensor_msgs/SetCameraInfo): only with ~source: writes the lens file
+        <camera>/set_camera_info (sensor_msgs/SetCameraInfo): only with a `source`: writes the lens file
     Parameters:
         ~cameras: the namespaces of the cameras' parameters; by default only the node's own
         config/stationary.yaml: in a ceiling camera's namespace. dynamic_reconfigure can change the parameters in its
@@ -157,7 +157,7 @@ class CameraSearch:
     def _connect(self) -> Union[InfoTopic, LensFile]:
         """Starts receiving images; returns the source of their lens model."""
         params, report = self._params, self._report
-        image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
+        image = rospy.resolve_name(image_topic(params.camera, params.image))
         if params.source:
             self._feed = CameraFeed(params, image, self._mailbox, report)
             return self._feed.lens

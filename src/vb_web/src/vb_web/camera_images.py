@@ -36,7 +36,7 @@ class CameraImages:
     """The detectors' debug images, and the floor as the ceiling cameras see it.
 
     Args:
-        detectors: returns the name of each camera's detector node, from its status messages.
+        detectors: returns the namespace of each camera's detector, from its status messages.
         cameras: names of the ceiling cameras.
         grid: returns the map.
     """

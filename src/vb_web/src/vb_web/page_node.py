@@ -87,11 +87,11 @@ class PageNode:
         self._spots: Dict[str, Any] = {}
         self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._notices = NoticeListener(self._notices_due.set)
-        self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
+        self._detectors: Dict[str, Any] = {}  # camera: (heard [s], namespace, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
-            self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
+            self._detector_namespaces, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionHandler(
             lambda border_id: _by_id(self._borders).get(border_id),
@@ -261,17 +261,20 @@ class PageNode:
         self._view.put("notices", page_messages.notices_section(self._notices.current()[:30]))
 
     def _on_detector(self, message: DetectorStatus) -> None:
-        publisher = message._connection_header.get("callerid", "")
         with self._lock:
-            self._detectors[message.camera] = (time.monotonic(), publisher, page_messages.detector_entry(message))
+            self._detectors[message.camera] = (
+                time.monotonic(),
+                message.detector,
+                page_messages.detector_entry(message),
+            )
 
     def _on_driver(self, message: DriverState) -> None:
         with self._lock:
             self._drivers[message.robot] = (time.monotonic(), page_messages.driver_entry(message))
 
-    def _detector_nodes(self) -> Dict[str, str]:
+    def _detector_namespaces(self) -> Dict[str, str]:
         with self._lock:
-            return {camera: publisher for camera, (_, publisher, _) in self._detectors.items()}
+            return {camera: detector for camera, (_, detector, _) in self._detectors.items()}
 
     # ------------------------------------------------------------- periodic checks
     def _look_at_robots(self) -> None:

@@ -238,11 +238,8 @@ class Background:
         self._noise_s += dt
         if self._noise_s < _PERIOD / 8:
             return
-        weight, mask, values = (
-            1.0 - math.exp(-self._noise_s / _PERIOD),
-            steady.view(np.uint8),
-            self._rise.astype(np.float32),
-        )
+        weight, mask = 1.0 - math.exp(-self._noise_s / _PERIOD), steady.view(np.uint8)
+        values = self._rise.astype(np.float32)
         cv2.accumulateWeighted(values, self._noise, weight, mask)
         cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
         self._noise_s, self._limit = 0.0, None
