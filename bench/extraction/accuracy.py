@@ -26,9 +26,9 @@ from vb_core import geometry
 from vb_fusion import extraction
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
-import people  # noqa: E402
+import people_strokes  # noqa: E402
 from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
-from strokes import SHAPES, Setting, Stroke, draw, hausdorff, jaccard  # noqa: E402
+from generated_strokes import SHAPES, Setting, Stroke, draw, hausdorff, jaccard  # noqa: E402
 
 BAD_M, BAD_JACCARD = 0.25, 0.8
 Extract = Callable[[Stroke], Any]
@@ -48,27 +48,27 @@ SETTINGS = {
 CLOSED_ONLY = ("gap", "ends")
 ROBOT = "two fifths seen by a robot only"
 PEOPLE = {
-    "0.2-0.5 m/s": people.Seen(),
-    "0.3-0.7 m/s": people.Seen(speed=(0.3, 0.7)),
-    "0.2-0.5 m/s, half the frames dropped": people.Seen(dropped=0.5),
-    "0.5-1.0 m/s": people.Seen(speed=(0.5, 1.0)),
-    "1 camera at 30 frames/s": people.Seen(cameras=1, rate=30.0),
-    "4 cameras at 10 frames/s, 4 cm off": people.Seen(cameras=4, rate=10.0, bias=0.04),
-    ROBOT: people.Seen(robot=people.Localization()),
-    f"{ROBOT}, off by 5 cm, 3 deg": people.Seen(robot=people.Localization(0.05, 0.05)),
-    f"{ROBOT}, off by 5 cm, 3 deg, every 3 s": people.Seen(robot=people.Localization(0.05, 0.05, 3.0)),
+    "0.2-0.5 m/s": people_strokes.Seen(),
+    "0.3-0.7 m/s": people_strokes.Seen(speed=(0.3, 0.7)),
+    "0.2-0.5 m/s, half the frames dropped": people_strokes.Seen(dropped=0.5),
+    "0.5-1.0 m/s": people_strokes.Seen(speed=(0.5, 1.0)),
+    "1 camera at 30 frames/s": people_strokes.Seen(cameras=1, rate=30.0),
+    "4 cameras at 10 frames/s, 4 cm off": people_strokes.Seen(cameras=4, rate=10.0, bias=0.04),
+    ROBOT: people_strokes.Seen(robot=people_strokes.Localization()),
+    f"{ROBOT}, off by 5 cm, 3 deg": people_strokes.Seen(robot=people_strokes.Localization(0.05, 0.05)),
+    f"{ROBOT}, off by 5 cm, 3 deg, every 3 s": people_strokes.Seen(robot=people_strokes.Localization(0.05, 0.05, 3.0)),
 }
 Group = Tuple[str, Iterator[Stroke]]  # name of a cell, and its strokes
 
 
 def strokes_of_people(which: str, draws: int, base: int) -> Iterator[Group]:
     """Yields one half of people's strokes, each seen several times; a cell for each way of seeing."""
-    drawings = [one for one in enumerate(people.drawings()) if which == people.half(one[1])]
+    drawings = [one for one in enumerate(people_strokes.drawings()) if which == people_strokes.half(one[1])]
     for name, seen in PEOPLE.items():
         rngs = (
             (drawing, np.random.default_rng([base + k, number])) for number, drawing in drawings for k in range(draws)
         )
-        yield name, (people.see(drawing, seen, rng) for drawing, rng in rngs)
+        yield name, (people_strokes.see(drawing, seen, rng) for drawing, rng in rngs)
 
 
 def generated(name: str, count: int, base: int) -> Iterator[Group]:

@@ -25,11 +25,11 @@ from scipy.signal import lfilter
 from bench.harness import TOP, Table, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
-from strokes import hausdorff  # noqa: E402
+from generated_strokes import hausdorff  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 
-MODULES = "vb_fusion.extraction", "vb_fusion.collector", "vb_core.errors"
+MODULES = "vb_fusion.extraction", "vb_fusion.spot_collector", "vb_core.errors"
 BAD_M = 0.25
 Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and how far off [m]
 MARGIN = 0.5  # [m] around the drawing in which strays are seen

@@ -30,7 +30,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.geojson import border_to_feature
-from vb_map_integration.integrator import MapIntegrator
+from vb_map_integration.map_integrator import MapIntegrator
 
 KINDS = ("kill", "flip")
 BAD = ("LOST OR MOVED", "did not start")

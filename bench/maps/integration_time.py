@@ -67,7 +67,7 @@ class Version:
     def __init__(self, source: Any, grid: GridMap, there: int) -> None:
         here = "vb_map_integration"
         self.border, self.integration, self.keeping, maps = import_from(
-            source, f"{here}.border", f"{here}.integration", f"{here}.integrator", "vb_core.grid_map"
+            source, f"{here}.border", f"{here}.integration", f"{here}.map_integrator", "vb_core.grid_map"
         )
         self.grid = maps.GridMap(grid.data, grid.resolution, grid.origin)
         self.random, self.folder = np.random.default_rng(1), Path(tempfile.mkdtemp(prefix="bench_integration_"))

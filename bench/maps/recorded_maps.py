@@ -29,9 +29,9 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import free_cells, jaccard
 from vb_map_integration.border import IntegrationError, VirtualBorder
-from vb_map_integration.in_force import Verdict
+from vb_map_integration.borders_in_force import Verdict
 from vb_map_integration.integration import apply_regions, integrate
-from vb_map_integration.integrator import MapIntegrator
+from vb_map_integration.map_integrator import MapIntegrator
 from vb_map_integration.places.registration import Transform
 
 SILENT = "lines that closed off something else without a word"

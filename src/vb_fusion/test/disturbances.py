@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from strokes import Setting, Stroke, draw
+from generated_strokes import Setting, Stroke, draw
 
 from vb_core import geometry
 

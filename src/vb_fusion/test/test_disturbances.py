@@ -6,7 +6,7 @@ from functools import lru_cache
 import pytest
 
 from disturbances import beside, held, timed, with_fixed_place
-from strokes import hausdorff
+from generated_strokes import hausdorff
 
 from vb_fusion.extraction import extract_border
 

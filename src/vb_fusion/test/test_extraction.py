@@ -5,15 +5,15 @@ import pytest
 from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 
-import people
-from strokes import Setting, draw, hausdorff, jaccard
+import people_strokes
+from generated_strokes import Setting, draw, hausdorff, jaccard
 
 from refusals import refused
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_fusion.extraction import ExtractionParams, extract_border
-from vb_fusion.line import classify_closure
+from vb_fusion.polygonal_chain import classify_closure
 
 BASE = Setting()
 ROUGH = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
@@ -176,10 +176,14 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
 @pytest.mark.parametrize("shape, every, rounds", [("", 2, 1), ("zigzag", 1, 4)])
 def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
     """Half of the development set, and all its zigzags (bench/extraction/accuracy.py judges the other strokes)."""
-    drawn = [one for one in people.drawings() if people.half(one) == "develop" and shape in one.shape][::every]
+    drawn = [one for one in people_strokes.drawings() if people_strokes.half(one) == "develop" and shape in one.shape][
+        ::every
+    ]
     wrong = []
     for number, drawing in enumerate(rounds * drawn):
-        stroke = people.see(drawing, people.Seen(speed=(0.3, 0.7)), np.random.default_rng([300, number]))
+        stroke = people_strokes.see(
+            drawing, people_strokes.Seen(speed=(0.3, 0.7)), np.random.default_rng([300, number])
+        )
         chain = extract_stroke(stroke)
         drawn_line = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
         line = geometry.resample_chain(chain.points, 0.01, chain.closed)

@@ -9,7 +9,7 @@ import paper_transcription as transcription
 
 from refusals import refused
 from vb_fusion.extraction import ExtractionParams, extract_border
-from vb_fusion.paper import dbscan, find_cluster, generate_polygon, thin_points
+from vb_fusion.paper_algorithms import dbscan, find_cluster, generate_polygon, thin_points
 
 # multiples of 1/64 m are exact in binary: comparisons with a distance do not depend on how it is computed
 coordinate = st.integers(-128, 128).map(lambda k: k / 64.0)

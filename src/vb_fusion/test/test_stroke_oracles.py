@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from examples import STEADY, off_thresholds
 
 from vb_core.geometry import chain_length
-from vb_fusion import seed, strokes
-from vb_fusion.line import classify_closure
+from vb_fusion import seed_point, strokes
+from vb_fusion.polygonal_chain import classify_closure
 from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
 
 
@@ -312,7 +312,7 @@ def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
     for number in {patch[stay[0]] for stay in held}:
         at_it = [stay for stay in held if patch[stay[0]] == number]
         wanted.append((patch.tolist().index(number), at_it[-1][-1], sum(map(len, at_it))))
-    assert seed._find_stays(patch, bins) == sorted(wanted, key=lambda stay: stay[1])
+    assert seed_point._find_stays(patch, bins) == sorted(wanted, key=lambda stay: stay[1])
 
 
 @settings(STEADY, max_examples=60)
@@ -320,11 +320,11 @@ def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
 def test_a_floor_patch_is_as_wide_as_a_hand_that_holds_still(places):
     middles, wanted, counts = [], [], []
     for place in places:
-        near = [number for number in range(len(middles)) if math.dist(middles[number], place) <= seed.HAND_RADIUS]
+        near = [number for number in range(len(middles)) if math.dist(middles[number], place) <= seed_point.HAND_RADIUS]
         if not near:
             near = [len(middles)]
             middles.append(place)
         wanted.append(min(near, key=lambda number: math.dist(middles[number], place)))
         counts.append(wanted[:-1].count(wanted[-1]))
-    patch, earlier = seed._floor_patches(np.array(places))
+    patch, earlier = seed_point._floor_patches(np.array(places))
     assert patch.tolist() == wanted and earlier.tolist() == counts

@@ -18,8 +18,8 @@ from vb_core.camera_model import floor_points
 from vb_core.ros import messages
 from vb_laser_detect.calibration import calibration_file
 
-from players import FixedCamera
-from scenes import RED
+from camera_players import FixedCamera
+from spot_scenes import RED
 from terminal import Terminal
 from vb_testing import TIMEOUT, wait_until
 

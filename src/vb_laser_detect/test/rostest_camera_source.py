@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
 
 from mjpeg_server import MjpegServer
-from scenes import GREEN, Scene
+from spot_scenes import GREEN, Scene
 from vb_testing import TIMEOUT, Process, wait_until
 
 from vb_core import geometry, names

@@ -23,8 +23,8 @@ from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot, Notice, NoticeArray
 
-from players import FixedCamera, RobotCamera
-from scenes import GREEN, RED
+from camera_players import FixedCamera, RobotCamera
+from spot_scenes import GREEN, RED
 from vb_testing import TIMEOUT, wait_until
 
 WARN_EVERY = 10.0

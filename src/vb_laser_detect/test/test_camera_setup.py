@@ -19,16 +19,16 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
-from vb_laser_detect import camera_setup
+from vb_laser_detect.ros import camera_setup
 from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls
 from vb_laser_detect.camera.camera_files import load_lens, save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
-from vb_laser_detect.camera_feed import ReceivedImage
-from vb_laser_detect.camera_setup import CameraImages
-from vb_laser_detect.detector_params import CaptureParams
+from vb_laser_detect.ros.camera_feed import ReceivedImage
+from vb_laser_detect.ros.camera_setup import CameraImages
+from vb_laser_detect.detection.detector_params import CaptureParams
 
 WIDE = CameraModel(
     1280, 720, np.array([[820.0, 0, 655], [0, 824.0, 350], [0, 0, 1]]), np.array([-0.25, 0.08, 0.001, 0, 0])

@@ -19,8 +19,8 @@ from refusals import refused
 from vb_testing import wait_until
 from vb_laser_detect.camera import source as camera_source
 from vb_laser_detect.camera.source import CameraSource, Shot, printable
-from vb_laser_detect.detector_params import CaptureParams
-from vb_laser_detect.detector import SpotDetector
+from vb_laser_detect.detection.detector_params import CaptureParams
+from vb_laser_detect.detection.spot_detector import SpotDetector
 
 RATE, FRAMES, KEY_EVERY = 25, 250, 25
 SDP = "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=-\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r\na=rtpmap:96 H264/90000\r\n"

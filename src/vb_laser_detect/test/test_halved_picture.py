@@ -5,10 +5,10 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import GREEN, RED, Scene
+from spot_scenes import GREEN, RED, Scene
 from vb_core.image_format import HalvedPicture
 from vb_laser_detect.camera.source import Shot
-from vb_laser_detect.detector import SpotDetector
+from vb_laser_detect.detection.spot_detector import SpotDetector
 
 SIZE = 956, 540  # neither the rows nor the columns of its half are a multiple of 8
 DRAWN = range(35, 60)

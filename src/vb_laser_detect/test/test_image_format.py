@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import rospy
 
-from scenes import GREEN, Scene, shown, tinted
+from spot_scenes import GREEN, Scene, shown, tinted
 from vb_core.image_format import Picture, PixelReader
 from vb_core.ros.images import array_from_image, message_from_image
 from vb_laser_detect.detection.debug_image import draw_candidates
-from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
+from vb_laser_detect.detection.spot_detector import DetectorParams, Spot, SpotDetector
 
 
 def nv12(image):

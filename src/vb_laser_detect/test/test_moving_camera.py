@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import ImageDetector
-from vb_laser_detect.detector import DetectorParams
+from spot_scenes import ImageDetector
+from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.detection.proposals import ImageRegistration
 
 PALE = np.array([0.86, 1.0, 0.84], np.float32)

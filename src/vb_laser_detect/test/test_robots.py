@@ -13,8 +13,8 @@ from vb_core.robot_profile import Limits, RobotProfile, RobotShape
 from vb_core.ros import robot_profile
 from vb_core.ros.messages import message_from_transform
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect import camera_geometry
-from vb_laser_detect.camera_geometry import CameraGeometry
+from vb_laser_detect.ros import camera_geometry
+from vb_laser_detect.ros.camera_geometry import CameraGeometry
 from vb_laser_detect.detection.projection import FloorProjection
 
 PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))

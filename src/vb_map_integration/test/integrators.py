@@ -5,7 +5,7 @@ import numpy as np
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_map_integration.integrator import MapIntegrator
+from vb_map_integration.map_integrator import MapIntegrator
 
 
 def room(height=120, width=160, origin=(-1.0, -1.0, 0.2)):

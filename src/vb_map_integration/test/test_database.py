@@ -18,7 +18,7 @@ from vb_map_integration.storage import database as module
 from vb_map_integration.storage import durable_values
 from vb_map_integration.storage.database import Database
 from vb_map_integration.storage.durable_values import FILE, DurableValues
-from vb_map_integration.integrator import MapIntegrator
+from vb_map_integration.map_integrator import MapIntegrator
 
 from integrators import GRID, integrator, square
 

@@ -17,7 +17,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import free_parts
 from vb_map_integration.grid.free_parts import count_free_parts
 from vb_map_integration.integration import Region, apply_regions, join_regions
-from vb_map_integration.integrator import MapIntegrator
+from vb_map_integration.map_integrator import MapIntegrator
 
 COMMANDS = st.lists(
     st.tuples(
@@ -139,7 +139,9 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split(monkeypatch):
     check = keeper.check(band, at((20, 60)))
     assert check.free_parts == 2 and "splits_free_space" in [found.code for found in check.issues]
     assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
-    monkeypatch.setattr("vb_map_integration.in_force.integrate", None)  # what was checked is not integrated again
+    monkeypatch.setattr(
+        "vb_map_integration.borders_in_force.integrate", None
+    )  # what was checked is not integrated again
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
     # floor that is split already is not reported again for another border

@@ -9,7 +9,7 @@ from refusals import refused
 from test_recognition import closed_at, closed_off, flat, keep_out
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.in_force import compute_in_force
+from vb_map_integration.borders_in_force import compute_in_force
 from vb_map_integration.places.recognition import BorderLocation
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.storage.database import MAX_MAPS

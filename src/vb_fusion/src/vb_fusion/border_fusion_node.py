@@ -19,7 +19,7 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
-from vb_fusion.collector import Collection, Collector, FloorSpot
+from vb_fusion.spot_collector import Collection, Collector, FloorSpot
 from vb_fusion.extraction import DrawnBorder, ExtractionParams, LiveExtractor
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse

@@ -1,7 +1,7 @@
 """Extracts one border from the spots of all cameras, treating each stroke as one track through time.
 
 `extract_border` runs the stages 0 to 6 in order; each is described in its module and in docs/explanation/extraction.md.
-`ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps. `LiveExtractor` keeps border
+`ExtractionParams(mode="paper")` runs the paper's algorithms (paper_algorithms.py), which need no stamps. `LiveExtractor` keeps border
 and seed up to date while a person draws.
 
 >>> import numpy as np
@@ -23,11 +23,11 @@ import numpy as np
 from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_fusion.collector import Collection
-from vb_fusion.line import Closure, classify_closure, make_chain
+from vb_fusion.spot_collector import Collection
+from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
 from vb_fusion.observations import Observations, make_observations, merge_observations, remove_offsets
-from vb_fusion.paper import run_algorithms
-from vb_fusion.seed import Dwell, choose_seed, extract_seed, find_dwells
+from vb_fusion.paper_algorithms import run_algorithms
+from vb_fusion.seed_point import Dwell, choose_seed, extract_seed, find_dwells
 from vb_fusion.strokes import find_drawn_line
 
 __all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border", "extract_seed"]

@@ -23,7 +23,7 @@ from geometry_msgs.msg import PointStamped
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_laser_detect.camera_setup import CameraImages, calibrate_lens, measure_camera_delay, set_exposure
+from vb_laser_detect.ros.camera_setup import CameraImages, calibrate_lens, measure_camera_delay, set_exposure
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import POINT_SIGMA
 from vb_laser_detect.calibration.board import PAPERS_MM, write_board
@@ -34,7 +34,7 @@ from vb_laser_detect.calibration.calibration_session import (
     describe_points,
     parse_place,
 )
-from vb_laser_detect.detector import SpotDetector
+from vb_laser_detect.detection.spot_detector import SpotDetector
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still

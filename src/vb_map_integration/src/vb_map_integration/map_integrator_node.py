@@ -26,7 +26,7 @@ from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayRe
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.border_messages import border_from_message, message_from_border, messages_from_issues
-from vb_map_integration.integrator import ChangeResult, MapIntegrator
+from vb_map_integration.map_integrator import ChangeResult, MapIntegrator
 
 
 @dataclass(frozen=True)

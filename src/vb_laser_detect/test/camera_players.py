@@ -6,7 +6,7 @@ import rospy
 import tf2_ros
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from scenes import RED, Scene
+from spot_scenes import RED, Scene
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, floor_points
 from vb_core.ros.cameras import info_from_camera

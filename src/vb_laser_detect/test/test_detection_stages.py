@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from scenes import GREEN, RED, Scene, tinted
+from spot_scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
-from vb_laser_detect.detector import DetectorParams
+from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, max_channel, relight
 from vb_laser_detect.detection.proposals import find_regions
 from vb_laser_detect.detection.projection import ProjectionParams

@@ -18,12 +18,12 @@ from vb_core.image_format import Picture
 from vb_core.notices import Severity
 from vb_core.ros import cameras
 from vb_core.ros.images import decode
-from vb_laser_detect import camera_geometry, detector_diagnostics
-from vb_laser_detect.camera_feed import LensFile
-from vb_laser_detect.camera_geometry import is_rectified
-from vb_laser_detect.camera_setup import CameraImages
-from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
-from vb_laser_detect.detector_params import DetectorParams
+from vb_laser_detect.ros import camera_geometry, detector_diagnostics
+from vb_laser_detect.ros.camera_feed import LensFile
+from vb_laser_detect.ros.camera_geometry import is_rectified
+from vb_laser_detect.ros.camera_setup import CameraImages
+from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
+from vb_laser_detect.detection.detector_params import DetectorParams
 from vb_msgs.msg import DetectorStatus
 
 

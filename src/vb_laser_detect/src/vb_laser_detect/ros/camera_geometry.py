@@ -20,7 +20,7 @@ from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import array_from_image
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.projection import Depth, FloorProjection, ImageGeometry, RobotCylinder
-from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
+from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 
 # [s] between lookups of a camera's lens and pose: a recalibration is soon noticed, and no image waits for it
 _LOOKUP_PERIOD = 0.5

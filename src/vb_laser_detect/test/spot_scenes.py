@@ -12,7 +12,7 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.image_format import Picture
 from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry
-from vb_laser_detect.detector import SpotDetector
+from vb_laser_detect.detection.spot_detector import SpotDetector
 
 RED = (0.12, 0.2, 1.0)  # response of the sensor's blue, green and red pixels to a red laser
 GREEN = (0.2, 1.0, 0.15)

@@ -5,7 +5,7 @@ import pytest
 
 from refusals import refused
 from vb_fusion.extraction import DrawnBorder, extract_seed
-from vb_fusion.seed import find_dwells
+from vb_fusion.seed_point import find_dwells
 
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from strokes import Setting, draw
+from generated_strokes import Setting, draw
 
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams, LiveExtractor, extract_border
-from vb_fusion import collector as collecting
-from vb_fusion.collector import Collector, FloorSpot
+from vb_fusion import spot_collector as collecting
+from vb_fusion.spot_collector import Collector, FloorSpot
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import List, Optional, Tuple
 
 import numpy as np
-from strokes import Setting, Stroke, tremor
+from generated_strokes import Setting, Stroke, tremor
 
 from vb_core import geometry
 

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import GREEN, RED, ImageDetector, Scene, from_above, shown, tinted
+from spot_scenes import GREEN, RED, ImageDetector, Scene, from_above, shown, tinted
 from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.features import SpotClassifier
-from vb_laser_detect.detector import DetectorParams
+from vb_laser_detect.detection.spot_detector import DetectorParams
 
 PERIOD = 0.04
 

@@ -1,0 +1,1 @@
+"""The detector's connection to ROS: images, poses, notices. All other folders of this package work without ROS."""
