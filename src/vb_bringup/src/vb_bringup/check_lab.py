@@ -20,7 +20,7 @@ from vb_bringup.new_lab import parse_source
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_laser_detect.camera.report import REPORTED, describe, describing_command
-from vb_laser_detect.detection.detector_params import CaptureParams
+from vb_laser_detect.detector_params import CaptureParams
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}

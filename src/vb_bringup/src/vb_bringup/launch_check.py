@@ -119,7 +119,7 @@ def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
 
 def check_detector(argument: str, value: str) -> None:
     """Raises CodedError "bad_parameter", which names file and key, and the errors of `read_parameters`."""
-    from vb_laser_detect.detection.detector_params import SpotDetectorNodeParams
+    from vb_laser_detect.detector_params import SpotDetectorNodeParams
 
     SpotDetectorNodeParams.from_mapping(read_parameters(argument, value), value)
 

@@ -7,7 +7,7 @@ import subprocess
 from typing import Dict, List, Optional
 
 from vb_core.errors import CodedError
-from vb_laser_detect.detection.detector_params import CaptureParams
+from vb_laser_detect.detector_params import CaptureParams
 
 _TIMEOUT = 5.0  # [s]
 _CONTROL = re.compile(r"^\s*(\w+) 0x[0-9a-f]+ \((\w+)\)\s*:(.*)$", re.MULTILINE)

@@ -37,7 +37,7 @@ from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import Proposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
 from vb_laser_detect.detection.stage_results import Box, Detection, SearchedImage, Spot
-from vb_laser_detect.detection.detector_params import DetectorParams
+from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["Detection", "DetectorParams", "Spot", "SpotDetector"]
 
