@@ -24,8 +24,7 @@ from typing import Any, Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from bench.harness import HALVES, Table, arguments, share
-from vb_core.grid_layers import clearance_grid, sample
-from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, clearance_grid, sample
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import free_cells, jaccard
 from vb_map_integration.border import IntegrationError, VirtualBorder

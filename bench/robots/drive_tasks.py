@@ -5,8 +5,7 @@ import functools
 import numpy as np
 
 from bench.harness import TOP
-from vb_core.grid_layers import sample
-from vb_core.grid_map import distance_to
+from vb_core.grid_map import distance_to, sample
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_map_integration.border import VirtualBorder as Border
 from vb_map_integration.integration import integrate

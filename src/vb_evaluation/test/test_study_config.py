@@ -11,8 +11,7 @@ import pytest
 from scipy import stats
 
 from vb_core.errors import CodedError, ParameterError
-from vb_core.grid_layers import sample
-from vb_core.grid_map import UNKNOWN
+from vb_core.grid_map import UNKNOWN, sample
 from vb_evaluation.counterbalancing import order_runs
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.study_files import RUNS, WORLDS

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
 from plain_rooms import VIEW, room
-from vb_core.grid_layers import clearance_grid
+from vb_core.grid_map import clearance_grid
 from vb_core.geometry import to_base
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing_state import MAX_LOOKAHEAD, MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from vb_core.grid_layers import Window, clearance_grid, sample
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, Window, clearance_grid, sample
 
 STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_layers import nearest_cell
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, nearest_cell
 from vb_core.files import write_atomically
 from vb_core.map_files import write_map
 from vb_evaluation import metrics

@@ -6,8 +6,7 @@ import math
 from dataclasses import replace
 from typing import Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
-from vb_core.grid_layers import Window, crop
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, Window, crop
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window

@@ -13,7 +13,7 @@ from typing import Iterable, Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_core.grid_layers import clearance_grid, sample
+from vb_core.grid_map import clearance_grid, sample
 from vb_core.geometry import Pose
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing_state import DrawingState

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_core.grid_layers import nearest_cell, sample
+from vb_core.grid_map import nearest_cell, sample
 from vb_sim.robot.costmap import LETHAL, Costmap
 
 Cell = Tuple[int, int]  # row, column
