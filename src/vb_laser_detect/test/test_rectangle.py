@@ -6,7 +6,7 @@ import pytest
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, floor_points
-from vb_laser_detect.calibration.rectangle import uncertainty, view_rectangle
+from vb_laser_detect.calibration.pose import click_uncertainty, view_rectangle
 
 IMAGE = (1280, 720)
 SIZE = (2.0, 1.25)
@@ -77,7 +77,7 @@ def test_the_uncertainty_is_that_of_clicks():
     for share, least, most in ((1.0, 0.001, 0.05), (0.15, 0.02, 1.0)):
         corners = CORNERS * share
         pixels = seen(focal, T, corners)
-        told = uncertainty(pixels, (SIZE[0] * share, SIZE[1] * share), IMAGE, places)
+        told = click_uncertainty(pixels, (SIZE[0] * share, SIZE[1] * share), IMAGE, places)
         assert least < told < most
         random = np.random.default_rng(7)
         errors = []
