@@ -52,7 +52,7 @@ MODULES = (
     "vb_robot.driving.escape",
     "vb_evaluation.statistics",
     "vb_evaluation.report.study_files",
-    "vb_evaluation.report.plausible_worlds",
+    "vb_evaluation.report.cross_checks",
     "vb_evaluation.user_study.recording_measures",
 )
 
