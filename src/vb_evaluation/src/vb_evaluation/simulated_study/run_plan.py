@@ -1,4 +1,4 @@
-"""Plans the runs of a study: main runs and plausible worlds.
+"""Plans the runs of a study: main runs, and plausible worlds in which all assumptions vary at once.
 
 Use it to see what a study consists of before it is run. `live_run.run(study, job)` carries out one of the runs,
 `make study` all.
@@ -166,8 +166,8 @@ def world_jobs(study: Study) -> List[Job]:
     """Lists a run of each method in each world, each world with a different person; scenarios take turns."""
     scenarios = study.design.scenarios
     return [
-        Job(draw, scenarios[draw % len(scenarios)], method, draw, assumptions.changes(study, factors))
-        for draw, factors in enumerate(assumptions.draw_worlds(study, study.design.worlds, study.design.seed), 1)
+        Job(draw, scenarios[draw % len(scenarios)], method, draw, changes(study, factors))
+        for draw, factors in enumerate(draw_worlds(study, study.design.worlds, study.design.seed), 1)
         for method in study.design.methods
     ]
 
