@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo
 
 from vb_core.errors import CodedError
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import FloorView, Viewpoint
