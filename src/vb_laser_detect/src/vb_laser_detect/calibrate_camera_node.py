@@ -26,7 +26,7 @@ from vb_core.errors import CodedError
 from vb_laser_detect.ros.camera_setup import CameraImages, calibrate_lens, measure_camera_delay, set_exposure
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import POINT_SIGMA
-from vb_laser_detect.calibration.board import PAPERS_MM, write_board
+from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
 from vb_laser_detect.calibration.calibration_session import (
     CalibrationSession,
     HeldSpot,
