@@ -38,7 +38,7 @@ from vb_msgs.msg import (
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
-from vb_robot.dispatching.drawing_state import DrawingState
+from vb_robot.dispatching.viewpoint import DrawingState
 from vb_robot.driving.safety import limit_around
 from vb_robot.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
