@@ -11,18 +11,8 @@ from plain_rooms import VIEW, room
 from vb_core.grid_map import clearance_grid
 from vb_core.geometry import to_base
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
-from vb_robot.dispatching.viewpoint import (
-    IMAGE_MARGIN,
-    LINE_MARGIN,
-    MAX_DISTANCE,
-    MAX_LOOKAHEAD,
-    MIN_DISTANCE,
-    MIN_LOOKAHEAD,
-    NO_POINTS,
-    REACTION,
-    DrawingState,
-    ViewpointPlanner,
-)
+from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MAX_LOOKAHEAD, MIN_DISTANCE
+from vb_robot.dispatching.viewpoint import MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState, ViewpointPlanner
 
 
 def two_rooms(door=True):

@@ -14,16 +14,8 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
-from vb_sim.robot.path_planner import (
-    COST_FACTOR,
-    INFLATION,
-    INSCRIBED,
-    LETHAL,
-    NEUTRAL_COST,
-    NO_INFORMATION,
-    Costmap,
-    Planner,
-)
+from vb_sim.robot.path_planner import COST_FACTOR, INFLATION, INSCRIBED, LETHAL, NEUTRAL_COST, NO_INFORMATION, Costmap
+from vb_sim.robot.path_planner import Planner
 from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
 from vb_sim.robot.robot_body import advance
 

@@ -27,13 +27,8 @@ from vb_laser_detect.ros.camera_setup import CameraImages, calibrate_lens, measu
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import POINT_SIGMA
 from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
-from vb_laser_detect.calibration.calibration_session import (
-    CalibrationSession,
-    HeldSpot,
-    describe,
-    describe_points,
-    parse_place,
-)
+from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, describe_points
+from vb_laser_detect.calibration.calibration_session import parse_place
 from vb_laser_detect.detection.spot_detector import SpotDetector
 
 FOLDER = "~/.ros/virtual_borders/cameras"

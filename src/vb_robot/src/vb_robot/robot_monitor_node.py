@@ -25,16 +25,8 @@ from vb_core.ros.robot_status import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
-from vb_msgs.msg import (
-    BorderProgress,
-    DetectorStatus,
-    DriverState,
-    InteractionState,
-    RobotStatusArray,
-    Stop,
-    VirtualBorder,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import BorderProgress, DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher

@@ -17,17 +17,8 @@ from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.user_study import blind_judging, protocol
 from vb_evaluation.user_study.recording import Recording
-from vb_evaluation.report.study_files import (
-    META,
-    REQUIRED,
-    RUNS,
-    SHEETS,
-    STATES,
-    WARNINGS,
-    read_meta,
-    read_sheet,
-    write_table,
-)
+from vb_evaluation.report.study_files import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS, read_meta, read_sheet
+from vb_evaluation.report.study_files import write_table
 from vb_evaluation.report.map_figures import write_truths
 
 _TIMES = (*STATES, "total")
