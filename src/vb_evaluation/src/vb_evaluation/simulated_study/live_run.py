@@ -27,8 +27,7 @@ from vb_evaluation.simulated_study.person_traits import Traits
 from vb_evaluation.simulated_study.run_plan import Job
 from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
 from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
-from vb_evaluation.in_process_ros.scheduler import Scheduler
-from vb_evaluation.in_process_ros.threading_stand_in import replaced
+from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, replaced
 from vb_fusion import extraction
 from vb_msgs.msg import LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
