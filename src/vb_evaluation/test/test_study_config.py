@@ -16,7 +16,7 @@ from vb_evaluation.counterbalancing import order_runs
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.study_files import RUNS, WORLDS
 from vb_evaluation.simulated_study import campaign, config, run_plan
-from vb_evaluation.simulated_study.person_traits import draw
+from vb_evaluation.simulated_study.config import draw
 from vb_evaluation.simulated_study.live_run import personal_scenario
 from vb_sim.room import floor_plan
 

@@ -21,9 +21,8 @@ from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.simulated_study.config import METHODS, Study
+from vb_evaluation.simulated_study.config import METHODS, Study, Traits
 from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
-from vb_evaluation.simulated_study.person_traits import Traits
 from vb_evaluation.simulated_study.run_plan import Job
 from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
 from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
