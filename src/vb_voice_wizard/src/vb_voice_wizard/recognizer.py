@@ -34,9 +34,6 @@ from vb_voice_wizard.voice.speech_model import SpeechModel
 
 # what people say for each command, and to confirm it when asked
 PHRASES = {name: [spelled_out(name), *command.phrases] for name, command in COMMANDS.items()}
-_MUTE_MARGIN = 0.3  # [s] how much later a sound may end, through the sound card's delay and echoes
-
-
 PHRASES.update({answer: ["yes, " + spelled_out(command)] for answer, command in ANSWERS.items()})
 # Evidence at which an utterance is as probably a command as something that sounds like it. In the development group,
 # about as many single words are then missed as wrongly accepted; nothing comes near two words (docs/results/voice).
@@ -62,6 +59,7 @@ _VARIANTS = (
     (1.0, 0.0, 0.3),
 )
 _CLOSEST = 4  # phrases that are scored in every look
+_MUTE_MARGIN = 0.3  # [s] how much later a sound may end, through the sound card's delay and echoes
 
 
 @dataclass(frozen=True)
