@@ -52,7 +52,7 @@ MODULES = (
     "vb_robot.driving.escape",
     "vb_evaluation.statistics",
     "vb_evaluation.report.study_files",
-    "vb_evaluation.report.plausible_worlds",
+    "vb_evaluation.report.cross_checks",
     "vb_evaluation.user_study.recording_measures",
 )
 
@@ -216,7 +216,7 @@ def in_forks(starts: Iterable[Callable[[], int]], processes: int) -> Iterator[Tu
             yield running.pop(child), status == 0, used.ru_utime + used.ru_stime
 
 
-def main() -> int:
+def main() -> None:
     parser = arguments(__doc__, seed=1)
     parser.add_argument("--modules", nargs="+", default=MODULES, choices=MODULES, metavar="MODULE")
     parser.add_argument("--each", type=int, default=8, help="mutants of each module")
@@ -247,8 +247,7 @@ def main() -> int:
             source = file_of(name).read_text(encoding="utf-8").splitlines()[line - 1].strip()
             table.add(module=name, line=line, change=words, source=source)
     table.add(module="all", change="survivors", source=share(len(table.rows), len(chosen)))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -7,7 +7,7 @@ import pytest
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
 
-from vb_bringup import check_lab, lab_readiness, lab_observation
+from vb_bringup import check_lab, lab_readiness
 from vb_bringup.lab_readiness import is_all_known
 from vb_core import names
 from vb_core.errors import CodedError
@@ -83,7 +83,7 @@ def test_each_mistake_in_a_lab_is_named(what, changes, code):
 def test_a_network_camera_s_delay_is_shown_or_asked_for(tmp_path, delay, written, said):
     (tmp_path / "north.yaml").write_text(written)
     detector = {"source": "rtsp://a/", "settings": str(tmp_path / "north.yaml"), "capture": {"delay_ms": delay}}
-    line = lab_readiness.check_camera(graph(), "north", detector, lab_observation._has_delay(detector), 15.0)
+    line = lab_readiness.check_camera(graph(), "north", detector, check_lab._has_delay(detector), 15.0)
     assert said in line.sentence()
 
 
@@ -140,10 +140,10 @@ def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_t
 
 @pytest.mark.parametrize("height, width", [(0, 0), (3, 4), (2, 2)])
 def test_a_map_of_the_wrong_size_does_not_end_the_check(height, width, monkeypatch):
-    monkeypatch.setattr(lab_observation.rospy, "get_param", lambda _name, default: default)
+    monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)
     message = OccupancyGrid()
     message.info.height, message.info.width, message.data = height, width, [0] * 5
-    found = lab_observation._check_map(SimpleNamespace(publishers={}), {names.PHYSICAL_MAP: message})
+    found = check_lab._check_map(SimpleNamespace(publishers={}), {names.PHYSICAL_MAP: message})
     assert codes(found) == ["lab_map_without_borders"]
 
 
@@ -163,9 +163,9 @@ SCAN = LaserScan(angle_min=-1.5, angle_max=1.5)
 )
 def test_a_robot_s_scan_is_looked_for_where_its_profile_says(monkeypatch, driver, scanner, heard, expected):
     profile = {"/ada/robot_profile": {"scanner": scanner}}
-    monkeypatch.setattr(lab_observation.rospy, "get_param", lambda name, default: profile.get(name, default))
+    monkeypatch.setattr(check_lab.rospy, "get_param", lambda name, default: profile.get(name, default))
     status = RobotStatus(robot="ada", driver=driver, plans_round_borders=not driver)
-    lines = lab_observation._check_robot(status, {heard: SCAN})
+    lines = check_lab._check_robot(status, {heard: SCAN})
     assert [(line.code, line.values["topic"]) for line in lines] == expected
 
 
@@ -174,11 +174,11 @@ def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monk
     bad = RobotStatus(robot="bob", move_base="/bob/move_base", localized=True)
     newest = {names.ROBOTS: RobotStatusArray(robots=[good, bad])}
     notices = offer(connections_from_message(newest[names.ROBOTS])).notices()
-    monkeypatch.setattr(lab_observation, "_listen", lambda seconds: (newest, {}, notices))
-    monkeypatch.setattr(lab_observation, "read_graph", lambda: NodeGraph([], []))
-    monkeypatch.setattr(lab_observation.rospy, "get_param", lambda _name, default: default)
-    monkeypatch.setattr(lab_observation.rospy, "has_param", lambda _name: False)
-    lines = [line for line in lab_observation.observe_lab(0.0) if line.robot]
+    monkeypatch.setattr(check_lab, "_listen", lambda seconds: (newest, {}, notices))
+    monkeypatch.setattr(check_lab, "read_graph", lambda: NodeGraph([], []))
+    monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)
+    monkeypatch.setattr(check_lab.rospy, "has_param", lambda _name: False)
+    lines = [line for line in check_lab.observe_lab(0.0) if line.robot]
     assert {line.robot for line in lines} == {"ada", "bob"}
     errors = [(line.robot, line.code) for line in lines if line.severity is Severity.ERROR]
     assert errors == [("bob", "robot_ignores_borders")]

@@ -28,7 +28,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
 from vb_core.parameters import Parameters
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros import cameras, images, messages
+from vb_core.ros import images, messages
 from vb_laser_detect.calibration import calibration_file
 from vb_map_integration import border_messages, geojson
 from vb_msgs.msg import VirtualBorder
@@ -122,7 +122,7 @@ CONVERSIONS = {
     "transform": (messages.transform_from_message, message(Transform)),
     "image": (images.array_from_image, message(Image) | KNOWN_ENCODINGS),
     "compressed image": (images.array_from_compressed_image, message(CompressedImage) | KNOWN_COMPRESSIONS),
-    "camera": (cameras.camera_from_info, message(CameraInfo)),
+    "camera": (images.camera_from_info, message(CameraInfo)),
     "border": (border_messages.border_from_message, message(VirtualBorder)),
 }
 

@@ -19,7 +19,6 @@ those in frames with pulses that nobody labelled. Frames are not independent: Wi
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import cv2
@@ -30,7 +29,7 @@ from bench.detection.curve_fitting import judges_of_clips
 from bench.harness import Table, arguments
 
 
-def main() -> int:
+def main() -> None:
     parser = arguments(__doc__, other=True)
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("--roles", nargs="+", default=list(ROLES), choices=ROLES)
@@ -58,8 +57,7 @@ def main() -> int:
                 table.add(role=role, version=version, clip=name, **figures([count]), **places)
         for version, some in counts.items():
             table.add(role=role, version=version, clip="all", **figures(some))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

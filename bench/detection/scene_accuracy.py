@@ -8,7 +8,6 @@ Runs only scenes with a WORD in their name, and this PART of each one's time; ot
 
 from __future__ import annotations
 
-import sys
 
 import cv2
 
@@ -19,7 +18,7 @@ from bench.detection.scene_list import ceiling_scenes, mobile_scenes
 from bench.harness import Table, arguments, versions
 
 
-def main() -> int:
+def main() -> None:
     parser = arguments(__doc__, seed=1, other=True)
     parser.add_argument("scenes", nargs="*", default=[""], metavar="WORD")
     parser.add_argument("--share", type=float, default=1.0)
@@ -39,8 +38,7 @@ def main() -> int:
                 everything.setdefault(version, []).append(count)
     for version, counted in everything.items():
         table.add(scene="all", version=version, share=given.share, **figures(counted, "mm"))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.detection.scene_disturbances import Bystander, Glint, SceneConditions
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.raycast import DistanceField
+from vb_sim.simulated_lab import DistanceField
 from vb_sim.room.world import World
 
 WHITE, DARK, MAROON = (238, 236, 230), (40, 40, 44), (150, 40, 40)  # clothes

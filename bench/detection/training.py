@@ -20,7 +20,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 import zlib
 from functools import partial
 from pathlib import Path
@@ -117,7 +116,7 @@ def parts_of(clips: Optional[Path], words: Sequence[str]) -> Iterator[Tuple[str,
                 yield group, partial(from_clip, clips, name, video, group, taken)
 
 
-def main() -> int:
+def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--clips", type=Path, metavar="DIR")
     parser.add_argument(
@@ -156,8 +155,7 @@ def main() -> int:
         trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
         made = curve_fitting.calibrate(curve_fitting.fit(examples), left_out.values())
         curve_fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

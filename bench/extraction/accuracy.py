@@ -165,7 +165,7 @@ def add_rows(table: Table, group: str, cell: str, strokes: Iterator[Stroke], too
         )
 
 
-def main() -> int:
+def main() -> None:
     groups = ["people", *SETTINGS, "disturbances"]
     parser = arguments(__doc__, other=True)
     parser.add_argument("--strokes", type=int, default=20, help="of the generator per cell")
@@ -190,8 +190,7 @@ def main() -> int:
             cells = make(given.strokes, base)
         for cell, strokes in cells:
             add_rows(table, group if group in ("people", "disturbances") else "generator", cell, strokes, tools)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -8,7 +8,6 @@ The images are camera_clip.py's: all of them, of which a quarter show a spot, an
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Callable, List
 
@@ -42,7 +41,7 @@ def gray(jpeg: bytes) -> Picture:
     return Picture(simplejpeg.decode_jpeg(jpeg, "GRAY")[..., 0], "mono")
 
 
-def main() -> int:
+def main() -> None:
     given = arguments(__doc__).parse_args()
     cv2.setNumThreads(1)
     table, jpegs = Table(given.csv), clip()
@@ -60,8 +59,7 @@ def main() -> int:
         ours_ms, gray_ms = (blocks.mean(axis=1) / RATE).tolist()
         ratio = {"ours_over_gray": ours_ms / gray_ms, "low": float(low), "high": float(high)}
         table.add(images=name, ours_ms=ours_ms, gray_ms=gray_ms, **ratio)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

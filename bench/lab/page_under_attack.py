@@ -16,7 +16,6 @@ import json
 import multiprocessing
 import os
 import ssl
-import sys
 import time
 from functools import partial
 
@@ -178,7 +177,7 @@ async def measure(page, cookie, link, seconds, number):
     return found
 
 
-async def main() -> int:
+async def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="of each attack")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[attack.__name__ for attack in ATTACKS])
@@ -207,8 +206,7 @@ async def main() -> int:
                 row[f"{what}_lost"] = int(np.isinf(times).sum())
             table.add(**row, load=os.getloadavg()[0])
             await asyncio.sleep(1.0)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(asyncio.run(main()))
+    asyncio.run(main())

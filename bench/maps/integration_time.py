@@ -10,7 +10,6 @@ before. A change includes its check, the files and the composed map.
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any, Callable, Dict
@@ -102,7 +101,7 @@ class Version:
         }
 
 
-def main() -> int:
+def main() -> None:
     parser = arguments(__doc__, other=True)
     parser.add_argument("--sizes", nargs="+", default=["320x200", "1000x1000", "4000x4000"], metavar="WxH")
     parser.add_argument("--borders", nargs="+", type=int, default=[10], help="how many are there before")
@@ -116,8 +115,7 @@ def main() -> int:
             for operation in actions["this"]:
                 each = {name: some[operation] for name, some in actions.items()}
                 table.add(cells=size, there=there, operation=operation, **in_turns(each, given.rounds))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -14,7 +14,6 @@ question about the border itself, even if it is asked which place it is. The las
 from __future__ import annotations
 
 import json
-import sys
 import tempfile
 from collections import defaultdict
 from contextlib import suppress
@@ -24,8 +23,7 @@ from typing import Any, Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from bench.harness import HALVES, Table, arguments, share
-from vb_core.grid_layers import clearance_grid, sample
-from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, clearance_grid, sample
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import free_cells, jaccard
 from vb_map_integration.border import IntegrationError, VirtualBorder
@@ -109,7 +107,7 @@ def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.
             yield "the same borders, in force without a question about the border itself", silent, ""
 
 
-def main() -> int:
+def main() -> None:
     parser = arguments(__doc__, seed=1)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
@@ -127,8 +125,7 @@ def main() -> int:
         table.add(half=given.half, what=what, share=value)
     for case in (case for _, holds, case in outcomes if holds and case):
         table.add(half=given.half, what="went wrong without a word", share=1, case=case)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -13,7 +13,6 @@ pieces, with a clock, beside our own sounds, and never reset. The last rows list
 
 from __future__ import annotations
 
-import sys
 from collections import defaultdict
 from pathlib import Path
 from typing import Dict, List
@@ -82,7 +81,7 @@ def judge_talk(folder: Path, tally: Tally) -> float:
     return room.seconds / 3600.0
 
 
-def main() -> int:
+def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
@@ -98,8 +97,7 @@ def main() -> int:
         table.add(half=given.half, what=what, share=value)
     for case in tally.wrong:
         table.add(half=given.half, what="taken for a command", share=1, case=case)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -12,11 +12,9 @@ import numpy as np
 import soxr
 
 from bench.harness import HALVES
-from vb_feedback.sound.tone_synthesis import RATE as TONE_RATE
-from vb_feedback.sound.tone_synthesis import synthesize
+from vb_feedback.sound.sound_output import RATE as TONE_RATE, synthesize
 from vb_core.vocabulary import STOP
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
-from vb_voice_wizard.voice.listener import CommandListener
+from vb_voice_wizard.recognizer import CommandListener, CommandRecognizer, RecognitionResult
 
 RATE = 16000
 PIECE = RATE // 20  # a microphone's samples come in such pieces

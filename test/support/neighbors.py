@@ -4,14 +4,8 @@ import rospy
 from geometry_msgs.msg import Point
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderResponse, GetDrawnBorder, GetDrawnBorderResponse
-from vb_msgs.srv import (
-    ListBorders,
-    ListBordersResponse,
-    PreviewBorder,
-    PreviewBorderResponse,
-    UndoRedo,
-    UndoRedoResponse,
-)
+from vb_msgs.srv import ListBorders, ListBordersResponse, PreviewBorder, PreviewBorderResponse, UndoRedo
+from vb_msgs.srv import UndoRedoResponse
 
 
 def point(x, y):

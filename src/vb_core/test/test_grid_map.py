@@ -2,14 +2,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from refusals import refused
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_core.grid_layers import sample
-from vb_core.grid_map import UNKNOWN, GridMap, distance_to
+from vb_core.grid_map import UNKNOWN, GridMap, distance_to, sample
 
 
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0.01, 1.0))

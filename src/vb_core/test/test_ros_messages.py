@@ -16,7 +16,7 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
-from vb_core.ros import cameras, images, messages, transforms
+from vb_core.ros import images, messages, transforms
 from vb_msgs.msg import BorderPreview
 
 
@@ -111,7 +111,7 @@ def test_bytes_that_are_not_a_picture_are_refused():
 def make_info(distortion, fisheye=False):
     """Returns a camera, and its message with a region of interest that is the whole image."""
     camera = CameraModel(640, 480, CameraModel.ideal(640, 480, 577.0).matrix, np.array(distortion), fisheye)
-    info = cameras.info_from_camera(camera, rospy.Time(1), "x")
+    info = images.info_from_camera(camera, rospy.Time(1), "x")
     info.roi.width, info.roi.height = 640, 480
     return camera, info
 
@@ -119,7 +119,7 @@ def make_info(distortion, fisheye=False):
 @pytest.mark.parametrize("distortion, fisheye", [([0.1, -0.2, 0, 0, 0.01], False), ([-0.02, 0.004, 0, 0], True)])
 def test_cameras_round_trip(distortion, fisheye):
     camera, info = make_info(distortion, fisheye)
-    back = cameras.camera_from_info(info)
+    back = images.camera_from_info(info)
     assert np.allclose(back.matrix, camera.matrix) and np.allclose(back.distortion, camera.distortion)
     assert back.fisheye == fisheye
 
@@ -138,7 +138,7 @@ def test_a_camera_that_cannot_be_used_is_refused(values, code):
     for name, value in values.items():
         setattr(info, name, value)
     with refused(code):
-        cameras.camera_from_info(info)
+        images.camera_from_info(info)
 
 
 def test_transforms_round_trip():

@@ -33,7 +33,7 @@ from vb_evaluation.user_study import recording_measures
 from vb_evaluation.user_study.recording import Recording
 from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
 from vb_evaluation.in_process_ros.launch_file import start_launch
-from vb_evaluation.in_process_ros.scheduler import Scheduler
+from vb_evaluation.in_process_ros.threading_stand_in import Scheduler
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
 
 RATE = 50.0

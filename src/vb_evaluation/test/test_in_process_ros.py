@@ -7,8 +7,7 @@ from geometry_msgs.msg import Twist
 from vb_core.ros import node
 from vb_core.ros.master import read_graph
 from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
-from vb_evaluation.in_process_ros.scheduler import Scheduler
-from vb_evaluation.in_process_ros.threading_stand_in import Lock, StandIns
+from vb_evaluation.in_process_ros.threading_stand_in import Lock, Scheduler, StandIns
 
 SECOND = 10**9
 

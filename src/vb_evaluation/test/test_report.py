@@ -14,7 +14,7 @@ from study_rows import PUBLISHED, rows_of
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
-from vb_evaluation.report import paper_comparison, questionnaire, plausible_worlds
+from vb_evaluation.report import cross_checks, participants
 from vb_evaluation.report.answers import answers, write_page
 from vb_evaluation.report.page_blocks import Table
 from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
@@ -59,7 +59,7 @@ def test_simulated_people_have_no_p(full):
 @pytest.mark.parametrize("low, high, reading", [(0.975, 0.990, "better"), (0.78, 0.82, "worse"), (0.84, 0.88, "same")])
 def test_better_than_the_paper_is_no_agreement(full, low, high, reading):
     ours = Interval((low + high) / 2, low, high, 0.95)
-    row = paper_comparison._compare(read_study(full[0]), "carpet", "Jaccard index, robot only", 0.856, ours, 3, 1e-3)
+    row = cross_checks._compare(read_study(full[0]), "carpet", "Jaccard index, robot only", 0.856, ours, 3, 1e-3)
     assert row["reading"] == reading
 
 
@@ -86,12 +86,12 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
     study_rows.write(tmp_path / "worlds.csv", rows)
     study_rows.write(tmp_path / "draws.csv", [{"draw": draw, "a": 1} for draw in range(1, 8)])
     found = {"all": [], "no camera too bright": []}
-    for row in plausible_worlds.plausible_worlds_section(read_study(tmp_path))[1].rows:
+    for row in cross_checks.plausible_worlds_section(read_study(tmp_path))[1].rows:
         found[row["worlds"]].append((round(row["holds"].estimate * row["n"] / 100), row["n"]))
     assert found["no camera too bright"] == [(3, 6), (2, 3), (1, 3), (2, 3), (3, 4), (4, 6), (4, 6)]
     assert found["all"] == [(4, 7), (3, 4), (2, 4), (3, 4), (4, 5), (5, 7), (5, 7)]
     study_rows.write(tmp_path / "runs.csv", rows[::2])
-    assert plausible_worlds.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
+    assert cross_checks.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
 
 
 def test_the_page_stands_alone_and_is_the_same_again(full):
@@ -180,7 +180,7 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     assert study.scenarios == ["corner", "desk", "door"] and study.scenario_title("desk") == "The desk"
     assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1 and study.people
     assert len(study.missing) == 2 * 3 * 3 - 3 and "p2, The desk, Robot only" in study.missing
-    assert np.isnan(study.runs.helped).all() and plausible_worlds.plausible_worlds_section(study) == []
+    assert np.isnan(study.runs.helped).all() and cross_checks.plausible_worlds_section(study) == []
     cells = {(row["scenario"], row["method"]): row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)})}
     assert cells["Door", "Other"] == 1 and sum(cells.values()) == 3
     assert sum(row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)}, completed=1)) == 2
@@ -237,19 +237,19 @@ def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
 
 # ------------------------------------------------------------------ the questionnaire
 def write_answers(path, rows, columns=None):
-    table = pandas.DataFrame(rows, columns=columns or questionnaire.COLUMNS)
+    table = pandas.DataFrame(rows, columns=columns or participants.COLUMNS)
     table.to_csv(path, index=False, encoding="utf-8-sig")
     return path
 
 
 def person(name, nrs, robot_only, helped="yes"):
     """Returns a row with the same pair of answers to all statements."""
-    return [name, *[answer for _ in questionnaire.STATEMENTS for answer in (nrs, robot_only)], helped]
+    return [name, *[answer for _ in participants.STATEMENTS for answer in (nrs, robot_only)], helped]
 
 
 def test_answers_not_given_are_left_out(tmp_path):
     people = [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")]
-    found = questionnaire.read(write_answers(tmp_path / "a.csv", people))
+    found = participants.read_questionnaire(write_answers(tmp_path / "a.csv", people))
     assert found.answers[0].first.tolist() == [4.0, 5.0] and (found.helped, found.asked) == (1, 2)
 
 
@@ -259,7 +259,7 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     given = zip((5, 4, 5, 4, 5, 7, 7, 6, 5, 4, 3, 2, 1), (1, 2, 3, 3, 4, *(1,) * 8))
     row = [answer for pair in given for answer in pair]
     rows = [[number, *row[:10], "yes", *row[10:]] for number in range(6)]
-    write_answers(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
+    write_answers(folder / "questionnaire.csv", rows, [*participants.COLUMNS, *participants.UEQ_COLUMNS])
     page, study = words_of(write_report(folder).read_text()), read_study(folder)
     assert "exact p" in page and "Yes: 6 of 6" in page and "This is a simulation" not in page
     blocks = [block for _, _, make in SECTIONS for block in make(study) if isinstance(block, Table)]
@@ -288,8 +288,8 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
 def test_wrong_answers_name_line_or_column(rows, columns, words, tmp_path):
     path = write_answers(tmp_path / "a.csv", rows, columns=columns)
     with refused("bad_questionnaire") as caught:
-        questionnaire.read(path)
+        participants.read_questionnaire(path)
     assert words in str(caught.value)
     path.unlink()
     with refused("bad_questionnaire"):
-        questionnaire.read(path)
+        participants.read_questionnaire(path)

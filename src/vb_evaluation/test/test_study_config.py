@@ -11,13 +11,12 @@ import pytest
 from scipy import stats
 
 from vb_core.errors import CodedError, ParameterError
-from vb_core.grid_layers import sample
-from vb_core.grid_map import UNKNOWN
+from vb_core.grid_map import UNKNOWN, sample
 from vb_evaluation.counterbalancing import order_runs
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.study_files import RUNS, WORLDS
-from vb_evaluation.simulated_study import assumptions, campaign, config, run_plan
-from vb_evaluation.simulated_study.person_traits import draw
+from vb_evaluation.simulated_study import campaign, config, run_plan
+from vb_evaluation.simulated_study.config import draw
 from vb_evaluation.simulated_study.live_run import personal_scenario
 from vb_sim.room import floor_plan
 
@@ -155,18 +154,18 @@ def test_every_figure_has_its_source():
     models -= {f"models/participant/{key}" for key in drawn} | {"models/body/height", "models/body/breadth"}
     study = set(leaves({key: STUDY.document[key] for key in ("participants", "marks", "timing")}))
     study -= {"timing/idle_every", "timing/time_limit_s"}
-    assert models | study == set(assumptions.load_assumptions())
-    assert all(entry.why for entry in assumptions.load_assumptions().values())
+    assert models | study == set(run_plan.load_assumptions())
+    assert all(entry.why for entry in run_plan.load_assumptions().values())
 
 
 def test_worlds_are_a_latin_hypercube_of_everything():
-    drawn = assumptions.draw_worlds(STUDY, 40, 1)
-    assert set(drawn[0]) == set(assumptions.varied_assumptions(STUDY)) and len(drawn[0]) > 60
-    for key, entry in assumptions.varied_assumptions(STUDY).items():
+    drawn = run_plan.draw_worlds(STUDY, 40, 1)
+    assert set(drawn[0]) == set(run_plan.varied_assumptions(STUDY)) and len(drawn[0]) > 60
+    for key, entry in run_plan.varied_assumptions(STUDY).items():
         low, high = entry.range
         cells = np.floor(40 * np.log([factors[key] / low for factors in drawn]) / np.log(high / low) + 1e-3)
         assert len(set(np.clip(cells, 0, 39))) >= 39, key  # one draw in each of 40 equal parts
-    assert drawn == assumptions.draw_worlds(STUDY, 40, 1) != assumptions.draw_worlds(STUDY, 40, 2)
+    assert drawn == run_plan.draw_worlds(STUDY, 40, 1) != run_plan.draw_worlds(STUDY, 40, 2)
     # as independent of each other as 40 draws can be
     values = np.array([list(factors.values()) for factors in drawn])
     assert np.abs(np.triu(stats.spearmanr(values).statistic, 1)).max() < 0.75
@@ -174,8 +173,8 @@ def test_worlds_are_a_latin_hypercube_of_everything():
 
 def test_the_corners_of_every_range_are_possible():
     for index in (0, 1):
-        factors = {key: entry.range[index] for key, entry in assumptions.varied_assumptions(STUDY).items()}
-        traits = STUDY.changed(assumptions.changes(STUDY, factors)).traits(1)
+        factors = {key: entry.range[index] for key, entry in run_plan.varied_assumptions(STUDY).items()}
+        traits = STUDY.changed(run_plan.changes(STUDY, factors)).traits(1)
         assert traits != STUDY.traits(1)
 
 

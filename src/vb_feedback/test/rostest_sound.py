@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Log
 from std_msgs.msg import ColorRGBA
 
 from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until, write_program
-from vb_feedback.sound.tone_synthesis import synthesize
+from vb_feedback.sound.sound_output import synthesize
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
 

@@ -10,8 +10,7 @@ from vb_testing import write_program
 from vb_core.errors import CodedError
 from vb_core.sounds import PITCHES, SOUNDS
 from vb_core.vocabulary import STATES
-from vb_feedback.sound.audio_sink import play
-from vb_feedback.sound.tone_synthesis import RATE, synthesize
+from vb_feedback.sound.sound_output import RATE, play, synthesize
 
 
 def pitch(pcm):

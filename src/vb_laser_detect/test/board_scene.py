@@ -10,7 +10,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, floor_points, pixels_of
-from vb_laser_detect.calibration.board import BoardParams, draw_board
+from vb_laser_detect.calibration.lens import BoardParams, draw_board
 
 CAMERA = CameraModel(
     1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0])

@@ -9,8 +9,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from spot_scenes import RED, Scene
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, floor_points
-from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import message_from_image
+from vb_core.ros.images import info_from_camera, message_from_image
 from vb_core.ros import messages
 
 

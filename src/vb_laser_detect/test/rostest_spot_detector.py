@@ -18,8 +18,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
-from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import message_from_image
+from vb_core.ros.images import info_from_camera, message_from_image
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot, Notice, NoticeArray
 

@@ -11,7 +11,7 @@ from board_scene import CAMERA, POSE, corners_on_map, render_board
 from refusals import refused
 from vb_core.camera_model import pixels_of
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration.board import PAPERS_MM, BoardParams, draw_board, find_board, write_board
+from vb_laser_detect.calibration.lens import PAPERS_MM, BoardParams, draw_board, find_board, write_board
 from vb_laser_detect.calibration import camera_watch
 
 BOARD = BoardParams.for_paper("A3")

@@ -16,7 +16,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.notices import Severity
-from vb_core.ros import cameras
+from vb_core.ros import images
 from vb_core.ros.images import decode
 from vb_laser_detect.ros import camera_geometry, detector_diagnostics
 from vb_laser_detect.ros.camera_feed import LensFile
@@ -35,7 +35,7 @@ def no_master(monkeypatch):
 def info_of(distortion, **changes):
     """Returns the camera_info of a lens whose images were rectified with another focal length."""
     lens = CameraModel(640, 480, CameraModel.ideal(640, 480, 400.0).matrix, np.array(distortion))
-    message = cameras.info_from_camera(lens, rospy.Time(1), "lens")
+    message = images.info_from_camera(lens, rospy.Time(1), "lens")
     message.P = [350.0, 0, 319.5, 0, 0, 350.0, 239.5, 0, 0, 0, 1, 0]
     for name, value in changes.items():
         setattr(message, name, value)

@@ -20,8 +20,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_laser_detect.ros import camera_setup
-from vb_laser_detect.calibration.board import BoardParams, BoardView
-from vb_laser_detect.calibration.lens import LensCalibration
+from vb_laser_detect.calibration.lens import BoardParams, BoardView, LensCalibration
 from vb_laser_detect.camera import controls
 from vb_laser_detect.camera.camera_files import load_lens, save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay

@@ -14,14 +14,8 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel, floor_points, pixels_of
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_laser_detect.detection.projection import (
-    DEPTH,
-    GROUND_PLANE,
-    GROUND_PLANE_FALLBACK,
-    FloorProjection,
-    ImageGeometry,
-    RobotCylinder,
-)
+from vb_laser_detect.detection.projection import DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjection
+from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
 from vb_laser_detect.detection.stage_results import Spot
 
 ROBOT = CameraModel.ideal(640, 480, 525.0)

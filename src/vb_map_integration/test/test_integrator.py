@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from examples import STEADY
 from integrators import GRID, at, expected, integrator, square
@@ -14,8 +13,8 @@ from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid import free_parts
-from vb_map_integration.grid.free_parts import count_free_parts
+from vb_map_integration.grid import raster
+from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.integration import Region, apply_regions, join_regions
 from vb_map_integration.map_integrator import MapIntegrator
 
@@ -157,7 +156,7 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
     data[40 : 40 + int(round(door / 0.05)), 78:82] = 0
     assert count_free_parts(GridMap(data, 0.05), radius) == parts
     if door != 0.3:  # a large map is examined in coarser cells
-        monkeypatch.setattr(free_parts, "MAX_CELLS", 2000)
+        monkeypatch.setattr(raster, "MAX_CELLS", 2000)
         assert count_free_parts(GridMap(data, 0.05), radius) == parts
 
 

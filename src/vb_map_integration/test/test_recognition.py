@@ -8,8 +8,7 @@ import shapely
 
 from refusals import refused
 from vb_core import sentences
-from vb_core.grid_layers import sample
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, sample
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places import registration
 from vb_map_integration.places.registration import IDENTITY, Transform, WallMap

@@ -15,7 +15,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.lab_offer import ConnectedRobot, Connections, offer
 from vb_core.vocabulary import COMMANDS
-from vb_mqtt import entity_states
+from vb_mqtt import entities
 from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
 from vb_mqtt.inbox import Inbox
 from vb_msgs.msg import InteractionState, VirtualBorder
@@ -126,37 +126,37 @@ def asked(seconds_ago, code="confirm_save"):
 
 
 def test_a_question_is_open_until_it_is_too_old():
-    question = entity_states.question_value(asked(5), "en")
+    question = entities.question_value(asked(5), "en")
     assert (question["command"], question["answer"], question["asked"]) == ("save", "yes_save", "home_assistant")
     assert "yes save" in question["question"] and question["stop_number"] == "1a"
-    assert entity_states.question_value(asked(31), "en")["question"] == entity_states.NOBODY_ASKS
+    assert entities.question_value(asked(31), "en")["question"] == entities.NOBODY_ASKS
     for code in ("saved", "confirm_map_first"):
-        assert entity_states.question_value(asked(5, code), "en")["answer"] == ""
+        assert entities.question_value(asked(5, code), "en")["answer"] == ""
 
 
 def test_a_borders_state_has_its_name_area_and_zone():
     border = VirtualBorder(name="Rug", enabled=True, area_m2=2.345, zone=VirtualBorder.SLOW, reason="disabled")
-    state = entity_states.border_value(border)
+    state = entities.border_value(border)
     assert (state["border"], state["enabled"], state["in_force"], state["area_m2"]) == ("Rug", True, False, 2.35)
     assert (state["zone"], state["reason"]) == ("slow", "disabled")
-    assert entity_states.border_value(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
+    assert entities.border_value(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
 
 
 def test_a_robots_problems_are_its_own():
     lines = offer(Connections((ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")))).lines
     notices = [Notice("robot_stopped", Severity.WARNING, robot="ada", values={"who": "ada"})]
     notices.append(Notice("camera_silent", Severity.ERROR, camera="red", values={"camera": "red"}))
-    assert entity_states.robot_problems("ada", lines, notices, "en") == [notices[0].sentence()]
-    assert len(entity_states.robot_problems("bob", lines, notices, "en")) == 1  # bob is not connected
+    assert entities.robot_problems("ada", lines, notices, "en") == [notices[0].sentence()]
+    assert len(entities.robot_problems("bob", lines, notices, "en")) == 1  # bob is not connected
     # the only robot has no name, and a notice without a robot is about it
     alone = offer(Connections((ConnectedRobot("", driver=True, localized=True),))).lines
     notices.append(Notice("robot_stopped", Severity.WARNING, values={"who": "$the_robot"}))
-    assert entity_states.robot_problems("", alone, notices, "en") == [notices[2].sentence()]
+    assert entities.robot_problems("", alone, notices, "en") == [notices[2].sentence()]
 
 
 def test_long_sentences_fit_the_hubs_states():
     message = InteractionState(last_code="of_a_newer_version", last_message="x" * 900)
-    assert len(entity_states.state_value(message, "en")["last_answer"]) <= 255
+    assert len(entities.state_value(message, "en")["last_answer"]) <= 255
 
 
 def test_the_picture_shows_walls_and_borders_where_they_are():
@@ -169,7 +169,7 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=line)
 
     def drawn(*borders):
-        return cv2.imdecode(np.frombuffer(entity_states.draw_map(before, after, borders), np.uint8), cv2.IMREAD_COLOR)
+        return cv2.imdecode(np.frombuffer(entities.draw_map(before, after, borders), np.uint8), cv2.IMREAD_COLOR)
 
     picture = drawn(border)
     assert picture.shape == (500, 1000, 3)

@@ -11,7 +11,7 @@ from sensor_msgs.msg import CameraInfo, LaserScan
 
 from plain_rooms import VIEW, room
 from vb_core import geometry, names
-from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.vocabulary import DEFAULT

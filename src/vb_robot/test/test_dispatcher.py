@@ -12,7 +12,7 @@ from vb_core.geometry import to_base
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, DispatchStatus, RobotMap
-from vb_robot.dispatching.drawing_state import DrawingState
+from vb_robot.dispatching.viewpoint import DrawingState
 from vb_robot.spot_sightings import Sighting
 
 PERIOD = 0.25

@@ -4,16 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
 from plain_rooms import VIEW, room
-from vb_core.grid_layers import clearance_grid
+from vb_core.grid_map import clearance_grid
 from vb_core.geometry import to_base
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
-from vb_robot.dispatching.drawing_state import MAX_LOOKAHEAD, MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState
-from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, ViewpointPlanner
+from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MAX_LOOKAHEAD, MIN_DISTANCE
+from vb_robot.dispatching.viewpoint import MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState, ViewpointPlanner
 
 
 def two_rooms(door=True):

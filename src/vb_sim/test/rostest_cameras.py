@@ -11,8 +11,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from vb_testing import Newest, wait_until
 from vb_core import geometry
-from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import array_from_image
+from vb_core.ros.images import array_from_image, camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState
 

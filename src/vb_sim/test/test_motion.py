@@ -7,16 +7,12 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from vb_core import geometry
-from vb_core.grid_layers import sample
-from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
-from vb_sim.simulated_lab import Lab
+from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap, sample
+from vb_sim.simulated_lab import DistanceField, Lab, Lockstep, cast_disc
 from vb_sim.models import LocalizationModel, Models, RobotModel, ScanModel
-from vb_sim.lockstep import Lockstep
-from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance
 from vb_sim.room.world import world_from_mapping
 

@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import lil_matrix
 from scipy.sparse.csgraph import dijkstra
@@ -15,9 +14,9 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
-from vb_sim.robot.costmap import INSCRIBED, LETHAL, INFLATION, NO_INFORMATION, Costmap
-from vb_sim.robot.path_follower import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
-from vb_sim.robot.path_planner import COST_FACTOR, NEUTRAL_COST, Planner
+from vb_sim.robot.path_planner import COST_FACTOR, INFLATION, INSCRIBED, LETHAL, NEUTRAL_COST, NO_INFORMATION, Costmap
+from vb_sim.robot.path_planner import Planner
+from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
 from vb_sim.robot.robot_body import advance
 
 RADIUS = 0.18

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
@@ -13,8 +12,7 @@ from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.models import ParticipantModel
 from vb_sim.person.participant import Person
-from vb_sim.person.participant_nrs import NetworkRobotSystemScript
-from vb_sim.person.participant_robot_only import RobotOnlyScript, choose_order
+from vb_sim.person.participant_methods import NetworkRobotSystemScript, RobotOnlyScript, choose_order
 from vb_sim.room.world import load_world
 from closed_loop import DT, System
 

@@ -8,14 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from vb_core.notices import Notice, Severity
 from vb_msgs.msg import VirtualBorder
 from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
-from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
-from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, PreviewInputs, PreviewScheduler, to_key
+from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, DrawingWarnings, PreviewInputs
+from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, to_key
 from vb_voice_wizard.interaction_manager_node import _what_changed
 
 

@@ -12,10 +12,9 @@ from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import spelled_out
 from vb_core.sounds import SOUNDS, Note, Tones
-from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer, RecognitionResult
+from vb_voice_wizard.recognizer import THRESHOLD, CommandListener, CommandRecognizer, Heard, RecognitionResult
 from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
-from vb_voice_wizard.voice.listener import CommandListener, Heard
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 from vb_voice_wizard.voice_commands_node import VoiceCommandsNode
 

@@ -40,8 +40,7 @@ from vb_evaluation.observer import wait_until
 from vb_evaluation.child_processes import free_port, roslaunch
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
-from vb_laser_detect.calibration.pose import project
-from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
+from vb_laser_detect.calibration.pose import FloorView, project, click_uncertainty, view_rectangle
 from vb_laser_detect.camera.camera_files import save_lens
 from vb_laser_detect.camera.report import describing_command
 from vb_laser_detect.camera.source import CameraSource, Shot, is_file
@@ -158,7 +157,7 @@ class CornerPage:
             self.view = view
             self._done.set()
         places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
-        worst = uncertainty(corners, size, image, project(view.camera, view.T_map_camera, places))
+        worst = click_uncertainty(corners, size, image, project(view.camera, view.T_map_camera, places))
         return {"lines": grid_lines(view, floor), "worst_cm": round(100.0 * min(worst, 9.99))}
 
 

@@ -18,8 +18,7 @@ from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
 from vb_core.geometry import resample_chain
-from vb_core.grid_layers import sample
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, sample
 
 # move_base plans through no cell at or above this value (costmap_2d: inscribed obstacle)
 RESTRICTED = 99

@@ -14,9 +14,7 @@ from vb_core.ros import node, parameters
 from vb_core.sounds import SOUNDS, TICK
 from vb_msgs.msg import Sound
 
-from vb_feedback.sound.audio_sink import play
-from vb_feedback.sound.tone_synthesis import synthesize
-
+from vb_feedback.sound.sound_output import play, synthesize
 
 _RETRY_DELAY = 5.0  # [s] after a failure, because a device may be plugged in later
 _MAX_WAITING = 16  # sounds in the queue; sounds become too old long before it is full

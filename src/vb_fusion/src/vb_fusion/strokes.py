@@ -26,15 +26,8 @@ from scipy.spatial.distance import cdist
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_fusion.observations import (
-    LOCALIZATION_ERROR,
-    MAX_DROPOUTS,
-    TIME_BIN,
-    TREMOR,
-    Observations,
-    find_dropout,
-    time_bins,
-)
+from vb_fusion.observations import LOCALIZATION_ERROR, MAX_DROPOUTS, TIME_BIN, TREMOR, Observations, find_dropout
+from vb_fusion.observations import time_bins
 
 CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses

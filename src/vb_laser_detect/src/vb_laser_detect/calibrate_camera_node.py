@@ -26,14 +26,9 @@ from vb_core.errors import CodedError
 from vb_laser_detect.ros.camera_setup import CameraImages, calibrate_lens, measure_camera_delay, set_exposure
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import POINT_SIGMA
-from vb_laser_detect.calibration.board import PAPERS_MM, write_board
-from vb_laser_detect.calibration.calibration_session import (
-    CalibrationSession,
-    HeldSpot,
-    describe,
-    describe_points,
-    parse_place,
-)
+from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
+from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, describe_points
+from vb_laser_detect.calibration.calibration_session import parse_place
 from vb_laser_detect.detection.spot_detector import SpotDetector
 
 FOLDER = "~/.ros/virtual_borders/cameras"

@@ -17,7 +17,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.geojson import borders_to_geojson
-from vb_map_integration.grid.free_parts import count_free_parts
+from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.borders_in_force import InForce, Verdict, compute_in_force, find_notices
 from vb_map_integration.integration import Integration, apply_regions, integrate
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer

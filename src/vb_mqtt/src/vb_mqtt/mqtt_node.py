@@ -27,7 +27,7 @@ from vb_core.ros.messages import OccupancyGridArray
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.ros.robot_status import OfferListener
 from vb_core.vocabulary import COMMANDS
-from vb_mqtt import entities, entity_states
+from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
 from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
@@ -118,9 +118,9 @@ class MqttNode:
 
     def _on_state(self, message: InteractionState) -> None:
         self._heard[MANAGER] = time.monotonic()
-        self._put("state", entity_states.state_value(message, self._language))
-        self._put("stopped", entity_states.stop_value(message))
-        question = entity_states.question_value(message, self._language)
+        self._put("state", entities.state_value(message, self._language))
+        self._put("stopped", entities.stop_value(message))
+        question = entities.question_value(message, self._language)
         self._put("question", question)
         self._asked = bool(question["answer"])
         self._put_health()
@@ -144,7 +144,7 @@ class MqttNode:
         before, after = map(messages.grid_from_message, grids)
         if before.same_geometry(after):
             self._broker.put(
-                self._lab.topic("map"), entity_states.draw_map(before, after, list((self._borders or {}).values()))
+                self._lab.topic("map"), entities.draw_map(before, after, list((self._borders or {}).values()))
             )
 
     # ------------------------------------------------------------------ to the broker
@@ -180,11 +180,11 @@ class MqttNode:
         problems = {key_of("camera", camera): self._camera_problems(camera, notices) for camera in self._lab.cameras}
         for robot in self._lab.robots or ():
             lines = robots[1].lines if robots is not None else ()
-            problems[key_of("robot", robot)] = entity_states.robot_problems(robot, lines, notices, self._language)
+            problems[key_of("robot", robot)] = entities.robot_problems(robot, lines, notices, self._language)
         for key, texts in problems.items():
             self._put(key, {"problem": bool(texts), "problems": sorted(set(texts))})
         for key, border in (borders or {}).items():
-            self._put(key, entity_states.border_value(border))
+            self._put(key, entities.border_value(border))
         self._describe()
         self._send_news(notices)
         self._watch_connection()
@@ -205,7 +205,7 @@ class MqttNode:
             self._broker.put(self._lab.topic(entities.key_in(topic)), b"")
 
     def _send_news(self, notices: List[Notice]) -> None:
-        values = [entity_states.notice_value(notice, self._language) for notice in notices]
+        values = [entities.notice_value(notice, self._language) for notice in notices]
         with self._lock:
             refused = dict(self._refused)
         self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
@@ -271,7 +271,7 @@ class MqttNode:
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
         # the inbox limits requests with an id; a refusal without an answer is counted all the same
         if request.id or self._answer_limiter.allows("", time.time()):
-            value = entity_states.answer_value(request.sender_id, what, success, code, text)
+            value = entities.answer_value(request.sender_id, what, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))
 
 

@@ -25,20 +25,12 @@ from vb_core.ros.robot_status import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
-from vb_msgs.msg import (
-    BorderProgress,
-    DetectorStatus,
-    DriverState,
-    InteractionState,
-    RobotStatusArray,
-    Stop,
-    VirtualBorder,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import BorderProgress, DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
-from vb_robot.dispatching.drawing_state import DrawingState
+from vb_robot.dispatching.viewpoint import DrawingState
 from vb_robot.driving.safety import limit_around
 from vb_robot.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot

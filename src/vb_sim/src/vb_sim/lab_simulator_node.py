@@ -24,8 +24,7 @@ from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
-from vb_sim.simulated_lab import Lab
-from vb_sim.lockstep import Lockstep
+from vb_sim.simulated_lab import Lab, Lockstep
 from vb_sim.models import load_models
 from vb_sim.room.world import Robot, load_world
 

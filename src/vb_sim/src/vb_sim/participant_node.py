@@ -19,8 +19,7 @@ from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
 from vb_sim.models import ParticipantModel, load_models
 from vb_sim.person.participant import HOLD_STILL, Action, CommandReply, ParticipantScript, Perception, Person
-from vb_sim.person.participant_nrs import NetworkRobotSystemScript
-from vb_sim.person.participant_robot_only import RobotOnlyScript
+from vb_sim.person.participant_methods import NetworkRobotSystemScript, RobotOnlyScript
 from vb_sim.room.world import Scenario, World, load_world
 
 

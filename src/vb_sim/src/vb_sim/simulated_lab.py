@@ -1,17 +1,89 @@
-"""The simulated lab as a whole: its robots, and the person among them."""
+"""The simulated lab as a whole: its robots and the person among them, what scanners measure there, and its time."""
 
 from __future__ import annotations
 
 import math
-from typing import List, Optional, Tuple
+import threading
+from typing import List, Optional, Set, Tuple
 
 import numpy as np
 
-from vb_sim.room.floor_plan import physical_map
+from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 from vb_sim.models import Models
-from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody
+from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import World
+
+
+class DistanceField:
+    """The distance from any point to a map's nearest obstacle, and ray casting by it.
+
+    Args:
+        grid: a world's physical map, not rotated. Every cell that is not free is an obstacle: unknown cells may contain
+            anything, and lie behind the walls.
+    """
+
+    def __init__(self, grid: GridMap) -> None:
+        self._resolution = grid.resolution
+        self._origin = np.array(grid.origin[:2])
+        free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # a rim of obstacles ends every beam
+        cells = distance_to(~free)
+        # from cell centre to the obstacle's edge, which is half a cell before its centre
+        self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
+        self._rows, self._columns = free.shape
+        # how far a beam may advance from any point of a cell; 0 in obstacles. From corner to corner the distance can be
+        # 1.4 cells less than between the centres, but then the beam crosses at most a corner of a cell.
+        steps = np.where(free, np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution), 0.0)
+        self._steps = steps.astype(np.float64).ravel()
+
+    def clearance(self, x: float, y: float) -> float:
+        """Returns the distance [m] from a point to the nearest obstacle's edge, interpolated; 0 off the map."""
+        column = (x - self._origin[0]) / self._resolution + 0.5  # +1 for the rim, -0.5 to the cell's centre
+        row = (y - self._origin[1]) / self._resolution + 0.5
+        c, r = math.floor(column), math.floor(row)
+        if not (0 <= c < self._columns - 1 and 0 <= r < self._rows - 1):
+            return 0.0
+        fc, fr = column - c, row - r
+        d = self._distance
+        low = d[r, c] * (1 - fc) + d[r, c + 1] * fc
+        high = d[r + 1, c] * (1 - fc) + d[r + 1, c + 1] * fc
+        return float(low * (1 - fr) + high * fr)
+
+    def cast(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
+        """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
+
+        Sphere tracing: each beam advances by the distance that is known to be free, so that a hundred cells of open
+        floor cost one step, and only beams that graze a wall advance by half cells.
+        """
+        direction_x, direction_y = np.cos(angles) / self._resolution, np.sin(angles) / self._resolution
+        start_x = (origin[0] - self._origin[0]) / self._resolution + 1.0
+        start_y = (origin[1] - self._origin[1]) / self._resolution + 1.0
+        result = np.full(len(angles), np.inf)
+        if not (0 <= start_x < self._columns and 0 <= start_y < self._rows):
+            return result
+        ranges = np.zeros(len(angles))
+        beams = np.arange(len(angles))
+        while len(beams):
+            rows = (start_y + ranges * direction_y).astype(np.int32)
+            steps = self._steps[rows * self._columns + (start_x + ranges * direction_x).astype(np.int32)]
+            going = steps > 0.0  # a step of 0 marks an obstacle: the rim ends every beam
+            result[beams[~going]] = ranges[~going]
+            beams, ranges = beams[going], ranges[going] + steps[going]
+            direction_x, direction_y = direction_x[going], direction_y[going]
+        result[result > range_max] = np.inf
+        return result
+
+
+def cast_disc(
+    origin: Tuple[float, float], angles: np.ndarray, center: Tuple[float, float], radius: float
+) -> np.ndarray:
+    """Returns the ranges (N,) [m] at which beams meet a disc, for instance a person's legs; inf where they miss."""
+    to_center = np.asarray(center, dtype=float) - np.asarray(origin, dtype=float)
+    along = np.cos(angles) * to_center[0] + np.sin(angles) * to_center[1]
+    half_chord = radius**2 - (to_center @ to_center - along**2)
+    with np.errstate(invalid="ignore"):
+        ranges = along - np.sqrt(half_chord)
+    return np.where((half_chord > 0) & (ranges > 0), ranges, np.inf)
 
 
 class Lab:
@@ -58,3 +130,35 @@ class Lab:
         ranges[ranges > model.range_max] = np.inf
         ranges[ranges < model.range_min] = -np.inf
         return angles, ranges
+
+
+class Lockstep:
+    """Makes simulated time wait for the nodes that drive a robot, so that a busy computer never makes them late.
+
+    As long as all of them arrive in every step, `wait` ends a step once each has. One that is silent for `timeout` has
+    nothing to do: steps then end at once, until all arrive within one step again.
+
+    Args:
+        expected: the names of these nodes.
+        timeout: [s] of wall time.
+    """
+
+    def __init__(self, expected: Tuple[str, ...], timeout: float = 1.0) -> None:
+        self._expected, self._timeout = set(expected), timeout
+        self._arrived: Set[str] = set()
+        self._active = False
+        self._condition = threading.Condition()
+
+    def arrive(self, who: str) -> None:
+        """Records that a node has published in this step; from any thread."""
+        with self._condition:
+            self._arrived.add(who)
+            self._condition.notify_all()
+
+    def wait(self) -> None:
+        """Ends a step: waits until all have arrived in it, if they did in the last one."""
+        with self._condition:
+            if self._active:
+                self._condition.wait_for(lambda: self._arrived >= self._expected, self._timeout)
+            self._active = self._arrived >= self._expected
+            self._arrived.clear()

@@ -21,15 +21,8 @@ from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.sentences import spelled_out
 from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
-from vb_msgs.msg import (
-    BorderProgress,
-    DriverState,
-    InteractionState,
-    LaserSpot,
-    Stop,
-    VirtualBorder,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, Stop, VirtualBorder
+from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache

@@ -18,8 +18,7 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, has_sound
-from vb_voice_wizard.voice.listener import CommandListener, Heard
-from vb_voice_wizard.recognizer import CommandRecognizer
+from vb_voice_wizard.recognizer import CommandListener, CommandRecognizer, Heard
 
 AUDIO = "/virtual_borders/voice/audio"
 

@@ -14,8 +14,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.image_format import PixelReader
-from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import decode
+from vb_core.ros.images import camera_from_info, decode
 from vb_core.ros.transforms import TransformLookup
 from vb_web import page_images
 

@@ -1,6 +1,6 @@
 """Conversions between ROS messages and numpy, each next to its inverse if it has one.
 
-Images are in `images`, cameras in `cameras`, because most nodes need neither, and OpenCV takes 20 MiB per process.
+Images and cameras are in `images`, because most nodes need neither, and OpenCV takes 20 MiB per process.
 """
 
 from __future__ import annotations

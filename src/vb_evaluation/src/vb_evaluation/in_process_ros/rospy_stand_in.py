@@ -15,8 +15,7 @@ import rosmaster.paramserver
 import rospy
 
 from vb_evaluation.in_process_ros.connections import Publisher, Service, ServiceProxy, Subscriber, Timer, Topic
-from vb_evaluation.in_process_ros.scheduler import Scheduler
-from vb_evaluation.in_process_ros.threading_stand_in import StandIns, master_stand_ins, replaced
+from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, StandIns, master_stand_ins, replaced
 
 _CONNECTIONS = (Publisher, Subscriber, Service, ServiceProxy, Timer)
 LOG = logging.getLogger("vb_evaluation.nodes")

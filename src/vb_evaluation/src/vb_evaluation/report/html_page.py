@@ -14,7 +14,7 @@ import jinja2
 from markupsafe import Markup
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import participants, outcomes, paper_comparison, plausible_worlds
+from vb_evaluation.report import cross_checks, outcomes, participants
 from vb_evaluation.report.page_blocks import Block, Table
 from vb_evaluation.report.study_files import StudyResults, read_study, write_table
 
@@ -26,8 +26,8 @@ SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
     ("time", "Interaction time", outcomes.time_section),
     ("accuracy", "Jaccard index", outcomes.accuracy_section),
     ("completeness", "Completeness", outcomes.completeness_section),
-    ("paper", "Beside the paper", paper_comparison.paper_comparison_section),
-    ("worlds", "Plausible worlds", plausible_worlds.plausible_worlds_section),
+    ("paper", "Beside the paper", cross_checks.paper_comparison_section),
+    ("worlds", "Plausible worlds", cross_checks.plausible_worlds_section),
     ("experience", "People and their experience", participants.participants_section),
     ("runs", "The runs", participants.runs_section),
 )

@@ -36,7 +36,6 @@ _FLAGS = {
     **dict.fromkeys(("no", "n", "0", "false", "nein"), False),
 }
 
-
 # measures the runs of one scenario with one method; also gets the paper's Jaccard index and completeness, or nan
 Measure = Callable[[pandas.DataFrame, float, float], Mapping[str, Any]]
 

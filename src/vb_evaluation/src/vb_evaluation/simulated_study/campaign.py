@@ -15,28 +15,35 @@ import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import joblib
 import numpy as np
 from rich.console import Console
 from rich.progress import track
+from shapely.geometry import Point, Polygon
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import FREE, GridMap
 from vb_core.map_files import read_map, write_map
-from vb_evaluation.metrics import restricted_cells
+from vb_evaluation import metrics
 from vb_evaluation.provenance import repository_top, revision
-from vb_evaluation.report.study_files import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
+from vb_evaluation.report import study_files
 from vb_evaluation.report.map_figures import write_truths
-from vb_evaluation.simulated_study import assumptions
+from vb_evaluation.report.study_files import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
 from vb_evaluation.simulated_study.config import Study, study_from_mapping
-from vb_evaluation.simulated_study.run_plan import Job
-from vb_evaluation.simulated_study.run_measures import COLUMNS, measure
+from vb_evaluation.simulated_study.run_plan import Job, draw_worlds
 from vb_sim.room import floor_plan
 
+if TYPE_CHECKING:  # only running needs ROS: reading a study does not
+    from vb_evaluation.simulated_study.live_run import LiveRun
+
 AREAS, ROWS = "areas.npz", "rows"
+FURTHER = tuple(
+    "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
+)
+COLUMNS = (*study_files.MEASURES, *FURTHER)
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,7 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
     truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
     write_truths(folder, floor_plan.physical_map(world), truths)
     if any(job.file == WORLDS for job in jobs):
-        worlds = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
+        worlds = draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(
             folder / DRAWS, ["draw", *worlds[0]], [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
         )
@@ -124,6 +131,33 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
         return Outcome(job, {**row, "order": job.order, "map": "" if ended.seed is None else name}, ended.posterior)
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
+
+
+def measure(run: LiveRun) -> Dict[str, object]:
+    """Computes all columns of a run except those that identify it: measures (paper, Sect. 5.5), and what explains them."""
+    restricted, floor = metrics.restricted_cells(run.prior, run.posterior), run.prior.data == FREE
+    # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides the drawing's errors
+    enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
+    # over every interaction of the run: cancelled ones took time too
+    times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in study_files.STATES]
+    saved, asked, script = run.seed is not None, Polygon(run.scenario.region), run.script
+    seed_is_right = int(saved and asked.contains(Point(run.seed)))
+    return {
+        # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
+        "completed": seed_is_right,
+        **{column: round(value, 2) for column, value in zip(study_files.TIMES, (*times, sum(times)))},
+        **metrics.accuracy(run.prior, run.truth, restricted),
+        "outcome": "saved" if saved else (script.outcome or "time_is_up"),
+        "reason": "" if saved else script.reason,
+        "seed_is_right": seed_is_right,
+        # 0: the person was drawn to point at the wrong side
+        "pointed_right": int(asked.contains(Point(script.person.seed))),
+        "tries": script.person.tries,
+        "spots": len(run.spots),
+        "robot_collisions": sum(robot.collisions for robot in run.lab.robots),
+        "jaccard_enclosed": round(metrics.jaccard(*enclosed), 4),
+        "too_bright": int(run.too_bright),
+    }
 
 
 # ---------------------------------------------------------------- metadata of the runs
@@ -182,5 +216,5 @@ def pack_areas(folder: Path) -> None:
     """
     physical = read_map(folder / "maps" / "physical.yaml")
     map_files = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")
-    areas = {path.stem: restricted_cells(physical, read_map(path)) for path in map_files}
+    areas = {path.stem: metrics.restricted_cells(physical, read_map(path)) for path in map_files}
     np.savez_compressed(folder / AREAS, floor=physical.data == FREE, **areas)

@@ -9,7 +9,7 @@ import jinja2
 import rospkg
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import questionnaire
+from vb_evaluation.report import participants
 from vb_evaluation.report.paper_results import METHOD_TITLES
 
 TEMPLATES = Path(rospkg.RosPack().get_path("vb_evaluation")) / "config" / "forms"
@@ -33,9 +33,9 @@ def write(folder: Path) -> List[Path]:
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
     asked = {
         "demographics": DEMOGRAPHICS,
-        "statements": questionnaire.STATEMENTS,
-        "pairs": questionnaire.UEQ_S,
-        "question": questionnaire.QUESTION,
+        "statements": participants.STATEMENTS,
+        "pairs": participants.UEQ_S,
+        "question": participants.QUESTION,
     }
     contents = {
         **{path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.[mc][ds]*"))},
@@ -43,13 +43,13 @@ def write(folder: Path) -> List[Path]:
         # half of the people are asked about one method first, half about the other
         **{
             f"questionnaire_{first}_first.html": pages.get_template("questionnaire.html.j2").render(
-                methods=[METHOD_TITLES[name] for name in sorted(questionnaire.METHODS, key=lambda name: name != first)],
+                methods=[METHOD_TITLES[name] for name in sorted(participants.METHODS, key=lambda name: name != first)],
                 **asked,
             )
-            for first in questionnaire.METHODS
+            for first in participants.METHODS
         },
         "demographics.csv": ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n",
-        "questionnaire.csv": ",".join(questionnaire.COLUMNS + questionnaire.UEQ_COLUMNS) + "\n",
+        "questionnaire.csv": ",".join(participants.COLUMNS + participants.UEQ_COLUMNS) + "\n",
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)

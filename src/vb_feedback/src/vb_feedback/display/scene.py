@@ -21,7 +21,6 @@ DISC = "disc"
 PLATE = "plate"
 TEXT = "text"
 
-
 # [m] heights in the scene: seen from above, higher shapes hide lower ones. Labels are below outlines, and names below
 # the drawing in progress.
 _LEVELS = tuple(0.06 * step for step in range(1, 11))

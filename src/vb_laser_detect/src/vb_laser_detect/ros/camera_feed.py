@@ -15,8 +15,7 @@ from sensor_msgs.srv import SetCameraInfo, SetCameraInfoRequest, SetCameraInfoRe
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture, PixelReader
-from vb_core.ros.cameras import camera_from_info, info_from_camera
-from vb_core.ros.images import decode, message_from_image
+from vb_core.ros.images import camera_from_info, decode, info_from_camera, message_from_image
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.camera import controls
 from vb_laser_detect.camera.camera_files import load_lens, save_lens

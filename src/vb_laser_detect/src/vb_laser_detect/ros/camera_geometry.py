@@ -16,8 +16,7 @@ from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import robot_profile
-from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import array_from_image
+from vb_core.ros.images import array_from_image, camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.projection import Depth, FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics

@@ -23,9 +23,8 @@ from sensor_msgs.msg import CameraInfo
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture
-from vb_core.ros.cameras import camera_from_info
-from vb_laser_detect.calibration.board import BoardParams, find_board
-from vb_laser_detect.calibration.lens import LensCalibration
+from vb_core.ros.images import camera_from_info
+from vb_laser_detect.calibration.lens import BoardParams, LensCalibration, find_board
 from vb_laser_detect.camera.camera_files import save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import WHITE, Brightness, find_exposure, measure_brightness

@@ -1,4 +1,4 @@
-"""Polygons, chains and regions on the cells of a grid.
+"""Polygons, chains and regions on the cells of a grid, and the parts into which borders split its free floor.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
 Masks are uint8, 0 or 255, as OpenCV uses them; most cover only a window of the map, since work on all of a large map
@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Tuple
 
+import cv2
 import numpy as np
 
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import IntegrationError
 
 # rows and columns of a part of a map
@@ -19,6 +21,10 @@ CellWindow = Tuple[slice, slice]
 
 # crossings of edges and rows that one polygon may have; a scribble with more would fill the memory
 MAX_CROSSINGS = 4_000_000
+# larger maps are checked in coarser cells: the check is about doors and rooms, and people wait for its result
+MAX_CELLS = 2_000_000
+# [m^2] smaller parts, by the area that the robot's centre can reach, are not counted
+MIN_PART = 0.1
 
 
 def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
@@ -129,3 +135,29 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     rows[extra] = rows[extra - 1]
     points = start[segment] + t[:, None] * step[segment]
     return Trace(rows, columns, points, segment, arc_start[segment] + t * length[segment])
+
+
+def count_free_parts(grid: GridMap, radius: float) -> int:
+    """Counts the parts into which the free space falls for a robot of a given radius [m]; tiny ones are left out."""
+    free = cv2.inRange(np.ascontiguousarray(grid.data), 0, OCCUPIED_THRESHOLD - 1)
+    factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
+    cell = grid.resolution * factor
+    reach = radius / cell
+    if factor > 1:
+        free = _coarser(free, factor)
+        # a coarse cell is free only if all its cells are: obstacles have grown by half a coarse cell already
+        reach = max(0.0, reach - 0.5)
+    if reach > 1.0:
+        framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+        free = (cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1] > reach).astype(np.uint8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
+    return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART).sum())
+
+
+def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
+    """Makes a mask (H, W) uint8 with cells `factor` times as large; a coarse cell is set only if all its cells are."""
+    rows, columns = (-(-size // factor) for size in free.shape)
+    padded = cv2.copyMakeBorder(
+        free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0
+    )
+    return cv2.inRange(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 255, 255)

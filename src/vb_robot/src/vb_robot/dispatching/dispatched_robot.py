@@ -10,11 +10,10 @@ from sensor_msgs.msg import CameraInfo
 
 from vb_core.errors import CodedError
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
-from vb_robot.dispatching.viewpoint import Viewpoint
-from vb_robot.dispatching.floor_view import FloorView
+from vb_robot.dispatching.viewpoint import FloorView, Viewpoint
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_wiring import within
 

@@ -6,15 +6,12 @@ import math
 from dataclasses import replace
 from typing import Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
-from vb_core.grid_layers import Window, crop
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, Window, crop
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, Fleet
-from vb_robot.dispatching.drawing_state import DrawingState
-from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
-from vb_robot.dispatching.floor_view import FloorView
+from vb_robot.dispatching.viewpoint import DrawingState, FloorView, Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT, Sightings
 
 # [s] after which people are told: spots are confirmed late at the start of a stroke, and choosing a robot takes 1 s

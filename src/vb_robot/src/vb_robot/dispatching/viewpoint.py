@@ -1,5 +1,7 @@
 """Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area).
 
+A robot looks a little ahead of the spot, to where the line continues, so that it is there before ceiling cameras lose
+the spot; and it goes nowhere that the border will probably restrict.
 One test decides whether the camera sees what it must from a pose, be it the robot's pose, its goal or a candidate.
 Candidates need some more margin, and the cheapest in metres of path is taken.
 """
@@ -7,17 +9,18 @@ Candidates need some more margin, and the cheapest in metres of path is taken.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Iterable, Optional, Tuple
+from dataclasses import dataclass, field
+from typing import Iterable, Optional, Tuple, Union
 
+import cv2
 import numpy as np
+from shapely.geometry import Polygon
 
 from vb_core import geometry
-from vb_core.grid_layers import clearance_grid, sample
+from vb_core.camera_model import CameraModel
 from vb_core.geometry import Pose
+from vb_core.grid_map import clearance_grid, sample
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
-from vb_robot.dispatching.drawing_state import DrawingState
-from vb_robot.dispatching.floor_view import FloorView
 
 # [m] to the point that the camera looks at: nearer, it leaves the image; farther, the spot is small
 MIN_DISTANCE, MAX_DISTANCE = (0.8, 1.5)
@@ -29,6 +32,117 @@ LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and its e
 # What a pose costs, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing where
 # the line continues, and the expected area: once if the path crosses it, and again if the pose is on it.
 TURN_COST, DISTANCE_COST, UNSEEN_COST, LOCKED_COST = 0.4, 0.5, 0.5, 5.0
+STEP = 0.05  # [m] between points of an extrapolated line
+# A quick hand has moved on by the time a robot arrives: the robot looks at the middle of the way that the hand may have
+# gone until then, as long as the spot stays in view too.
+MIN_LOOKAHEAD, REACTION, MAX_LOOKAHEAD = 0.3, 1.2, 0.6  # [m] at least, [s] of the hand's motion, [m] at most
+LINE_AHEAD = 0.8  # [m] how far the line is extrapolated: a robot should see this part too, and keeps off it
+MIN_LINE = 0.3  # [m] a shorter line encloses nothing yet
+NO_POINTS = np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class DrawingState:
+    """The drawing so far, map frame.
+
+    Attributes:
+        spot: (2,) [m] where the spot is, or was last; None: not known.
+        chain: (M, 2) [m] what has been drawn.
+        velocity: (2,) [m/s] how the spot moves, or None.
+        closed: whether the chain is a polygon.
+        seeding: the spot marks the side to be restricted, from which robots keep off.
+        seen_by_stationary: a stationary camera sees the spot, so a robot need not.
+        seed: (2,) [m] the one that the border would be saved with now, or None.
+    """
+
+    spot: Optional[np.ndarray] = None
+    chain: np.ndarray = field(default_factory=lambda: NO_POINTS)
+    velocity: Optional[np.ndarray] = None
+    closed: bool = False
+    seeding: bool = False
+    seen_by_stationary: bool = False
+    seed: Optional[np.ndarray] = None
+
+    def inside(self) -> Optional[np.ndarray]:
+        """Returns a point (2,) [m] within a closed line, near its middle; None if the line is open."""
+        if not self.closed or len(self.chain) < 3:
+            return None
+        return np.array(Polygon(self.chain).representative_point().coords[0])
+
+    def line_ahead(self, clearance_map: ClearanceMap) -> np.ndarray:
+        """Extrapolates the line from the spot, (K, 2) [m], up to a wall at most; the spot alone if it does not move."""
+        if self.velocity is None or self.seeding:
+            return np.array([self.spot])
+        room = float(np.linalg.norm(clearance_map.ray_end(self.spot, self.velocity) - self.spot)) - STEP
+        lengths = np.arange(0.0, min(LINE_AHEAD, max(0.0, room)) + 1e-9, STEP)
+        return self.spot + lengths[:, None] * self.velocity / np.linalg.norm(self.velocity)
+
+    def look_at(self, ahead: np.ndarray) -> np.ndarray:
+        """Returns the point (2,) [m] of the line ahead (K, 2) [m] that a robot should look at."""
+        speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
+        length = min(max(0.5 * REACTION * speed, MIN_LOOKAHEAD), MAX_LOOKAHEAD)
+        return ahead[min(int(round(length / STEP)), len(ahead) - 1)]
+
+    def expected_area(self, clearance_map: ClearanceMap) -> Optional[np.ndarray]:
+        """Predicts which cells (H, W) bool the border will restrict; None if it is too early to tell.
+
+        While the seed is shown, the seed's side; before that, the area between the line and the straight line joining
+        its ends, since a half-drawn polygon looks like a curve.
+        """
+        if self.seeding:
+            return clearance_map.side_of(self.spot, self.chain, self.closed)
+        if len(self.chain) < 2 or float(np.ptp(self.chain, axis=0).max()) < MIN_LINE:
+            return None
+        canvas = np.zeros(clearance_map.grid.shape, dtype=np.uint8)
+        cv2.fillPoly(canvas, [np.rint(clearance_map.grid.world_to_grid(self.chain)).astype(np.int32)[:, None]], 1)
+        return canvas.astype(bool)
+
+
+class FloorView:
+    """Projects floor points, given in the frame of a robot's base, into the image of its camera.
+
+    Args:
+        camera: the lens, from camera_info.
+        T_base_camera: (4, 4) the mount, from tf.
+        max_range: [m] farther from the base a spot is too small to be detected.
+    """
+
+    def __init__(self, camera: CameraModel, T_base_camera: np.ndarray, max_range: float = 3.0) -> None:
+        self.camera = camera
+        self.T_base_camera = T_base_camera
+        self.max_range = max_range
+        self._T_camera_base = geometry.invert(T_base_camera)
+        corners = np.array(
+            [[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]]
+        )
+        # far outside the image the distortion polynomials may map points back into it
+        self._widest = 1.05 * float(
+            min(camera.limit, np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
+        )
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside of the image."""
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        points = geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
+        ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
+        pixels = np.full((len(points), 2), np.nan)
+        pixels[ahead] = self.camera.project(points[ahead])
+        return pixels
+
+    def sees(self, points: np.ndarray, margin: Union[float, np.ndarray] = 0.0) -> np.ndarray:
+        """Returns (N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
+
+        Args:
+            margin: how far from the image's edges, as a fraction of its width and height, or (2,) of each; 0.5 leaves
+                the middle only.
+        """
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        width, height = self.camera.width, self.camera.height
+        pixels = self.pixels(points)
+        edges = margin * np.array([width, height])
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= edges - 0.5) & (pixels <= np.array([width, height]) - 0.5 - edges)).all(axis=1)
+        return inside & (np.hypot(points[:, 0], points[:, 1]) <= self.max_range)
 
 
 @dataclass(frozen=True)

@@ -36,16 +36,8 @@ from typing import Deque, Dict, Optional, Tuple
 from vb_core.grid_map import GridMap
 from vb_core.geometry import Pose
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.safety import (
-    MAX_POSE_JUMP,
-    Clearance,
-    Fix,
-    Scan,
-    limit_around,
-    pose_jump,
-    safe_speed,
-    stop_distance,
-)
+from vb_robot.driving.safety import MAX_POSE_JUMP, Clearance, Fix, Scan, limit_around, pose_jump, safe_speed
+from vb_robot.driving.safety import stop_distance
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 

@@ -13,8 +13,7 @@ from typing import Optional
 import numpy as np
 
 from vb_core import geometry
-from vb_core.grid_layers import crop
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, crop
 from vb_core.geometry import Pose, to_base, to_map
 from vb_core.robot_profile import Limits
 

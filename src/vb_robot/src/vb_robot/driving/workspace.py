@@ -13,8 +13,7 @@ from typing import Deque, Optional
 
 import numpy as np
 
-from vb_core.grid_layers import clearance_grid, nearest_cell, sample
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
 from vb_core.geometry import Pose
 from vb_robot.driving.safety import HORIZON, arc
 

@@ -12,10 +12,8 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_core.grid_layers import clearance_grid, nearest_cell, sample
-from vb_core.grid_map import GridMap
-from vb_robot.clearance_map import START_TOLERANCE
-from vb_robot.shortest_paths import ShortestPaths
+from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
+from vb_robot.clearance_map import START_TOLERANCE, ShortestPaths
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
 
 NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps

@@ -17,8 +17,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.ros import node, parameters
-from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import message_from_image
+from vb_core.ros.images import info_from_camera, message_from_image
 from vb_msgs.msg import LabState
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.cameras.camera_view import View

@@ -13,7 +13,6 @@ from typing import Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_sim.cameras import pixel_formats
 from vb_sim.cameras.camera_view import Body, View
 from vb_sim.lab_history import Snapshot
 from vb_sim.models import Models
@@ -32,6 +31,31 @@ _SHIFT = 4
 def _fixed(points: np.ndarray) -> np.ndarray:
     """Converts points to fixed-point integers, as OpenCV's drawing functions need them."""
     return np.rint(points * (1 << _SHIFT)).astype(np.int32)
+
+
+def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
+    """Encodes rgb (H, W, 3), H and W even for Bayer, in a sensor_msgs encoding: (H, W) or (H, W, 3), same type."""
+    if encoding == "bgr8":
+        return np.ascontiguousarray(rgb[..., ::-1])
+    if encoding == "mono8":
+        return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    return _mosaic(rgb[0::2, 0::2, 0], rgb[0::2, 1::2, 1], rgb[1::2, 0::2, 1], rgb[1::2, 1::2, 2])
+
+
+def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
+    """Encodes an image (h, w, 3) at twice its size: (2h, 2w) or (2h, 2w, 3)."""
+    if encoding == "bayer_rggb8":
+        red, green, blue = cv2.split(rgb)
+        return _mosaic(red, green, green, blue)
+    return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
+
+
+def _mosaic(red: np.ndarray, right: np.ndarray, below: np.ndarray, blue: np.ndarray) -> np.ndarray:
+    """Builds a Bayer pattern (2h, 2w) from its four pixels (h, w): red, green to its right and below it, and blue."""
+    mosaic = np.empty((2 * red.shape[0], 2 * red.shape[1]), red.dtype)
+    mosaic[0::2, 0::2], mosaic[0::2, 1::2] = red, right
+    mosaic[1::2, 0::2], mosaic[1::2, 1::2] = below, blue
+    return mosaic
 
 
 @dataclass(frozen=True)
@@ -120,7 +144,7 @@ class CeilingView(View):
         return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
 
     def _noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
-        clean = np.ascontiguousarray(pixel_formats.encode(background, self.encoding))
+        clean = np.ascontiguousarray(encode(background, self.encoding))
         values = clean.astype(np.float32)
         values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
         sigma = self._noise.sigma(values).astype(np.float32)
@@ -204,7 +228,7 @@ class CeilingView(View):
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
         # a shadow alone keeps more than that
         solid = cv2.inRange(keep, 0, 126)
-        pattern = pixel_formats.encode_doubled(color, self.encoding)
+        pattern = encode_doubled(color, self.encoding)
         darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
         cv2.copyTo(darker, solid, pattern)
         if pattern.ndim == 3:

@@ -15,8 +15,7 @@ from typing import Generator, Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_core.grid_layers import sample
-from vb_core.grid_map import FREE, UNKNOWN, GridMap
+from vb_core.grid_map import FREE, UNKNOWN, GridMap, sample
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker

@@ -13,8 +13,7 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_sim.models import ParticipantModel
-from vb_sim.robot.costmap import Costmap
-from vb_sim.robot.path_planner import Planner
+from vb_sim.robot.path_planner import Costmap, Planner
 
 ROBOT_DISTANCE = 0.5  # [m] least distance between the centres of a person and a robot
 BERTH = 0.15  # [m] clearance that a person keeps from obstacles where there is room

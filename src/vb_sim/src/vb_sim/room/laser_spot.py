@@ -16,7 +16,6 @@ import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
-from vb_sim.cameras import pixel_formats
 from vb_sim.models import Optics
 
 _MAX_PX = 56
@@ -102,11 +101,32 @@ def add_spot(
         weights: (3,) share of the light that passes the red, green and blue filters.
         full_well_e: [electrons] at 255; sets the light's photon noise, drawn from `rng`.
     """
-    light = pixel_formats.apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
+    light = apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
     sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
     light += sigma * rng.standard_normal(light.shape, dtype=np.float32)
     part = image[spot.area]
     part[...] = np.clip(part + light + 0.5, 0, 255)
+
+
+def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:
+    """Spreads light (h, w) over the filters of a sensor: (h, w) or (h, w, 3).
+
+    Args:
+        weights: (3,) shares for red, green, blue.
+        column, row: where the patch is in the image (a Bayer pattern's phase depends on it).
+    """
+    red, green, blue = (np.float32(weight) for weight in weights)
+    if encoding == "rgb8":
+        return values[..., None] * np.array([red, green, blue])
+    if encoding == "bgr8":
+        return values[..., None] * np.array([blue, green, red])
+    if encoding == "mono8":
+        return values * np.float32(0.299 * red + 0.587 * green + 0.114 * blue)
+    result = values * green
+    even_row, even_column, odd_row, odd_column = row % 2, column % 2, 1 - row % 2, 1 - column % 2
+    result[even_row::2, even_column::2] = values[even_row::2, even_column::2] * red
+    result[odd_row::2, odd_column::2] = values[odd_row::2, odd_column::2] * blue
+    return result
 
 
 def _project(

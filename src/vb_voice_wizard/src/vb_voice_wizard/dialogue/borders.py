@@ -19,8 +19,7 @@ from vb_core.vocabulary import REDO
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 
-from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
-from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler, to_key
+from vb_voice_wizard.dialogue.preview_scheduler import DrawingWarnings, PreviewInputs, PreviewScheduler, to_key
 
 # [s] wall time: a person waits, a busy machine is slow; extraction and integration take well under 1 s
 SERVICE_TIMEOUT, RESPONSE_TIMEOUT = 2.0, 5.0

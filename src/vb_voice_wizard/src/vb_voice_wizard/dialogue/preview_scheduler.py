@@ -1,18 +1,21 @@
-"""Decides when the preview of saving has to be computed again; no ROS."""
+"""Decides when the preview of saving has to be computed again, and collects the reasons to doubt a drawing; no ROS."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Optional, Sequence, Set, Tuple
 
 import numpy as np
 
-from vb_core.notices import Notice
+from vb_core.notices import Notice, Severity
 
 PERIOD = 0.5  # [s] between two previews: faster than people read
 RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again
 TOLERANCE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a map cell is larger
 MAX_TIME_SHARE = 0.25  # share of the time that previews may take: the same computer searches the images
+# notices that a part of the drawing is not in the border, that a part of the border was not seen, or that the spot was
+# held elsewhere for longer or later
+DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
 
 
 def to_key(points: np.ndarray) -> bytes:
@@ -29,7 +32,7 @@ class PreviewInputs:
         chain, seed: `to_key` of the border and the seed so far, map frame.
         borders: changes with every change of the map or the borders in it.
         missing: why there is no border or no seed, if known.
-        warnings: what else makes the drawing doubtful (drawing_warnings.py).
+        warnings: what else makes the drawing doubtful (`DrawingWarnings`).
     """
 
     interaction_id: str = ""
@@ -78,3 +81,39 @@ class PreviewScheduler:
         self.shown = inputs
         self._retry_at = None if answered else now + RETRY_DELAY
         self._not_before = max(started + PERIOD, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))
+
+
+class DrawingWarnings:
+    """Collects the reasons to doubt a drawing, apart from the border's check, from the notices; not thread safe.
+
+    While a camera has an error, what it sees is missing from the line or misplaced, and remains so when the camera
+    works again. Therefore a camera's error makes the drawing doubtful until the interaction ends.
+    """
+
+    def __init__(self) -> None:
+        self._standing: Tuple[Notice, ...] = ()
+        self._failed: Set[str] = set()
+
+    def start(self) -> None:
+        """Begins another interaction, which is not concerned by errors that were over before."""
+        self._failed = self._cameras()
+
+    def update(self, notices: Sequence[Notice]) -> None:
+        """Stores those of all current notices that concern the drawing."""
+        self._standing = tuple(
+            notice
+            for notice in notices
+            if notice.code in DOUBTS or (notice.camera and notice.severity is Severity.ERROR)
+        )
+        self._failed |= self._cameras()
+
+    @property
+    def all(self) -> Tuple[Notice, ...]:
+        """Returns the current warnings, then one for each camera whose error is over."""
+        over = sorted(self._failed - self._cameras())
+        return self._standing + tuple(
+            Notice("camera_failed_meanwhile", Severity.WARNING, camera=name, values={"camera": name}) for name in over
+        )
+
+    def _cameras(self) -> Set[str]:
+        return {notice.camera for notice in self._standing if notice.camera}

@@ -1,19 +1,21 @@
-"""Synthesises the sounds, from notes to samples. No files, no ROS."""
+"""Synthesises the sounds, from notes to samples, and plays them. No files, no ROS."""
 
 from __future__ import annotations
 
+import subprocess
+
 import numpy as np
 
+from vb_core.errors import CodedError
 from vb_core.sounds import PITCHES, SOUNDS, Note
 
+# [s] beyond a sound's length, after which the device counts as stuck
+_TIMEOUT = 3.0
 RATE = 48000  # [1/s] sampling rate; native to sound cards
-
 # peak of the loudest note, as a share of full scale, which leaves headroom for other programs' sounds
 _PEAK = 0.6
 # [s] fade-in and fade-out of a note; with shorter ones, it clicks
 _FADE = 0.005
-
-
 # partials, as shares of the fundamental, because small speakers do not reproduce the fundamental of low notes
 _PARTIALS = (1.0, 0.3, 0.12)
 
@@ -39,3 +41,32 @@ def _synthesize_note(note: Note) -> np.ndarray:
     envelope = np.minimum(1.0, time / _FADE) * np.minimum(1.0, (note.seconds - time) / _FADE)
     envelope = envelope * np.exp(-2.0 * time / note.seconds)
     return note.loudness * envelope * wave / sum(_PARTIALS)
+
+
+def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
+    """Plays samples (N,) int16 at `RATE` with ALSA's aplay, the counterpart of arecord, which voice recognition uses.
+
+    Waits until they have been played.
+
+    Args:
+        device: the device's ALSA name, as listed by `aplay -L`.
+        program: aplay, or a program with the same arguments.
+
+    Raises:
+        CodedError: "no_audio" with the program's own reason.
+    """
+    try:
+        result = subprocess.run(
+            [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"],
+            input=pcm.astype("<i2").tobytes(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            timeout=len(pcm) / RATE + _TIMEOUT,
+        )
+    except OSError as error:
+        raise CodedError("no_audio", f"'{program}' cannot be run: {error.strerror}") from None
+    except subprocess.TimeoutExpired:
+        raise CodedError("no_audio", "the sound device takes no samples") from None
+    if result.returncode != 0:
+        lines = result.stderr.decode(errors="replace").strip().splitlines()
+        raise CodedError("no_audio", lines[-1] if lines else f"'{program}' failed")
