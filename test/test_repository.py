@@ -6,6 +6,7 @@ import runpy
 import sys
 import xml.etree.ElementTree as ElementTree
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from vb_core import names, sentences
 
 TOP = Path(__file__).resolve().parents[1]
 FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
+FILE_SUFFIXES = "crt csv html json jsonl key launch npz pgm py sh test xml yaml".split()
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
@@ -219,6 +221,31 @@ def test_links_lead_somewhere():
         places += [TOP / page for page in re.findall(r"(?<!:)\bdocs/[\w/-]+\.md", text)]
         broken += [f"{path.relative_to(TOP)}: {place}" for place in places if not place.exists()]
     assert not broken, broken
+
+
+def definitions():
+    """Returns what each module of the project defines, by the module's name, which several packages may share."""
+    defined = {}
+    for path in python_files():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        constants = (target for node in tree.body if isinstance(node, ast.Assign) for target in node.targets)
+        names_in = {node.name for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+        names_in |= {target.id for target in constants if isinstance(target, ast.Name)}
+        defined.setdefault(path.stem, set()).update(names_in)
+    return defined
+
+
+def test_names_of_modules_in_texts_are_right():
+    """A file or a module's definition that a docstring, a comment or a page names between backticks exists."""
+    defined, wrong = definitions(), []
+    for path in (path for path in texts() if path.suffix in (".py", ".md")):
+        text = path.read_text(encoding="utf-8")
+        wrong += [f"{path}: {name}" for name in re.findall(r"`(?:[\w/]+/)?(\w+)\.py`", text) if name not in defined]
+        for module, name in re.findall(r"`([a-z_]+)\.([A-Za-z_]\w*)(?:\(\))?`", text):
+            is_known = name in defined.get(module, ()) or name in defined or name in FILE_SUFFIXES
+            if not is_known and (module in defined or find_spec(module) is None):
+                wrong.append(f"{path}: {module}.{name}")
+    assert not wrong, wrong
 
 
 MADE_BY_NEW_LAB = {"lab.launch"}  # a lab's own file, outside this repository

@@ -3,7 +3,7 @@
 M_posterior is M_prior with the area on the seed's side of the border raised to delta. Physical obstacles keep
 their value; the prior itself is never changed.
 
-`integrator.MapIntegrator` handles several borders, undo, and maps that change.
+`map_integrator.MapIntegrator` handles several borders, undo, and maps that change.
 
 >>> import numpy as np
 >>> room = GridMap(np.zeros((60, 60), np.int8), resolution=0.05)      # 3 m x 3 m of free floor

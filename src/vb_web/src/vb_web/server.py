@@ -1,6 +1,6 @@
 """The web server: its thread, its connections' places, and the pools that carry out requests; `request_handlers` answers them.
 
-An attacker must not keep an operator from a *stop*. So connections have places by role (`access.ConnectionSlots`), slow work is
+An attacker must not keep an operator from a *stop*. So connections have places by role (`access_control.ConnectionSlots`), slow work is
 done apart from quick work and one piece at a time for each person, and a connection that reads or writes too slowly is
 closed. No ROS here; `actions.ActionHandler` carries requests out.
 """

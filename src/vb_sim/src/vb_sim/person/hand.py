@@ -96,7 +96,8 @@ class Stroke:
     Args:
         border: (N, 2) [m] the chain that the person has in mind.
         closed: whether the chain returns to its start.
-        style: whose movement it is; `model.stroke_scale` multiplies its deviations: 0 draws straight and evenly.
+        model: its `stroke_scale` multiplies the style's deviations: 0 draws straight and evenly.
+        style: whose movement it is.
         is_floor: tells whether points (N, 2) [m] are on the floor; the ends of an open border are drawn only there.
     """
 
