@@ -110,13 +110,9 @@ class InputMethods(unittest.TestCase):
         self.progress.wait(lambda message: message.chain and message.code != "ok", f"{way}: the fusion in seed")
         self.point(np.tile(SEED, (30, 1)))
         self.progress.wait(lambda message: message.seed_spots == 30 and message.has_seed, f"{way}: the seed")
-        promised = self.preview.wait(
-            lambda message: message.interaction_id == identity and message.available, f"{way}: the preview"
-        )
+        promised = self.preview.wait(lambda one: one.interaction_id == identity and one.available, f"{way}: preview")
         give(COMMANDS[2])
-        saved = self.state.wait(
-            lambda message: message.last_outcome == "saved" and message.name == "default", f"{way}: the save"
-        )
+        saved = self.state.wait(lambda one: one.last_outcome == "saved" and one.name == "default", f"{way}: the save")
         stored = self.borders.wait(lambda message: len(message.borders) == 1, f"{way}: the border").borders[0]
         empty = room().data.ravel()
         cells = np.array(self.maps.wait(lambda message: (message.data != empty).any(), f"{way}: the map").data)

@@ -128,13 +128,11 @@ def test_a_change_is_applied_once(tuned):
     assert len(applied) == 1 and not warned
 
 
-@pytest.mark.parametrize(
-    "key, value, reason", [("size", 0.1, "at most size"), ("size", 0, "above 0"), ("count", 13, "no")]
-)
-def test_a_refused_change_changes_nothing(tuned, key, value, reason):
+@pytest.mark.parametrize("key, new, why", [("size", 0.1, "at most size"), ("size", 0, "above 0"), ("count", 13, "no")])
+def test_a_refused_change_changes_nothing(tuned, key, new, why):
     change, _, applied, warned = tuned
     change(speed=0.3)
-    config = change(on=False, **{key: value})
+    config = change(on=False, **{key: new})
     assert config == {"speed": 0.3, "size": 1.0, "count": 3, "on": True}
-    assert len(applied) == 1 and len(warned) == 1 and reason in warned[0]
+    assert len(applied) == 1 and len(warned) == 1 and why in warned[0]
     assert change(speed=0.4)["speed"] == 0.4

@@ -16,9 +16,9 @@ from vb_core.files import append_line
 from vb_evaluation import metrics
 from vb_evaluation.report.study_files import read_sheet, read_study
 from vb_evaluation.report.html_page import write_report
-from vb_evaluation.user_study import recording_measures
 from vb_evaluation.user_study.__main__ import main
 from vb_evaluation.user_study.recording import Recording
+from vb_evaluation.user_study.recording_measures import read_ground_truth, seed_is_right
 
 
 # ------------------------------------------------------------------ ground truths
@@ -39,7 +39,7 @@ LAYER[::-1][10:30, 20:50] = (0, 215, 247, 255)
 )
 def test_any_strong_colour_marks_free_floor(picture, least, tmp_path):
     cv2.imwrite(str(tmp_path / "carpet.png"), picture)
-    assert metrics.jaccard(recording_measures.read_ground_truth(tmp_path / "carpet.png", ROOM), TRUTH) >= least
+    assert metrics.jaccard(read_ground_truth(tmp_path / "carpet.png", ROOM), TRUTH) >= least
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_picture_that_is_no_ground_truth_is_named(picture, words, tmp_path):
     if picture is not None:
         cv2.imwrite(str(tmp_path / "a.png"), picture)
     with refused("bad_ground_truth") as caught:
-        recording_measures.read_ground_truth(tmp_path / "a.png", ROOM)
+        read_ground_truth(tmp_path / "a.png", ROOM)
     assert words in str(caught.value) and "a.png" in str(caught.value)
 
 
@@ -68,14 +68,12 @@ def test_a_seed_is_right_if_the_nearest_free_floor_was_asked_for():
         away = np.hypot(*(centers - seed).T)
         nearest = int(away.argmin())
         for truth in (TRUTH, ROOM.data == 0):
-            assert recording_measures.seed_is_right(seed, ROOM, truth) == (
-                away[nearest] <= 0.2 and truth[tuple(free[nearest])]
-            )
+            assert seed_is_right(seed, ROOM, truth) == (away[nearest] <= 0.2 and truth[tuple(free[nearest])])
 
 
 def test_no_seed_is_right_where_no_floor_is_free():
     walls = ROOM.with_data(np.full(ROOM.shape, 100, np.int8))
-    assert not recording_measures.seed_is_right((1.0, 1.0), walls, ROOM.data == 0)
+    assert not seed_is_right((1.0, 1.0), walls, ROOM.data == 0)
 
 
 # ------------------------------------------------------------------ one recording for each run

@@ -11,9 +11,10 @@ from refusals import refused
 from study_recordings import EXACT, YELLOW, RecordedLab, measure_study, painted_room, write_protocol
 from vb_core.errors import CodedError
 from vb_evaluation.report.study_files import read_sheet
-from vb_evaluation.user_study import blind_judging, conduct, forms, recording_measures, privacy, protocol
+from vb_evaluation.user_study import blind_judging, conduct, forms, privacy, protocol
 from vb_evaluation.user_study.__main__ import main
 from vb_evaluation.user_study.recording import Recording
+from vb_evaluation.user_study.recording_measures import COLUMNS, attempts, last_attempt, outcome_of
 
 
 # ------------------------------------------------------------------ protocol
@@ -154,7 +155,7 @@ def test_a_run_that_broke_off_is_kept_and_has_to_be_done_again(planned):
     again = conduct.next_run(planned, "p02", again=True)
     do_run(again, ["b", "f"])
     assert again.entry == first.entry and events_of(first.folder)
-    assert again.folder == recording_measures.last_attempt(first.folder) != first.folder
+    assert again.folder == last_attempt(first.folder) != first.folder
 
 
 def test_a_torn_recording_does_not_stop_the_next_run(planned):
@@ -166,11 +167,11 @@ def test_a_torn_recording_does_not_stop_the_next_run(planned):
 
 
 def test_the_newest_of_a_runs_recordings_counts(tmp_path):
-    assert recording_measures.last_attempt(tmp_path / "p1") == tmp_path / "p1"
+    assert last_attempt(tmp_path / "p1") == tmp_path / "p1"
     for name in ("p1", "p1_2", "p1_10", "p1_x", "p10"):
         (tmp_path / name).mkdir()
-    assert [path.name for path in recording_measures.attempts(tmp_path / "p1")] == ["p1", "p1_2", "p1_10"]
-    assert recording_measures.last_attempt(tmp_path / "p1").name == "p1_10"
+    assert [path.name for path in attempts(tmp_path / "p1")] == ["p1", "p1_2", "p1_10"]
+    assert last_attempt(tmp_path / "p1").name == "p1_10"
 
 
 def test_power_lists_the_people_that_an_effect_needs(capsys):
@@ -207,15 +208,13 @@ def codebook(tmp_path):
 
 def test_the_codebook_explains_every_column(codebook, tmp_path):
     asked = (tmp_path / "demographics.csv").read_text().strip().split(",")[1:]
-    assert set(codebook.column[codebook.file == "runs.csv"]) == set(recording_measures.COLUMNS)
+    assert set(codebook.column[codebook.file == "runs.csv"]) == set(COLUMNS)
     assert list(codebook.column[codebook.file == "demographics.csv"]) == asked
 
 
 def test_the_codebook_explains_every_outcome(codebook):
     flags = (True, False)
-    possible = {
-        recording_measures.outcome_of(*of, noted) for of in product(flags, repeat=4) for noted in (None, *flags)
-    }
+    possible = {outcome_of(*of, noted) for of in product(flags, repeat=4) for noted in (None, *flags)}
     assert set(codebook["values"][codebook.column == "outcome"]) == possible | {"unreadable"}
 
 

@@ -80,11 +80,7 @@ def test_wrapped_lines_fit_and_lose_nothing(sentence, width):
 
 
 @settings(max_examples=70, deadline=None)
-@given(
-    st.lists(st.lists(WORDS, min_size=1, max_size=30), min_size=1, max_size=3),
-    st.floats(5.0, 40.0),
-    st.floats(2.0, 5.0),
-)
+@given(st.lists(st.lists(WORDS, min_size=1, max_size=30), min_size=1, max_size=3), st.floats(5, 40), st.floats(2, 5))
 def test_texts_never_leave_the_box_that_they_share(sentences, width, height):
     texts, size = fit_texts([" ".join(sentence) for sentence in sentences], (1.0, 0.8, 0.5), width, height)
     assert len(texts) == len(sentences) and all(texts)

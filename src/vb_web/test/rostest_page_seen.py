@@ -168,9 +168,7 @@ class SeenTest(PageTest):
         self.browser.wait("document.querySelector('.spot')", what="the spot")
         evil = "<img src=x onerror=window.evil=1>"
         self.store_carpet(evil, evil)
-        self.browser.wait(
-            "document.getElementById('events').textContent.includes(arguments[0])", evil, what="its event"
-        )
+        self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="event")
         self.assertFalse(self.browser.run("return document.querySelectorAll('#borders img, #events img').length"))
         self.assertFalse(self.browser.run("return window.evil"))
 
