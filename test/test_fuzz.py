@@ -112,13 +112,13 @@ PICTURE = np.arange(300, dtype=np.uint8).reshape(10, 10, 3)
 ENCODED = [cv2.imencode(ending, PICTURE)[1].tobytes() for ending in (".png", ".jpg")]
 SIZES = {"height": st.integers(0, 5), "width": st.integers(0, 5), "step": st.integers(0, 60)}
 ENCODINGS = st.sampled_from(["mono8", "bgr8", "bayer_rggb8", "16UC1", "32FC1", "rgba16"])
-ENCODED = st.builds(Image, encoding=ENCODINGS, data=st.binary(max_size=160), is_bigendian=st.booleans(), **SIZES)
+IMAGES = st.builds(Image, encoding=ENCODINGS, data=st.binary(max_size=160), is_bigendian=st.booleans(), **SIZES)
 KNOWN_COMPRESSIONS = st.builds(CompressedImage, data=damaged(ENCODED[0]) | damaged(ENCODED[1]))
 CONVERSIONS = {
     "map": (messages.grid_from_message, message(OccupancyGrid)),
     "pose": (messages.pose2d_from_message, message(Pose)),
     "transform": (messages.transform_from_message, message(Transform)),
-    "image": (images.array_from_image, message(Image) | ENCODED),
+    "image": (images.array_from_image, message(Image) | IMAGES),
     "compressed image": (images.array_from_compressed_image, message(CompressedImage) | KNOWN_COMPRESSIONS),
     "camera": (images.camera_from_info, message(CameraInfo)),
     "border": (border_messages.border_from_message, message(VirtualBorder)),
