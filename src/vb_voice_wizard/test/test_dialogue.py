@@ -171,28 +171,32 @@ def test_nothing_is_previewed_before_there_are_border_and_seed(missing):
 
 
 # ------------------------------------------------------------------ what was undone
-def test_what_was_undone_is_named():
-    def undone(before, after, command="undo"):
-        answer = _what_changed(command, *({border.id: border for border in borders} for borders in (before, after)))
-        return answer.code, answer.values.get("borders")
+def rug(**changes):
+    return VirtualBorder(**{"id": "b1", "name": "Rug", "enabled": True, **changes})
 
-    rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)
-    off, renamed = VirtualBorder(id="b1", name="Rug"), VirtualBorder(id="b1", name="Carpet", enabled=True)
-    # fields that the map integrator fills in do not count as changes
-    idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
-    assert undone([rug, bed], [rug]) == ("border_removed", "Bed")
-    assert undone([rug], [rug, bed]) == ("border_restored", "Bed")
-    assert undone([rug, bed], [off, idle]) == ("border_disabled", "Rug")
-    assert undone([off, bed], [rug, bed]) == ("border_enabled", "Rug")
-    assert undone([rug, bed], [renamed, bed]) == ("change_undone", "Carpet")
-    assert undone([rug, bed], [renamed, bed], "redo") == ("change_redone", "Carpet")
-    for change, answer in (
-        ({"robots": ["ada"]}, ("change_undone", "Rug")),
-        ({"occupancy": 0.5}, ("change_undone", "Rug")),
-        ({"seed": Point(0.05, 0.0, 0.0)}, ("change_undone", "Rug")),
-        # relocated on a map that has grown, it is slightly displaced, which is not a change
-        ({"seed": Point(1e-3, 0.0, 0.0)}, ("borders_changed", None)),
-    ):
-        assert undone([rug, bed], [VirtualBorder(id="b1", name="Rug", enabled=True, **change), bed]) == answer
-    assert undone([rug], [off, bed]) == ("borders_changed", None)
-    assert undone([rug, idle], [rug, bed]) == ("borders_changed", None)
+
+RUG, OFF, BED = rug(), rug(enabled=False), VirtualBorder(id="b2", name="Bed", enabled=True)
+IDLE = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")  # as the map integrator fills in
+
+
+@pytest.mark.parametrize(
+    "command, before, after, code, border",
+    [
+        ("undo", [RUG, BED], [RUG], "border_removed", "Bed"),
+        ("undo", [RUG], [RUG, BED], "border_restored", "Bed"),
+        ("undo", [RUG, BED], [OFF, IDLE], "border_disabled", "Rug"),
+        ("undo", [OFF, BED], [RUG, BED], "border_enabled", "Rug"),
+        ("undo", [RUG, BED], [rug(name="Carpet"), BED], "change_undone", "Carpet"),
+        ("redo", [RUG, BED], [rug(name="Carpet"), BED], "change_redone", "Carpet"),
+        ("undo", [RUG, BED], [rug(robots=["ada"]), BED], "change_undone", "Rug"),
+        ("undo", [RUG, BED], [rug(occupancy=0.5), BED], "change_undone", "Rug"),
+        ("undo", [RUG, BED], [rug(seed=Point(0.05, 0.0, 0.0)), BED], "change_undone", "Rug"),
+        # displaced slightly on a map that has grown, which is no change
+        ("undo", [RUG, BED], [rug(seed=Point(1e-3, 0.0, 0.0)), BED], "borders_changed", None),
+        ("undo", [RUG], [OFF, BED], "borders_changed", None),
+        ("undo", [RUG, IDLE], [RUG, BED], "borders_changed", None),
+    ],
+)
+def test_what_was_undone_is_named(command, before, after, code, border):
+    answer = _what_changed(command, *({one.id: one for one in borders} for borders in (before, after)))
+    assert (answer.code, answer.values.get("borders")) == (code, border)
