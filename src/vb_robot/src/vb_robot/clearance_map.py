@@ -30,7 +30,7 @@ NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is u
 def bounding_window(spot, *others) -> Window:
     """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and the points (N, 2) near it."""
     spot = np.asarray(spot, dtype=float)
-    points = np.vstack([spot[None], *(np.asarray(near, dtype=float).reshape(-1, 2) for near in others)])
+    points = np.vstack([spot[None], *(np.asarray(other, dtype=float).reshape(-1, 2) for other in others)])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
     low = np.floor((points.min(axis=0) - WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
     high = np.ceil((points.max(axis=0) + WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
@@ -65,11 +65,11 @@ class ClearanceMap:
         lengths = np.linalg.norm(offsets, axis=1)
         # samples at fixed steps from the target, so that a point's result does not depend on the others; skips the
         # first steps, because a spot at the foot of a wall is visible although its cell may be the wall's
-        along = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
+        distances = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
-        samples = target + along[None, :, None] * units[:, None, :]
+        samples = target + distances[None, :, None] * units[:, None, :]
         hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(samples.shape[:2])
-        hidden = np.where(along[None, :] < lengths[:, None], hidden, 0.0)
+        hidden = np.where(distances[None, :] < lengths[:, None], hidden, 0.0)
         return ~(hidden > 0).any(axis=1)
 
     # ------------------------------------------------------------- paths

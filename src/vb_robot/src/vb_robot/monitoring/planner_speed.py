@@ -33,7 +33,7 @@ class PlannerSpeed:
     limit, a higher speed that a person sets, or that a restarted planner has, is limited again.
 
     Args:
-        server: the planner's name, for instance /move_base/DWAPlannerROS; names: of its values.
+        server: the planner's name, for instance /move_base/DWAPlannerROS; names: the names of its speed parameters.
 
     Attributes:
         obeys: whether the planner has confirmed the last requested limit.
