@@ -87,15 +87,15 @@ class Running:
         time.sleep(WARM_S)
         nodes = [name for name in rosnode.get_node_names() if name.startswith("/spot_detectors")]
         processes = {**{name: node_process(name) for name in nodes}, **others}
-        start_times, start, before = self._read_times(processes), time.monotonic(), dict(self.status)
+        start_times, start, initial = self._read_times(processes), time.monotonic(), dict(self.status)
         self._delays.clear()
         time.sleep(seconds)
         # detectors report their counts once a second
-        wait(lambda: all(self.status[c].header.stamp > before[c].header.stamp for c in before), "detectors' status")
+        wait(lambda: all(self.status[c].header.stamp > initial[c].header.stamp for c in initial), "detectors' status")
         end_status, delays, duration = dict(self.status), list(self._delays), time.monotonic() - start
         cores = {name: (now - start_times[name]) / duration for name, now in self._read_times(processes).items()}
         searched, received, spans = (
-            np.array([read(end_status[name]) - read(before[name]) for name in self.cameras])
+            np.array([read(end_status[name]) - read(initial[name]) for name in self.cameras])
             for read in (lambda m: m.processed, lambda m: m.received, lambda m: m.header.stamp.to_sec())
         )
         return {

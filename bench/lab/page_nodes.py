@@ -37,10 +37,10 @@ CERTIFICATE = (
 )
 
 
-def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
+def wait(condition: Callable[[], Any], awaited: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
     """Waits for a condition; if it does not become true in time, ends the bench and says which condition this was."""
     if not wait_until(condition, seconds):
-        raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
+        raise SystemExit(f"waited {seconds:g} s for {awaited if isinstance(awaited, str) else awaited()}")
 
 
 def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:

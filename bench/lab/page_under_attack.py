@@ -39,11 +39,11 @@ class Page:
     def __init__(self, port, codes):
         self.port, self.codes = port, codes
 
-    def request(self, scheme, path, address, cookie="", **more):
+    def request(self, scheme, path, address, cookie="", **options):
         host = f"127.0.0.1:{self.port}"
         headers = {"Origin": f"https://{host}", "Cookie": cookie}
         url = f"{scheme}://{host}/{path}"
-        return HTTPRequest(url, headers=headers, network_interface=address, ssl_options=ANY, **more)
+        return HTTPRequest(url, headers=headers, network_interface=address, ssl_options=ANY, **options)
 
     async def log_in(self, code, address="127.0.0.1"):
         """Returns the answer's status and the cookie."""
@@ -129,7 +129,7 @@ async def many_viewers(page):
 
 async def wrong_codes(page):
     for number in itertools.count(0, 20):
-        guesses = [page.log_in("guess2345", address(number + more)) for more in range(20)]
+        guesses = [page.log_in("guess2345", address(number + offset)) for offset in range(20)]
         await asyncio.gather(*guesses, return_exceptions=True)
         await asyncio.sleep(0.2)
 

@@ -65,8 +65,8 @@ class Lab:
         self.runner = GoalRunner()
         observer = self.observer
         wait(lambda: observer.posterior is not None and observer.lab is not None, f"maps, see {state}")
-        self._truth, self._off, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
-        self._stood, self._still = (0.0, 0.0, 0.0), 0.0  # start [s] and position of this stand; the longest one [s]
+        self._truth, self._max_pose_error, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
+        self._stand, self._longest_stand = (0.0, 0.0, 0.0), 0.0  # start [s] and position [m]; longest [s]
         self.plan = np.zeros((0, 2))
         self._participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1, latch=True)
         self._subscribers = [
@@ -80,9 +80,9 @@ class Lab:
     def _on_lab(self, message) -> None:
         pose, now = message.robot_poses[0], message.header.stamp.to_sec()
         self._truth.append((now, pose.x, pose.y))
-        if math.dist(self._stood[1:], (pose.x, pose.y)) > STILL:
-            self._stood = now, pose.x, pose.y
-        self._still = max(self._still, now - self._stood[0])
+        if math.dist(self._stand[1:], (pose.x, pose.y)) > STILL:
+            self._stand = now, pose.x, pose.y
+        self._longest_stand = max(self._longest_stand, now - self._stand[0])
 
     def _on_plan(self, message) -> None:
         if len(message.poses) > 1:
@@ -95,7 +95,7 @@ class Lab:
         stamp, position = message.header.stamp.to_sec(), message.pose.pose.position
         truth = min(list(self._truth), key=lambda entry: abs(entry[0] - stamp), default=None)
         if truth is not None and abs(truth[0] - stamp) < 0.05:
-            self._off = max(self._off, math.dist((position.x, position.y), truth[1:]))
+            self._max_pose_error = max(self._max_pose_error, math.dist((position.x, position.y), truth[1:]))
 
     def _on_driver(self, message) -> None:
         self._codes[message.code] += 1
@@ -107,8 +107,8 @@ class Lab:
     def drive(self, goal):
         """Sends the robot to a goal; returns the outcome, and the values that every drive's row has."""
         self._codes.clear()
-        self._recoveries, self._still, self._off, start = 0, 0.0, 0.0, time.monotonic()
-        self._stood = (rospy.get_time(), *self.pose()[:2])
+        self._recoveries, self._longest_stand, self._max_pose_error, start = 0, 0.0, 0.0, time.monotonic()
+        self._stand = (rospy.get_time(), *self.pose()[:2])
         driven = self.runner.drive((goal[0], goal[1], math.radians(goal[2])), LIMIT_S)
         return driven, {
             "goal": goal,
@@ -117,11 +117,11 @@ class Lab:
             "length_m": round(chain_length(driven.path), 2),
             "seconds": round(driven.seconds, 1),
             "wall_s": round(time.monotonic() - start, 1),
-            "localized_m": round(self._off, 3),
+            "localized_m": round(self._max_pose_error, 3),
             "late": sum(n for code, n in self._codes.items() if code.endswith("_lost") or code == "clock_stopped"),
             "uncertain": self._codes["pose_uncertain"],
             "recoveries": self._recoveries,
-            "still_s": round(self._still, 1),
+            "still_s": round(self._longest_stand, 1),
             "entered_m": round(self.entered(driven.path), 3),
         }
 

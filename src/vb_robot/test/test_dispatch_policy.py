@@ -8,7 +8,7 @@ import pytest
 from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
-from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchStatus, Fleet, SentGoalState
+from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchPolicy, DispatchStatus, SentGoalState
 from vb_robot.dispatching.dispatched_robot import follow
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spot_sightings import Sighting, Sightings
@@ -48,10 +48,10 @@ class Robot:
 
 
 class Bench:
-    """Steps a fleet at 4 Hz; goals become active at once, and end when they are cancelled."""
+    """Steps a dispatch policy at 4 Hz; goals become active at once, and end when they are cancelled."""
 
     def __init__(self, **robots):
-        self.robots, self.fleet = robots, Fleet(robots)
+        self.robots, self.policy = robots, DispatchPolicy(robots)
         self.now, self.robot_wanted, self.key, self.unseen_s = 100.0, True, ("a", 1), 0.0
 
     def step(self):
@@ -61,7 +61,7 @@ class Bench:
         for name, robot in self.robots.items():
             status = DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             fleet[name] = (status, robot if robot.has_map else None)
-        goals = self.fleet.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
+        goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
         sent_x = None
         for name, goal in goals.items():
@@ -303,7 +303,7 @@ def test_the_robot_with_the_shorter_path_goes_and_keeps_going():
 
 def test_a_robot_that_already_sees_the_spot_is_not_sent():
     bench = Bench(ada=Robot(place(1)), bob=Robot(place(20, 2.0), sees=at(9)))
-    assert not bench.run(20) and bench.fleet.serving == "bob"
+    assert not bench.run(20) and bench.policy.serving == "bob"
 
 
 def test_a_free_robot_is_sent_before_a_busy_one():
@@ -329,7 +329,7 @@ def test_another_robot_takes_over_when_one_fails(fault, limit):
     assert bench.step() == 1
     vars(ada).update(fault)
     assert not bench.run(int(4 * limit) - 1)
-    assert bench.run(5) == [20] and bench.fleet.serving == "bob", "at once, or when the time is up"
+    assert bench.run(5) == [20] and bench.policy.serving == "bob", "at once, or when the time is up"
 
 
 def test_the_first_robot_is_sent_again_when_the_second_fails_too():
@@ -338,7 +338,7 @@ def test_the_first_robot_is_sent_again_when_the_second_fails_too():
         goal = bench.step()
         if goal is not None:
             order.append(goal)
-            bench.robots[bench.fleet.serving].goal = FAILED
+            bench.robots[bench.policy.serving].goal = FAILED
     assert order[:3] == [1, 20, 2], "each place is tried once"
 
 
@@ -350,7 +350,7 @@ def test_a_robot_that_failed_comes_after_one_that_did_not():
     for has_map, steps in ((False, 20), (True, 1)):  # until ada's pause after the failure is over
         ada.has_map = bob.has_map = has_map
         bench.run(steps)
-    assert bench.fleet.serving == "bob"
+    assert bench.policy.serving == "bob"
 
 
 def test_two_robots_about_equally_near_do_not_take_turns():
@@ -387,4 +387,4 @@ def test_robots_are_sent_only_while_one_is_wanted():
     bench = Bench(ada=ada, bob=Robot(place(20)))
     for robot_wanted, sent, goal in ((False, [], NONE), (True, [2], ACTIVE), (False, [], NONE)):
         bench.robot_wanted = robot_wanted
-        assert bench.run(10) == sent and ada.goal is goal and (bench.fleet.serving is None) is not robot_wanted
+        assert bench.run(10) == sent and ada.goal is goal and (bench.policy.serving is None) is not robot_wanted

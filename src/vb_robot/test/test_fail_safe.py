@@ -26,10 +26,10 @@ def test_another_publisher_is_reported_in_every_state(situation):
         rig.latch.stop("a", "test")
     rig.navigation = (0.3, 0.0) if situation == "driving" else None
     rig.step(0.5)
-    rig.arbiter.gate.registered = ("/move_base",)  # it sends nothing, but could
+    rig.arbiter.gate.other_commanders = ("/move_base",)  # it sends nothing, but could
     command = rig.step(0.5)
     assert (command.code, command.v, command.w, command.publish) == ("other_cmd_vel_publisher", 0.0, 0.0, True)
-    rig.arbiter.gate.registered = ()
+    rig.arbiter.gate.other_commanders = ()
     assert rig.step(0.5).code == {"idle": "idle", "stopped": "stopped", "driving": "driving"}[situation]
 
 
@@ -46,8 +46,8 @@ def test_behind_a_mux_every_other_way_to_the_base_is_found():
         "/mobile_base/commands/velocity": ["/base"],
     }
     graph = NodeGraph(published.items(), subscribed.items(), (), {topic: "geometry_msgs/Twist" for topic in published})
-    found = graph.find_other_commanders("/robot_driver", "/mux/input/navi", "/mobile_base/commands/velocity")
-    assert found == ({"/keyboard", "/reflex"}, {"/mux"})
+    commanders = graph.find_other_commanders("/robot_driver", "/mux/input/navi", "/mobile_base/commands/velocity")
+    assert commanders == ({"/keyboard", "/reflex"}, {"/mux"})
     assert graph.find_other_commanders("/robot_driver", "/cmd_vel", "") == ({"/elsewhere"}, set())
     assert graph.is_heard("/robot_driver", "/mux/input/navi")
     assert not NodeGraph((), {"/cmd_vel": ["/robot_driver"]}.items()).is_heard("/robot_driver", "/cmd_vel")
@@ -153,7 +153,7 @@ FAULTS = {
     "certainty of the localisation": (sets("pose_uncertain", True, False), "pose_uncertain", DT),
     "maps that belong together": (mixes_maps, "no_map", DT),
     "a wheel's floor": (drops_a_wheel, "contact", DT),
-    "being its only commander": (sets("registered", ("/move_base",), ()), "other_cmd_vel_publisher", DT),
+    "being its only commander": (sets("other_commanders", ("/move_base",), ()), "other_cmd_vel_publisher", DT),
 }
 
 

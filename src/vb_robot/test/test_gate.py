@@ -16,7 +16,7 @@ RADIUS = PROFILE.radius
 
 
 def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None):
-    """Returns a gate with all its inputs at 10 s."""
+    """Returns a gate with all inputs at 10 s: inside a border or not, bumper 1 `touched`, bumper 0 touched no more."""
     gate = Gate(profile)
     gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
     gate.speed_limits = speed_limits

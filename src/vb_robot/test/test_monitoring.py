@@ -67,9 +67,9 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
     ],
 )
 def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, parameters, plans):
-    wiring, node = (observe(graph(maps, robot), robot, parameters), within(robot, "move_base"))
-    paths = f"{node}/NavfnROS/plan"
-    assert wiring == Wiring(node, tuple(sorted(maps)), (), (), plans, paths, "DWAPlannerROS")
+    node = within(robot, "move_base")
+    navigation = {"path": f"{node}/NavfnROS/plan", "planner": "DWAPlannerROS", "plans_round_borders": plans}
+    assert observe(graph(maps, robot), robot, parameters) == Wiring(node, tuple(sorted(maps)), **navigation)
     assert observe(graph(maps, robot), "bob", parameters) == Wiring()
 
 

@@ -182,7 +182,7 @@ class RobotDriverNode:
         except (rosgraph.MasterException, OSError):
             return  # without the master, no other node can be connected either
         self._allowed, self._heard = commanders.allowed, commanders.heard
-        self._arbiter.gate.registered = tuple(sorted(commanders.others))
+        self._arbiter.gate.other_commanders = tuple(sorted(commanders.others))
 
     def _on_state(self, message: InteractionState) -> None:
         self._arbiter.set_state(

@@ -68,7 +68,7 @@ class DispatchStatus:
     busy: bool = False
 
 
-class Fleet:
+class DispatchPolicy:
     """Decides which robot serves, and where it goes.
 
     Attributes:

@@ -10,7 +10,7 @@ from vb_core.grid_map import GridMap, Window, crop
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
-from vb_robot.dispatching.dispatch_policy import DispatchStatus, Fleet
+from vb_robot.dispatching.dispatch_policy import DispatchPolicy, DispatchStatus
 from vb_robot.dispatching.viewpoint import DrawingState, FloorView, Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT, Sightings
 
@@ -66,7 +66,7 @@ class Dispatcher:
         self.maps = {name: RobotMap(radius) for name, radius in radii.items()}
         self.sightings = Sightings(mobile_cameras=[name or "robot" for name in radii])
         self.notice: Optional[Notice] = None
-        self._fleet = Fleet(self.maps)
+        self._policy = DispatchPolicy(self.maps)
         self._unserved_since = math.inf  # [s] time since which no camera sees the spot and no robot comes
         self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # interaction, and its drawing
 
@@ -77,7 +77,7 @@ class Dispatcher:
         self.sightings.add_contributors(interaction, cameras)
 
     def decide(self, now: float, robots: Mapping[str, DispatchStatus]) -> Dict[str, Optional[Viewpoint]]:
-        """Decides the goal of each robot at time `now` [s], as `Fleet.step` does. A new goal takes some 10 ms."""
+        """Decides the goal of each robot at time `now` [s], by `DispatchPolicy.step`. A new goal takes some 10 ms."""
         sightings, robot_wanted = self.sightings, self.sightings.should_dispatch()
         sightings.forget_after(now)
         drawing = self._drawing(now) if robot_wanted else None
@@ -89,7 +89,7 @@ class Dispatcher:
             others = [s.pose[:2] for other, s in robots.items() if other != name and s.pose is not None]
             planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
             candidates[name] = (status, planner)
-        goals = self._fleet.step(now, sightings.key if robot_wanted else None, time_since_seen, candidates)
+        goals = self._policy.step(now, sightings.key if robot_wanted else None, time_since_seen, candidates)
         self._update_notice(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
@@ -119,11 +119,11 @@ class Dispatcher:
 
     def _update_notice(self, now: float, lost: bool) -> None:
         """Updates the notice, which says whether a robot comes while no camera sees the spot."""
-        is_coming = self._fleet.goal is not None
+        is_coming = self._policy.goal is not None
         self._unserved_since = min(self._unserved_since, now) if lost and not is_coming else math.inf
         self.notice = None
         if lost and is_coming:
-            robot = self._fleet.serving or ""
+            robot = self._policy.serving or ""
             self.notice = Notice.of_robot(robot, "spot_not_seen_robot_looks", Severity.INFO)
         elif now - self._unserved_since >= UNSERVED_TIME:
             self.notice = Notice("spot_not_seen_no_robot", Severity.WARNING)

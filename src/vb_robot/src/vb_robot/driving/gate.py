@@ -69,7 +69,7 @@ class Gate:
         speed_limits: the map of the slow zones' limits, if there is one.
         contacts: for each (topic, sensor), the motion that its contact forbids: "forward" or "all".
         pose_uncertain: whether the localisation reports that the robot may be anywhere.
-        registered: other nodes that can command this robot's base now.
+        other_commanders: other nodes that can command this robot's base now.
         clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
@@ -80,7 +80,7 @@ class Gate:
         self.speed_limits: Optional[GridMap] = None
         self.contacts: Dict[Tuple[str, int], str] = {}
         self.pose_uncertain = False
-        self.registered: Tuple[str, ...] = ()
+        self.other_commanders: Tuple[str, ...] = ()
         self.clock_age = 0.0
         self.stamps: Dict[str, float] = {}
         self._lock = threading.RLock()
@@ -156,7 +156,7 @@ class Gate:
         recent = [
             name for name, stamp in list(self._other_publishers.items()) if 0.0 <= now - stamp <= OTHER_PUBLISHER_HOLD
         ]
-        return ", ".join(sorted({*recent, *self.registered}))
+        return ", ".join(sorted({*recent, *self.other_commanders}))
 
     def pose(self, now: float) -> Optional[Pose]:
         """Returns the robot's pose; None if it is unknown, or has just jumped."""
