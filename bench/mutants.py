@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""Mutation testing: small faults are put into pure modules, and the modules' unit tests must notice them.
+"""Mutation testing: inserts small faults into pure modules, which the modules' unit tests must detect.
 
     python3 bench/mutants.py                                         8 mutants of each module in MODULES
     python3 bench/mutants.py --modules vb_robot.driving.gate --each 100
-    python3 bench/mutants.py --seed 2 --csv survivors.csv            other mutants: another seed's were held out
+    python3 bench/mutants.py --seed 2 --csv survivors.csv            other mutants, with which no test was developed
 
-A mutant swaps a comparison or `and` with `or`, changes a number, negates a condition, returns nothing, or leaves a
-statement out. Changes that nobody could see are no mutants: of words for people (a raised error, a formatted string, a
-log or a warning), of numbers below a millionth, which guard against rounding, and between `<` and `<=` where neither
-side is a whole number or zero: a measured length never equals another bound exactly. A mutant that passes all tests is
-printed with its line; whether it is equivalent to the original must be judged by eye. The tests are all unit tests that
-import the module, and those of its package that import a module or helper importing it; those that import most of it
-come first, and the first failure ends them. Tests that take five times the processor time of the original count as
-failed. Each mutant runs in a fork that loads its source instead of the file's; the files stay unchanged, and examples
-that one mutant failed on are not tried on another.
+A mutant swaps a comparison, or `and` with `or`, changes a number, negates a condition, returns None, or omits a
+statement. Changes that no test should detect are not made: of texts for people (a raised error, a formatted string, a
+log or a warning), of numbers below a millionth, which guard against rounding, and between `<` and `<=` if neither side
+is an integer or zero, because a measured length never equals another bound exactly. A mutant that passes all tests is
+printed with its line; a person must judge whether it is equivalent to the original. The tests are all unit tests that
+import the module, and those of its package that import a module or helper that imports it. Tests that import most of
+the module run first, and the first failure ends the run. Tests that take five times the original's processor time count
+as failed. Each mutant runs in a fork that loads its source instead of the file, which stays unchanged. Hypothesis does
+not try one mutant's failing examples on another.
 """
 
 import ast
@@ -32,10 +32,10 @@ import pytest
 
 from bench.harness import TOP, Table, arguments, share
 
-# what tests need is imported once, not by every fork
+# modules that tests need; they are imported once, not by every fork
 NEEDED = "hypothesis.strategies pandas scipy.ndimage scipy.optimize scipy.spatial scipy.stats shapely"
 PATIENCE = 5  # times the processor time that the tests take on the original
-STUCK_S = 900  # however busy the computer is
+STUCK_S = 900  # [s] of wall time after which a fork is ended, even on a busy computer
 MODULES = (
     "vb_core.geometry",
     "vb_core.grid_map",
@@ -67,38 +67,38 @@ REVERSED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 
 
 def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
-    """Yields the mutations of a node: words, and a function that applies one to the node or its copy."""
+    """Yields the mutations of a node: a description, and a function that applies one to the node or its copy."""
     if isinstance(node, ast.Compare):
         for table in (SWAPS, REVERSED):
             new = table.get(type(node.ops[0]))
             if new and (
                 new not in BOUNDS or table is REVERSED or _is_exact(node.left) or _is_exact(node.comparators[0])
             ):
-                yield new.__name__, lambda one, new=new: one.ops.__setitem__(0, new())
+                yield new.__name__, lambda copy, new=new: copy.ops.__setitem__(0, new())
     elif isinstance(node, (ast.BinOp, ast.BoolOp)) and type(node.op) in SWAPS:
         new = SWAPS[type(node.op)]
-        yield new.__name__, lambda one: setattr(one, "op", new())
+        yield new.__name__, lambda copy: setattr(copy, "op", new())
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float) and not 0 < abs(node.value) <= ROUNDING:
         for value in (node.value * 2 if node.value else 1, -node.value if node.value else -1):
-            yield f"{node.value} is {value}", lambda one, value=value: setattr(one, "value", value)
+            yield f"{node.value} is {value}", lambda copy, value=value: setattr(copy, "value", value)
     elif isinstance(node, (ast.If, ast.IfExp, ast.While)):
-        yield "not", lambda one: setattr(one, "test", ast.UnaryOp(ast.Not(), one.test))
+        yield "not", lambda copy: setattr(copy, "test", ast.UnaryOp(ast.Not(), copy.test))
     elif isinstance(node, ast.Return) and node.value is not None and getattr(node.value, "value", ...) is not None:
-        yield "returns None", lambda one: setattr(one, "value", ast.Constant(None))
+        yield "returns None", lambda copy: setattr(copy, "value", ast.Constant(None))
     if isinstance(node, (ast.Assign, ast.AugAssign)) or (
         isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
     ):
-        yield "left out", lambda one: one.__dict__.update(value=ast.Constant(None)) or setattr(one, "gone", True)
+        yield "left out", lambda copy: copy.__dict__.update(value=ast.Constant(None)) or setattr(copy, "gone", True)
 
 
 def _is_exact(node: ast.AST) -> bool:
-    """Returns whether a node looks like a number that others can equal exactly: a whole one, zero, or a length."""
+    """Returns whether a node seems to be a number that others can equal exactly: an integer, zero, or a length."""
     called = getattr(getattr(node, "func", None), "id", "")
     return called == "len" or (isinstance(node, ast.Constant) and (type(node.value) is int or node.value == 0.0))
 
 
 def walk(node: ast.AST) -> Iterator[ast.AST]:
-    """Walks over everything but words for people."""
+    """Yields all nodes except those of texts for people."""
     called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
     if isinstance(node, (ast.Raise, ast.JoinedStr)) or called.startswith(("warnings.", "rospy.log", "CodedError")):
         return
@@ -109,24 +109,24 @@ def walk(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def parse(path: Path) -> ast.Module:
-    """Returns the syntax tree of a file, unchanged."""
+    """Returns the unchanged syntax tree of a file."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def mutants(path: Path) -> List[Tuple[int, str, Callable[[], ast.Module]]]:
-    """Lists all mutants of a file: line, words, and a function that makes the file's tree with this fault."""
-    found = []
+    """Lists all mutants of a file: line, description, and a function that returns the file's tree with the fault."""
+    result = []
 
-    def make(index: int, place: int) -> ast.Module:
+    def make(index: int, mutation: int) -> ast.Module:
         mutant = parse(path)
-        chosen = list(walk(mutant))[index]
-        list(mutations(chosen))[place][1](chosen)
+        node = list(walk(mutant))[index]
+        list(mutations(node))[mutation][1](node)
         return ast.fix_missing_locations(_Remove().visit(mutant))
 
     for index, node in enumerate(walk(parse(path))):
-        for place, (words, _) in enumerate(mutations(node)):
-            found.append((getattr(node, "lineno", 0), words, partial(make, index, place)))
-    return found
+        for mutation, (change, _) in enumerate(mutations(node)):
+            result.append((getattr(node, "lineno", 0), change, partial(make, index, mutation)))
+    return result
 
 
 class _Remove(ast.NodeTransformer):
@@ -144,20 +144,20 @@ def file_of(name: str) -> Path:
 
 @lru_cache(maxsize=None)
 def imports(path: Path) -> FrozenSet[str]:
-    """Returns the names of the modules that a file imports, and of what it imports from them."""
-    found: Set[str] = set()
+    """Returns the names of the modules that a file imports, and of the objects that it imports from them."""
+    names: Set[str] = set()
     for node in ast.walk(parse(path)):
         if isinstance(node, ast.ImportFrom):
-            found |= {str(node.module), *(f"{node.module}.{what.name}" for what in node.names)}
+            names |= {str(node.module), *(f"{node.module}.{imported.name}" for imported in node.names)}
         elif isinstance(node, ast.Import):
-            found |= {what.name for what in node.names}
-    return frozenset(found)
+            names |= {imported.name for imported in node.names}
+    return frozenset(names)
 
 
 def tests_of(name: str) -> List[str]:
-    """Lists the unit tests that import a module, then those of its package that import a helper or a module that does.
+    """Lists the unit tests that import a module, then those of its package that import it through another module.
 
-    Tests that import most of it come first, and of these the shortest.
+    Tests that import most of the module come first, and of these the shortest.
     """
     package = TOP / "src" / name.partition(".")[0]
     users = {path.stem for path in package.glob("test/*.py") if name in imports(path)}
@@ -166,17 +166,17 @@ def tests_of(name: str) -> List[str]:
             users.add(".".join(path.relative_to(package / "src").with_suffix("").parts))
 
     def order(path: Path) -> Tuple[int, int]:
-        return -sum(used.startswith(f"{name}.") for used in imports(path)), path.stat().st_size
+        return -sum(imported.startswith(f"{name}.") for imported in imports(path)), path.stat().st_size
 
     tests = sorted(TOP.glob("src/*/test/test_*.py"), key=order)
     own = [path for path in tests if path.parent.parent == package]
-    chosen = [path for part in (own, tests) for path in part if name in imports(path)]
-    return [str(path) for path in dict.fromkeys([*chosen, *(path for path in own if users & imports(path))])]
+    direct = [path for paths in (own, tests) for path in paths if name in imports(path)]
+    return [str(path) for path in dict.fromkeys([*direct, *(path for path in own if users & imports(path))])]
 
 
 def import_mutant(name: str, tree: ast.Module) -> None:
-    """Loads a mutant in place of its module, for everything that imports that."""
-    for loaded in [one for one in sys.modules if one.startswith("vb_")]:
+    """Loads a mutant instead of its module, for all that import the module."""
+    for loaded in [module_name for module_name in sys.modules if module_name.startswith("vb_")]:
         del sys.modules[loaded]
     spec = importlib.util.find_spec(name)
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
@@ -194,7 +194,7 @@ def run_tests(name: str, make: Callable[[], ast.Module], tests: List[str], limit
         for stream in range(3):
             os.dup2(null, stream)
         options = ["-x", "-q", "--import-mode=importlib", "-p", "no:cacheprovider", "-n", "0", "--hypothesis-seed=0"]
-        status = 1  # also of a mutant that cannot be imported
+        status = 1  # also if the mutant cannot be imported
         try:
             import_mutant(name, make())
             status = int(pytest.main([*options, *tests]) != 0)
@@ -204,13 +204,13 @@ def run_tests(name: str, make: Callable[[], ast.Module], tests: List[str], limit
 
 
 def in_forks(starts: Iterable[Callable[[], int]], processes: int) -> Iterator[Tuple[int, bool, float]]:
-    """Runs forks in parallel, and yields each one's number, whether its tests passed, and its processor time [s]."""
+    """Runs forks in parallel, and yields each fork's number, whether its tests passed, and its processor time [s]."""
     running: Dict[int, int] = {}
     waiting = list(enumerate(starts))[::-1]
     while waiting or running:
         while waiting and len(running) < processes:
-            number, start = waiting.pop()
-            running[start()] = number
+            index, start = waiting.pop()
+            running[start()] = index
         child, status, used = os.wait3(0)
         if child in running:
             yield running.pop(child), status == 0, used.ru_utime + used.ru_stime
@@ -221,32 +221,32 @@ def main() -> None:
     parser.add_argument("--modules", nargs="+", default=MODULES, choices=MODULES, metavar="MODULE")
     parser.add_argument("--each", type=int, default=8, help="mutants of each module")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    given = parser.parse_args()
-    table, tests = Table(given.csv, given.seed), {name: tests_of(name) for name in given.modules}
-    for needed in NEEDED.split():
-        importlib.import_module(needed)
+    options = parser.parse_args()
+    table, tests = Table(options.csv, options.seed), {name: tests_of(name) for name in options.modules}
+    for module in NEEDED.split():
+        importlib.import_module(module)
     hypothesis.settings.register_profile("mutants", database=None, deadline=None)
     hypothesis.settings.load_profile("mutants")
-    originals = [partial(run_tests, name, partial(parse, file_of(name)), tests[name]) for name in given.modules]
+    originals = [partial(run_tests, name, partial(parse, file_of(name)), tests[name]) for name in options.modules]
     limits = {}
-    for number, passed, used_s in in_forks(originals, given.processes):
+    for fork, passed, used_s in in_forks(originals, options.processes):
         if not passed:
-            sys.exit(f"{given.modules[number]}: its tests fail without a fault in it")
-        limits[given.modules[number]] = PATIENCE * used_s
-    chosen = []
-    for name in given.modules:
-        every = mutants(file_of(name))
-        random = np.random.default_rng([given.seed, *name.encode()])
-        for index in sorted(random.permutation(len(every))[: given.each]):
-            line, words, make = every[index]
-            chosen.append((name, line, words, partial(run_tests, name, make, tests[name], limits[name])))
-        print(f"{name}: {min(given.each, len(every))} of {len(every)}, {len(tests[name])} files of tests", flush=True)
-    for number, passed, _ in in_forks((start for *_, start in chosen), given.processes):
+            sys.exit(f"{options.modules[fork]}: its tests fail without a fault in it")
+        limits[options.modules[fork]] = PATIENCE * used_s
+    selection = []
+    for name in options.modules:
+        pool = mutants(file_of(name))
+        random = np.random.default_rng([options.seed, *name.encode()])
+        for index in sorted(random.permutation(len(pool))[: options.each]):
+            line, change, make = pool[index]
+            selection.append((name, line, change, partial(run_tests, name, make, tests[name], limits[name])))
+        print(f"{name}: {min(options.each, len(pool))} of {len(pool)}, {len(tests[name])} files of tests", flush=True)
+    for fork, passed, _ in in_forks((start for *_, start in selection), options.processes):
         if passed:
-            name, line, words, _ = chosen[number]
+            name, line, change, _ = selection[fork]
             source = file_of(name).read_text(encoding="utf-8").splitlines()[line - 1].strip()
-            table.add(module=name, line=line, change=words, source=source)
-    table.add(module="all", change="survivors", source=share(len(table.rows), len(chosen)))
+            table.add(module=name, line=line, change=change, source=source)
+    table.add(module="all", change="survivors", source=share(len(table.rows), len(selection)))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-# To be sourced, by bash: the environment of this workspace.
+# Sets up the environment of this workspace. Source it in bash:
 #   . scripts/env.sh
-# ROS traffic stays on this machine unless ROS_IP (or ROS_HOSTNAME) is set beforehand; ROS_MASTER_URI alone is not enough.
+# ROS traffic stays on this machine unless ROS_IP (or ROS_HOSTNAME) is set before; ROS_MASTER_URI alone is not enough.
 _vb_top=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 if [ ! -f "$_vb_top/devel/setup.bash" ]; then
     echo "env.sh: the workspace is not built yet: run 'make setup' first" >&2
     return 1
 fi
-# setup files of ROS read unset variables
+# ROS's setup files read unset variables
 case $- in *u*) _vb_nounset=1; set +u ;; *) _vb_nounset= ;; esac
 if [ ! -f /opt/ros/noetic/setup.bash ]; then
     for _vb_file in /etc/catkin/profile.d/*.sh; do . "$_vb_file"; done
@@ -20,16 +20,16 @@ if [ -z "${ROS_IP:-}${ROS_HOSTNAME:-}" ]; then
 fi
 export ROS_MASTER_URI=${ROS_MASTER_URI:-http://127.0.0.1:11311}
 export PATH="$_vb_top/.venv/bin:$PATH"
-export PYTHONPATH="$PYTHONPATH:$_vb_top:$_vb_top/test/support"   # for bench/, and what tests share
-# Where Python is told not to write bytecode, as in many containers, each start of a node would compile all of its modules
-# again, a third of its start; here it is kept out of the sources.
+export PYTHONPATH="$PYTHONPATH:$_vb_top:$_vb_top/test/support"   # for bench/ and the tests' shared modules
+# In many containers, Python must not write bytecode, so that each node would compile its modules at every start, which
+# takes a third of its starting time. Here bytecode is written to a separate folder.
 if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then
     unset PYTHONDONTWRITEBYTECODE
     export PYTHONPYCACHEPREFIX=$_vb_top/build/bytecode
 fi
-# image work is spread over processes, one per camera: threads within each would only fight for the cores
+# images are processed by one process per camera; more threads would only compete for the cores
 export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
-# Debian's old ROS still says so at each start that a newer one exists
+# log messages name the node instead of the time
 export ROSCONSOLE_FORMAT=${ROSCONSOLE_FORMAT:-'[${severity}] [${node}]: ${message}'}
 unset _vb_file _vb_nounset

@@ -1,7 +1,7 @@
-"""The clip that camera_load.py and image_cost.py play: 20 s of 1080p motion JPEG, from a server.
+"""Renders and serves the clip for camera_load.py and image_cost.py: 20 s of 1080p motion JPEG.
 
-It shows the simulated lab with a tiled floor and a camera's denoising; an image has about 51 kB. A person stands there
-all the time, and draws in a quarter of the images.
+It shows the simulated lab with a tiled floor and a camera's denoising; an image has about 51 kB. A person is always
+present, and draws in a quarter of the images.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def scene() -> Any:
 
 
 def clip() -> List[bytes]:
-    """Renders 20 s of images, of which a quarter show a spot."""
+    """Returns 20 s of JPEG images, of which a quarter show a spot."""
     border, view, jpegs = along(CARPET, 0.4), scene(), []
     for number in range(FRAMES):
         t, laser, velocity = number / RATE, None, (0.0, 0.0)
@@ -55,28 +55,28 @@ def clip() -> List[bytes]:
 
 
 def write_files(jpegs: List[bytes], folder: Path) -> List[str]:
-    """Writes four video files, each of which begins in another quarter of the clip; returns their paths."""
+    """Writes four video files, each of which starts in another quarter of the clip; returns their paths."""
     paths = [str(folder / f"quarter{number}.mkv") for number in range(4)]
     for number, path in enumerate(paths):
         with av.open(path, "w") as container:
             stream = container.add_stream("mjpeg", rate=int(RATE))
             camera = scene().model
             stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "yuvj420p"
-            for at in range(FRAMES):
-                packet = av.Packet(jpegs[(at + number * FRAMES // 4) % FRAMES])
-                packet.stream, packet.time_base, packet.pts, packet.dts = stream, Fraction(1, int(RATE)), at, at
+            for index in range(FRAMES):
+                packet = av.Packet(jpegs[(index + number * FRAMES // 4) % FRAMES])
+                packet.stream, packet.time_base, packet.pts, packet.dts = stream, Fraction(1, int(RATE)), index, index
                 container.mux(packet)
     return paths
 
 
 def serve(jpegs: List[bytes], port: int) -> None:
-    """Serves a clip to any number of cameras, until it is ended."""
+    """Serves a clip to any number of cameras, until the process is ended."""
     MjpegServer(jpegs, RATE, port)
     signal.pause()
 
 
 def serving(stack: ExitStack, jpegs: List[bytes]) -> Tuple[str, psutil.Process]:
-    """Starts the HTTP server; returns its address, and its process."""
+    """Starts the HTTP server; returns its address and process."""
     port = free_port()
     child = multiprocessing.get_context("fork").Process(target=serve, args=(jpegs, port))
     child.start()

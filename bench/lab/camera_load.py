@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Measures how many 1080p motion JPEG cameras, whose streams the detectors read themselves, this computer can handle.
+"""Measures how many 1080p motion JPEG cameras, whose streams the detectors read directly, this computer can process.
 
     python3 bench/lab/camera_load.py --cameras 1 6 12 24            from a local HTTP server
     python3 bench/lab/camera_load.py --cameras 24 --files           from video files, which wait for their detector
 
-Fusion and page run too. Each camera begins elsewhere in the clip of camera_clip.py, so that at any time a quarter of
-them see the spot: there is one pointer, and of 24 cameras no more than that see one place. Images are stamped on
-arrival: a real camera's exposure, readout and network come on top.
+Fusion and page run too. Each camera starts at another point of the clip of camera_clip.py, so that at any time a
+quarter of them see the spot; a real pointer is seen by no more of 24 cameras. Images are stamped on arrival, so the
+delays do not include a real camera's exposure, readout and network.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ from vb_evaluation.child_processes import Child
 from vb_laser_detect.camera.camera_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
-WARM_S = 6.0  # detectors learn the floor
+WARM_S = 6.0  # [s] in which detectors learn the floor
 
 
 class Running:
-    """Fusion, page and the detectors of some cameras: their processor time, and how late spots come.
+    """Fusion, page and detectors of some cameras, with their processor time and the spots' delays.
 
     Args:
-        addresses: which each detector reads.
+        addresses: of the stream or file that each detector reads.
     """
 
     def __init__(self, stack: ExitStack, folder: Path, addresses: List[str]) -> None:
         self.cameras, self.status = [f"c{number}" for number in range(len(addresses))], {}
         self._children: List[Child] = []
         self._delays: List[float] = []
-        for topic, kind, handle in (
+        for topic, message_type, callback in (
             (names.SPOTS, LaserSpot, lambda m: self._delays.append(time.time() - m.header.stamp.to_sec())),
             (names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m})),
         ):
-            rospy.Subscriber(topic, kind, handle, queue_size=1000)
+            rospy.Subscriber(topic, message_type, callback, queue_size=1000)
         self._poses = tf2_ros.StaticTransformBroadcaster()
         self._poses.sendTransform(
             [
@@ -78,24 +78,24 @@ class Running:
             stack.callback(self._children[-1].stop, 30.0)
 
     def watch(self, seconds: float, others: Dict[str, psutil.Process]) -> Dict[str, float]:
-        """Watches for some seconds; returns a row: shares, costs [ms, cores] and delays [ms]."""
+        """Measures for some seconds; returns a row of shares, processor time [ms, cores] and delays [ms]."""
         wait(
-            lambda: len(self.status) == len(self.cameras) and all(one.processed for one in self.status.values()),
+            lambda: len(self.status) == len(self.cameras) and all(c.processed for c in self.status.values()),
             lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
             180.0,
         )
         time.sleep(WARM_S)
         nodes = [name for name in rosnode.get_node_names() if name.startswith("/spot_detectors")]
         processes = {**{name: node_process(name) for name in nodes}, **others}
-        used, began, before = self._read_times(processes), time.monotonic(), dict(self.status)
+        start_times, start, initial = self._read_times(processes), time.monotonic(), dict(self.status)
         self._delays.clear()
         time.sleep(seconds)
         # detectors report their counts once a second
-        wait(lambda: all(self.status[one].header.stamp > before[one].header.stamp for one in before), "news of each")
-        after, delays, lasted = dict(self.status), list(self._delays), time.monotonic() - began
-        cores = {name: (now - used[name]) / lasted for name, now in self._read_times(processes).items()}
+        wait(lambda: all(self.status[c].header.stamp > initial[c].header.stamp for c in initial), "detectors' status")
+        end_status, delays, duration = dict(self.status), list(self._delays), time.monotonic() - start
+        cores = {name: (now - start_times[name]) / duration for name, now in self._read_times(processes).items()}
         searched, received, spans = (
-            np.array([read(after[name]) - read(before[name]) for name in self.cameras])
+            np.array([read(end_status[name]) - read(initial[name]) for name in self.cameras])
             for read in (lambda m: m.processed, lambda m: m.received, lambda m: m.header.stamp.to_sec())
         )
         return {
@@ -104,7 +104,7 @@ class Running:
             "worst_camera": float((searched / received).min()),
             "ms_per_image": 1e3 * sum(cores.pop(name) for name in nodes) / float((searched / spans).sum()),
             **quantiles(delays),
-            **{f"{name}_cores": taken for name, taken in cores.items()},
+            **{f"{name}_cores": cores_used for name, cores_used in cores.items()},
         }
 
     @staticmethod
@@ -132,15 +132,15 @@ def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
     parser.add_argument("--files", action="store_true", help="play video files instead of the server's streams")
-    parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
-    given = parser.parse_args()
-    # a shell starts background jobs with interrupts ignored, and the nodes would ignore them too
+    parser.add_argument("--seconds", type=float, default=20.0, help="measuring time; 20 is the whole clip")
+    options = parser.parse_args()
+    # restores interrupts, which shells' background jobs ignore, and which the nodes would then ignore too
     signal.signal(signal.SIGINT, signal.default_int_handler)
     cv2.setNumThreads(1)
     jpegs, failed = clip(), 0
-    for count in given.cameras:  # each in a separate process: a node cannot be started twice in one
-        work = (given.csv, count, given.files, given.seconds, jpegs)
-        child = multiprocessing.get_context("fork").Process(target=measure, args=work)
+    for count in options.cameras:  # each in a separate process, because a process can have only one node
+        args = (options.csv, count, options.files, options.seconds, jpegs)
+        child = multiprocessing.get_context("fork").Process(target=measure, args=args)
         child.start()
         child.join()
         failed += child.exitcode != 0

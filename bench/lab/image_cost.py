@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Measures what a 1080p camera's image costs its detector, compared with grey decoding and searching, in one thread.
+"""Measures a detector's processor time per 1080p image, compared with grey decoding and search, in one thread.
 
     python3 bench/lab/image_cost.py
 
-The images are camera_clip.py's: all of them, of which a quarter show a spot, and those with and without one.
+The images are those of camera_clip.py: all, of which a quarter show a spot, and those with and without a spot.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from vb_laser_detect.detection.spot_detector import SpotDetector
 
 
 class Search:
-    """Decodes and searches images as a detector does, and adds up the thread's time."""
+    """Decodes and searches images as a detector does, and records the thread's time."""
 
     def __init__(self, decode: Callable[[bytes], AnyPicture]) -> None:
         self._decode, self._detector, self._floor_projection = decode, SpotDetector(), FloorProjection()
         self.times: List[float] = []
 
     def look(self, jpeg: bytes, stamp: float) -> None:
-        began = time.thread_time()
+        start = time.thread_time()
         geometry = ImageGeometry(scene().model, self._floor_projection, scene().pose)
         self._detector.detect(self._decode(jpeg), stamp, geometry)
-        self.times.append(1e3 * (time.thread_time() - began))
+        self.times.append(1e3 * (time.thread_time() - start))
 
 
 def gray(jpeg: bytes) -> Picture:
@@ -42,18 +42,18 @@ def gray(jpeg: bytes) -> Picture:
 
 
 def main() -> None:
-    given = arguments(__doc__).parse_args()
+    options = arguments(__doc__).parse_args()
     cv2.setNumThreads(1)
-    table, jpegs = Table(given.csv), clip()
-    ours, alone = Search(lambda jpeg: Shot(0.0, jpeg).picture()), Search(gray)
+    table, jpegs = Table(options.csv), clip()
+    current, baseline = Search(lambda jpeg: Shot(0.0, jpeg).picture()), Search(gray)
     for number in range(2 * FRAMES):
-        for one in (ours, alone) if number % 2 else (alone, ours):
-            one.look(jpegs[number % FRAMES], number / RATE)
-    # sums over each second of images; the first lap is for learning
-    seconds = np.array([np.array(one.times[FRAMES:]).reshape(-1, int(RATE)).sum(axis=1) for one in (ours, alone)])
-    shows = np.isin(np.arange(FRAMES), DRAWN).reshape(-1, int(RATE)).all(axis=1)
-    for name, chosen in (("all", shows | True), ("with a spot", shows), ("without", ~shows)):
-        blocks = seconds[:, chosen]
+        for s in (current, baseline) if number % 2 else (baseline, current):
+            s.look(jpegs[number % FRAMES], number / RATE)
+    # sums over each second of images; the first pass, in which detectors learn, is not counted
+    seconds = np.array([np.array(s.times[FRAMES:]).reshape(-1, int(RATE)).sum(axis=1) for s in (current, baseline)])
+    has_spot = np.isin(np.arange(FRAMES), DRAWN).reshape(-1, int(RATE)).all(axis=1)
+    for name, selected in (("all", has_spot | True), ("with a spot", has_spot), ("without", ~has_spot)):
+        blocks = seconds[:, selected]
         draws = np.random.default_rng(1).integers(blocks.shape[1], size=(2000, blocks.shape[1]))
         low, high = np.percentile(blocks[0][draws].sum(axis=1) / blocks[1][draws].sum(axis=1), [2.5, 97.5])
         ours_ms, gray_ms = (blocks.mean(axis=1) / RATE).tolist()

@@ -1,4 +1,4 @@
-"""The nodes that the page needs, over a ROS master of their own; for page_under_attack.py and camera_load.py."""
+"""Runs the nodes that the page needs with their own ROS master; for page_under_attack.py and camera_load.py."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ LAUNCH = """<launch>
     <param name="port" value="{port}"/>
     <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
 </launch>"""
-# as docs/how-to/use-the-page.md has it
+# as in docs/how-to/use-the-page.md
 CERTIFICATE = (
     "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
     " -keyout page.key -out page.crt"
 )
 
 
-def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
-    """Waits for a condition; if it does not hold in time, ends the bench and says what was waited for."""
+def wait(condition: Callable[[], Any], awaited: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
+    """Waits for a condition; if it does not become true in time, ends the bench and says which condition this was."""
     if not wait_until(condition, seconds):
-        raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
+        raise SystemExit(f"waited {seconds:g} s for {awaited if isinstance(awaited, str) else awaited()}")
 
 
 def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
-    """Starts roscore and nodes; returns (page's port, state folder). `network`: with codes and https, as towards phones."""
+    """Starts roscore and nodes, with codes and https if `network`; returns (page's port, state folder)."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
     master, port = free_port(), free_port()
     os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{master}", "ROS_LOG_DIR": str(folder / "log")})
@@ -62,7 +62,7 @@ def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
 
 
 def node_process(name: str = "/page") -> psutil.Process:
-    """Finds a node's process."""
+    """Returns a node's process."""
     wait(lambda: rospy.get_master().lookupNode(name)[0] == 1, f"{name} at the master")
     uri = rospy.get_master().lookupNode(name)[2]
     return psutil.Process(xmlrpc.client.ServerProxy(uri).getPid("/bench")[2])

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The page under attack: how soon an operator's *stop* is answered, over its open link and from a phone that connects.
+"""Measures how soon an operator's *stop* is answered while the page is attacked, over an open link and a new one.
 
-Every attack runs in a process of its own, against the page's real nodes with codes and https; attackers come from other
-addresses (127.0.x.y) than the operator. A request not answered within 5 s counts as lost.
+Each attack runs in a separate process, against the page's real nodes with codes and https. Attackers have other
+addresses (127.0.x.y) than the operator. A request without an answer within 5 s counts as lost.
 
 python3 bench/lab/page_under_attack.py [--seconds 10] [--only NAME ...]
 """
@@ -27,35 +27,35 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 from bench.harness import Table, arguments
 from bench.lab.page_nodes import start
 
-LIMIT = 5.0  # [s] then a stop counts as lost
-HUNG_UP = OSError, HTTPClientError, WebSocketClosedError, ValueError  # the last one by tornado, in the middle of TLS
+LIMIT = 5.0  # [s] after which a stop counts as lost
+HUNG_UP = OSError, HTTPClientError, WebSocketClosedError, ValueError  # the last one is raised by tornado during TLS
 ANY = ssl.create_default_context()
 ANY.check_hostname, ANY.verify_mode = False, ssl.CERT_NONE
 
 
 class Page:
-    """The page's address, and the requests that a person or an attacker makes from a machine's address."""
+    """The page, and the requests that a person or an attacker sends from a machine's address."""
 
     def __init__(self, port, codes):
         self.port, self.codes = port, codes
 
-    def request(self, scheme, path, address, cookie="", **more):
+    def request(self, scheme, path, address, cookie="", **options):
         host = f"127.0.0.1:{self.port}"
         headers = {"Origin": f"https://{host}", "Cookie": cookie}
         url = f"{scheme}://{host}/{path}"
-        return HTTPRequest(url, headers=headers, network_interface=address, ssl_options=ANY, **more)
+        return HTTPRequest(url, headers=headers, network_interface=address, ssl_options=ANY, **options)
 
     async def log_in(self, code, address="127.0.0.1"):
-        """Returns the answer's status, and the cookie."""
-        asked = self.request("https", "session", address, method="POST", body=json.dumps({"code": code}))
-        answer = await AsyncHTTPClient().fetch(asked, raise_error=False)
+        """Returns the answer's status and the cookie."""
+        request = self.request("https", "session", address, method="POST", body=json.dumps({"code": code}))
+        answer = await AsyncHTTPClient().fetch(request, raise_error=False)
         return answer.code, answer.headers.get("Set-Cookie", "").split(";")[0]
 
     async def link(self, cookie, address="127.0.0.1"):
         return await websocket_connect(self.request("wss", "link", address, cookie, connect_timeout=5.0))
 
     async def connect(self, address, secure=ANY):
-        """Opens a connection; returns its reader and its writer."""
+        """Opens a connection; returns its reader and writer."""
         return await asyncio.open_connection("127.0.0.1", self.port, ssl=secure, local_addr=(address, 0))
 
 
@@ -67,9 +67,9 @@ async def answer(link, **request):
         text = await link.read_message()
         if text is None:
             raise OSError("the server hung up")
-        found = json.loads(text)
-        if found.get("re") == request["id"]:
-            return found
+        reply = json.loads(text)
+        if reply.get("re") == request["id"]:
+            return reply
 
 
 def address(number):
@@ -77,18 +77,18 @@ def address(number):
     return f"127.0.{1 + number // 200}.{1 + number % 200}"
 
 
-# ------------------------------------------------------------------ attacks: each goes on until it is killed
+# ------------------------------------------------------------------ attacks, each of which runs until it is killed
 async def nothing(_page):
     await asyncio.sleep(1e6)
 
 
 async def for_ever(opens):
-    """Keeps connections open: each of `opens` makes one and waits for its end, and is then called again."""
+    """Keeps connections open. Each of `opens` opens one and waits for its end, and is then called again."""
 
-    async def hold(make):
+    async def hold(open_connection):
         while True:
             with contextlib.suppress(*HUNG_UP):
-                await make()
+                await open_connection()
             await asyncio.sleep(0.2)
 
     await asyncio.gather(*(hold(make) for make in opens))
@@ -129,7 +129,7 @@ async def many_viewers(page):
 
 async def wrong_codes(page):
     for number in itertools.count(0, 20):
-        guesses = [page.log_in("guess2345", address(number + more)) for more in range(20)]
+        guesses = [page.log_in("guess2345", address(number + offset)) for offset in range(20)]
         await asyncio.gather(*guesses, return_exceptions=True)
         await asyncio.sleep(0.2)
 
@@ -145,65 +145,65 @@ def run_attack(attack, page):
 
 # ------------------------------------------------------------------ the operator
 async def timed(work):
-    """Awaits work; returns how long it took [s], infinity if it failed."""
-    began = time.monotonic()
+    """Awaits work; returns its duration [s], infinity if it failed."""
+    start = time.monotonic()
     try:
         await asyncio.wait_for(work, LIMIT)
-    except Exception:  # whatever it was: the person has no answer
+    except Exception:  # with any error, the person has no answer
         return np.inf
-    return time.monotonic() - began
+    return time.monotonic() - start
 
 
 async def measure(page, cookie, link, seconds, number):
-    """Times *stop* over the open link, *stop* over a new one, another command, and a new phone's login."""
-    found = {"link": [], "new_link": [], "command": [], "login": []}
+    """Times *stop* over the open link, *stop* over a new link, another command, and a new phone's login."""
+    results = {"link": [], "new_link": [], "command": [], "login": []}
     stop = {"do": "command", "command": "stop", "seen_stop": "", "age": 0}
 
     async def stop_from_a_new_link():
-        new = await page.link(cookie)
-        await answer(new, **stop)
-        new.close()
+        new_link = await page.link(cookie)
+        await answer(new_link, **stop)
+        new_link.close()
 
     async def log_in():
-        if (await page.log_in(page.codes["operator"], f"127.99.{number}.{len(found['login']) + 1}"))[0] != 200:
+        if (await page.log_in(page.codes["operator"], f"127.99.{number}.{len(results['login']) + 1}"))[0] != 200:
             raise OSError("not let in")
 
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         cancel = answer(link, **{**stop, "command": "cancel"})
-        for times, work in zip(found.values(), (answer(link, **stop), stop_from_a_new_link(), cancel, log_in())):
+        for times, work in zip(results.values(), (answer(link, **stop), stop_from_a_new_link(), cancel, log_in())):
             times.append(await timed(work))
         await asyncio.sleep(0.3)
-    return found
+    return results
 
 
 async def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="of each attack")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[attack.__name__ for attack in ATTACKS])
-    given = parser.parse_args()
-    table = Table(given.csv)
+    options = parser.parse_args()
+    table = Table(options.csv)
     with contextlib.ExitStack() as stack:
         port, folder = start(stack, network=True)
         page = Page(port, yaml.safe_load((folder / "page_codes.yaml").read_text()))
         for number, attack in enumerate(ATTACKS):
-            if attack.__name__ not in given.only:
+            if attack.__name__ not in options.only:
                 continue
             _, cookie = await page.log_in(page.codes["operator"])
             link = await page.link(cookie)
             attacker = multiprocessing.get_context("spawn").Process(target=run_attack, args=(attack, page), daemon=True)
             attacker.start()
             await asyncio.sleep(6.0)
-            found = await measure(page, cookie, link, given.seconds, number)
+            results = await measure(page, cookie, link, options.seconds, number)
             if not attacker.is_alive():
                 raise SystemExit(f"{attack.__name__} ended by itself")
             attacker.terminate()
             attacker.join()
             link.close()
-            row = {"attack": attack.__name__, "asked": len(found["link"])}
-            for what, times in found.items():
-                row[f"{what}_median"], row[f"{what}_worst"] = float(np.median(times)), float(max(times))
-                row[f"{what}_lost"] = int(np.isinf(times).sum())
+            row = {"attack": attack.__name__, "asked": len(results["link"])}
+            for kind, times in results.items():
+                row[f"{kind}_median"], row[f"{kind}_worst"] = float(np.median(times)), float(max(times))
+                row[f"{kind}_lost"] = int(np.isinf(times).sum())
             table.add(**row, load=os.getloadavg()[0])
             await asyncio.sleep(1.0)
 

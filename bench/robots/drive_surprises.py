@@ -1,4 +1,4 @@
-"""Surprises for a robot under way in drives.py: a border right in front of it, a box that was not there."""
+"""Disturbs a robot under way in drives.py by a border right in front of it, or by a new box on its path."""
 
 import math
 import threading
@@ -12,8 +12,8 @@ from vb_core.geometry import look_ahead
 from vb_evaluation.observer import wait_until
 
 ENDS = [(7.0, 0.9, 180), (1.6, 1.6, 0)]  # (x, y [m], yaw [deg]) between which it drives
-BOX_STANDS = 30.0  # [s]: longer than planner_patience and controller_patience, so that navigation begins its recoveries
-BOX_AHEAD = np.arange(0.7, 2.0, 0.1)  # [m] along the path: near enough for the scan, not on the robot
+BOX_STANDS = 30.0  # [s]; longer than planner_patience and controller_patience, so that navigation starts its recoveries
+BOX_AHEAD = np.arange(0.7, 2.0, 0.1)  # [m] along the path; in the scanner's range, but not on the robot
 
 
 def surprise(lab, rng, act, slowly):
@@ -37,10 +37,10 @@ def surprise(lab, rng, act, slowly):
 
 
 def drive_nose(lab, number, seed) -> dict:
-    """Measures a drive in which a border is drawn across the path, 0.25 to 0.6 m in front of the robot."""
+    """Measures a drive in which a border is added across the path, 0.25 to 0.6 m in front of the robot."""
     rng = np.random.default_rng([seed, 1000 + number])
     gap = float(rng.uniform(0.25, 0.6))
-    put = {}
+    result = {}
 
     def act():
         x, y, yaw = lab.pose()
@@ -49,33 +49,33 @@ def drive_nose(lab, number, seed) -> dict:
         across = half * np.array([-math.sin(yaw), math.cos(yaw)])
         middle = np.array([x, y]) + (ahead + half) / half * along
         corners = [middle - along - across, middle + along - across, middle + along + across, middle - along + across]
-        called = rospy.get_time()
+        call_time = rospy.get_time()
         try:
-            put["id"] = lab.add(corners, middle, True)
+            result["id"] = lab.add(corners, middle, True)
         except CodedError as error:
-            put["error"] = error.code
+            result["error"] = error.code
             return
-        put["at"], put["after_s"], until = (x, y), round(rospy.get_time() - called, 2), rospy.get_time() + 3.0
-        wait_until(lambda: rospy.get_time() > until, 60.0)
+        result["at"], result["after_s"], end = (x, y), round(rospy.get_time() - call_time, 2), rospy.get_time() + 3.0
+        wait_until(lambda: rospy.get_time() > end, 60.0)
 
     driven, row = surprise(lab, rng, act, slowly=True)
     path = driven.path
-    if "at" in put and len(path):
-        path = path[int(np.argmin(np.linalg.norm(path - put["at"], axis=1))) :]
-    row.update(gap_m=round(gap, 2), after_s=put.get("after_s"))
-    row["border"] = put.get("error", "added" if "id" in put else "none")
-    row["entered_m"] = round(lab.entered(path), 3) if "id" in put else None
-    if "id" in put:
-        lab.remove(put["id"])
+    if "at" in result and len(path):
+        path = path[int(np.argmin(np.linalg.norm(path - result["at"], axis=1))) :]
+    row.update(gap_m=round(gap, 2), after_s=result.get("after_s"))
+    row["border"] = result.get("error", "added" if "id" in result else "none")
+    row["entered_m"] = round(lab.entered(path), 3) if "id" in result else None
+    if "id" in result:
+        lab.remove(result["id"])
     return row
 
 
 def drive_box(lab, number, seed) -> dict:
-    """Measures a drive with a box put where the path is narrowest, beside the carpet's border, and taken away again."""
-    what = lab.world.scenarios["carpet"]
+    """Measures a drive with a box at the path's narrowest point beside the carpet's border, which is later removed."""
+    scenario = lab.world.scenarios["carpet"]
     if min(math.dist(end[:2], lab.pose()[:2]) for end in ENDS) > 0.5:
-        lab.drive(ENDS[0])  # its last goal was refused under way; it may stand where the border will be
-    border = lab.add(what.border, what.seed, what.closed)
+        lab.drive(ENDS[0])  # if its last goal was refused under way, it may stand in the area of the border
+    border = lab.add(scenario.border, scenario.seed, scenario.closed)
     blocked = lab.observer.posterior
     clearance = distance_to((blocked.data >= 65) | (blocked.data < 0)) * blocked.resolution
 
@@ -83,8 +83,8 @@ def drive_box(lab, number, seed) -> dict:
         ahead = np.array([look_ahead(lab.plan, lab.pose()[:2], distance)[0] for distance in BOX_AHEAD])
         rows, columns = blocked.world_to_cell(ahead).T
         lab.put_box(ahead[int(np.argmin(clearance[rows, columns]))])
-        until = rospy.get_time() + BOX_STANDS
-        wait_until(lambda: rospy.get_time() > until, 300.0)
+        end = rospy.get_time() + BOX_STANDS
+        wait_until(lambda: rospy.get_time() > end, 300.0)
         lab.put_box(None)
 
     try:

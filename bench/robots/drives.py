@@ -1,19 +1,18 @@
 #!/usr/bin/env python3
-"""Drives with the real move_base: round a border, into it, with a border right in front, with a box on the path.
+"""Measures drives with the real move_base: round a border, into it, with a new border in front, or a box on the path.
 
     make navigation                                                     once
     python3 bench/robots/drives.py --robot turtlebot2                    all drives of a seed, for hours
     python3 bench/robots/drives.py --drives 10 --kinds nose              ten, of one kind
 
-A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
-through its driver. Drives are judged by the robot's true position. Goals are drawn by a seed: in each scenario a chain
-of places chosen so that, where possible, the straight line from one to the next crosses the border's area, driven forth
-and back to cover both directions.
+A robot drives in the simulated lab (without cameras and display) with its driver, and move_base and AMCL as configured
+here. Drives are judged by the robot's true position. Goals are random, determined by the seed: in each scenario they
+form a chain in which, if possible, the straight line from one goal to the next crosses the border's area. The chain is
+driven in both directions.
 
-Simulated time waits for the driving nodes and for AMCL (the simulator's ~lockstep), so that it runs as fast as this
-computer allows, and a busy computer makes drives last longer without changing them. A border is put in front of the
-robot while time runs slowly, because the services that put it there take real time; the row says how much simulated
-time passed.
+Simulated time waits for the driving nodes and for AMCL (the simulator's ~lockstep), so that it runs as fast as possible
+and drives on a busy computer last longer, but do not change. A border is added in front of the robot while time runs
+slowly, because the services take real time; the row gives the simulated time that passed.
 
 Each drive is a row.
 """
@@ -45,41 +44,41 @@ WANTED = {
 SURPRISES = {"nose": drive_nose, "box": drive_box}
 STUCK = 60.0  # [s] without moving, with a goal
 SCENARIOS = ("carpet", "corner", "room")
-RADIUS = 0.18  # [m] of the larger robot: both drive to the same places
-ROUNDS, NOSES = 40, 20  # goals round each border; borders put in front of the robot, and as many boxes on the path
+RADIUS = 0.18  # [m] of the larger robot, as both drive to the same goals
+ROUNDS, NOSES = 40, 20  # goals round each border; borders added in front of the robot, and also boxes on the path
 INSIDE = 2  # goals inside each border
-MIN_LEG = 0.6  # [m] at least, between two poses
+MIN_LEG = 0.6  # [m] minimum between two poses
 
 
 @functools.lru_cache(maxsize=None)
 def places(scenario: str, seed: int):
-    """Returns poses (x, y, yaw) [m, m, deg]: a chain round a scenario's border, and some inside the restricted area.
+    """Returns poses (x, y, yaw) [m, m, deg]: a chain round a scenario's border, and poses inside the restricted area.
 
-    In the chain a robot of RADIUS has the room that the dispatcher requires, and a path from each pose to the next.
+    At each pose of the chain, a robot of RADIUS has the clearance that the dispatcher requires, and a path to the next.
     """
     world = load_world(str(WORLDS / "lab.yaml"))
-    what, grid = world.scenarios[scenario], physical_map(world)
-    posterior = integrate(grid, Border(np.array(what.border), np.array(what.seed), 1.0, what.closed)).posterior
+    task, grid = world.scenarios[scenario], physical_map(world)
+    posterior = integrate(grid, Border(np.array(task.border), np.array(task.seed), 1.0, task.closed)).posterior
     restricted = posterior.data > np.maximum(grid.data, 0)
     rng = np.random.default_rng([seed, SCENARIOS.index(scenario)])
     clearance_map = ClearanceMap(posterior, RADIUS + PATH_MARGIN)
     cells = posterior.cell_to_world(np.argwhere(clearance_map.clearance >= RADIUS + STOP_MARGIN))
     yaws = rng.integers(-180, 180, 1000)
     chain = [(*cells[rng.integers(len(cells))], 0)]
-    if scenario == "corner":  # the unrestricted floor may have other parts, such as behind furniture
+    if scenario == "corner":  # starts in the main part of the unrestricted floor, not behind furniture
         chain = [(6.8, 4.2, 0)]
     while len(chain) <= ROUNDS // 2:
-        here = np.array(chain[-1][:2])
-        drawn = cells[rng.integers(len(cells), size=300)]
-        drawn = drawn[
-            (np.linalg.norm(drawn - here, axis=1) >= MIN_LEG) & np.isfinite(clearance_map.path_lengths(here, drawn))
+        start = np.array(chain[-1][:2])
+        ends = cells[rng.integers(len(cells), size=300)]
+        ends = ends[
+            (np.linalg.norm(ends - start, axis=1) >= MIN_LEG) & np.isfinite(clearance_map.path_lengths(start, ends))
         ]
-        if not len(drawn):
-            chain[-1] = (*cells[rng.integers(len(cells))], 0)  # no path leads on from here
+        if not len(ends):
+            chain[-1] = (*cells[rng.integers(len(cells))], 0)  # replaces the pose, from which no path leads on
             continue
-        lines = here + np.linspace(0.0, 1.0, 100)[None, :, None] * (drawn - here)[:, None, :]
-        through = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(drawn), -1).any(axis=1)
-        chain.append((*drawn[int(np.argmax(through))], int(yaws[len(chain)])))
+        lines = start + np.linspace(0.0, 1.0, 100)[None, :, None] * (ends - start)[:, None, :]
+        crosses = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(ends), -1).any(axis=1)
+        chain.append((*ends[int(np.argmax(crosses))], int(yaws[len(chain)])))
     inside = posterior.cell_to_world(
         np.argwhere(restricted & (distance_to(~restricted) * posterior.resolution > RADIUS))
     )
@@ -88,29 +87,29 @@ def places(scenario: str, seed: int):
 
 
 def tasks(seed: int):
-    """Yields the drives, (kind, scenario, number, from, to), in turns, so that each part of them covers all."""
-    for begin in range(0, ROUNDS, 10):
+    """Yields the drives (kind, scenario, number, start, goal), with kinds and scenarios alternating."""
+    for first in range(0, ROUNDS, 10):
         for scenario in SCENARIOS:
             chain, inside = places(scenario, seed)[:-INSIDE], places(scenario, seed)[-INSIDE:]
-            both = chain + chain[-2::-1]
-            yield from (("round", scenario, i, both[i], both[i + 1]) for i in range(begin, begin + 10))
-            if begin == 0:
-                yield from (("inside", scenario, i, both[10], goal) for i, goal in enumerate(inside))
+            tour = chain + chain[-2::-1]
+            yield from (("round", scenario, i, tour[i], tour[i + 1]) for i in range(first, first + 10))
+            if first == 0:
+                yield from (("inside", scenario, i, tour[10], goal) for i, goal in enumerate(inside))
         share = NOSES * 10 // ROUNDS
         for kind in ("nose", "box"):
-            numbers = range(begin // 10 * share, (begin // 10 + 1) * share)
+            numbers = range(first // 10 * share, (first // 10 + 1) * share)
             yield from ((kind, "", i, (7.0, 0.9, 180), None) for i in numbers)
 
 
-def drive_scenario(lab, scenario, todo, keep) -> None:
-    """Brings the robot to the start of the first drive, adds the border, and does the drives."""
-    what, start = lab.world.scenarios[scenario], todo[0][3]
+def drive_scenario(lab, scenario, drives, record) -> None:
+    """Drives to the start of the first drive, adds the border, and does the drives."""
+    task_scenario, start = lab.world.scenarios[scenario], drives[0][3]
     if math.dist(lab.pose()[:2], start[:2]) > 0.2:
         lab.drive(start)
-    border = lab.add(what.border, what.seed, what.closed)
+    border = lab.add(task_scenario.border, task_scenario.seed, task_scenario.closed)
     try:
-        for kind, _, number, _, goal in todo:
-            keep(kind, scenario, number, lab.drive(goal)[1])
+        for kind, _, number, _, goal in drives:
+            record(kind, scenario, number, lab.drive(goal)[1])
     finally:
         lab.remove(border)
 
@@ -119,34 +118,34 @@ def main() -> None:
     parser = arguments(__doc__, seed=2)
     parser.add_argument("--robot", default="turtlebot2", choices=("turtlebot2", "turtlebot3_burger"))
     parser.add_argument("--kinds", nargs="+", default=list(WANTED), choices=list(WANTED), help="of drives")
-    parser.add_argument("--first", type=int, default=0, help="leave out so many of these drives, to go on with a seed")
-    parser.add_argument("--drives", type=int, default=1000, help="how many at most")
-    given = parser.parse_args()
-    table, counts = Table(given.csv, given.seed), Counter()
-    todo = [task for task in tasks(given.seed) if task[0] in given.kinds][given.first :][: given.drives]
-    if not todo:
+    parser.add_argument("--first", type=int, default=0, help="skip this number of drives, to continue a seed")
+    parser.add_argument("--drives", type=int, default=1000, help="maximum number")
+    options = parser.parse_args()
+    table, counts = Table(options.csv, options.seed), Counter()
+    drives = [task for task in tasks(options.seed) if task[0] in options.kinds][options.first :][: options.drives]
+    if not drives:
         parser.error("no drives are left")
-    lab = Lab(given.robot, todo[0][3], given.seed)
+    lab = Lab(options.robot, drives[0][3], options.seed)
 
-    def keep(kind, scenario, number, run) -> None:
-        entered, added = (run["entered_m"] or -1.0) > 0.0, run.get("border", "added") == "added"
-        good = run["outcome"] in WANTED[kind] and not entered and run["still_s"] <= STUCK
+    def record(kind, scenario, number, row) -> None:
+        entered, added = (row["entered_m"] or -1.0) > 0.0, row.get("border", "added") == "added"
+        good = row["outcome"] in WANTED[kind] and not entered and row["still_s"] <= STUCK
         counts[kind, "done"] += added
         counts[kind, "as wanted"] += added and good
-        table.add(robot=given.robot, kind=kind, scenario=scenario, number=number, **run, as_wanted=good)
+        table.add(robot=options.robot, kind=kind, scenario=scenario, number=number, **row, as_wanted=good)
 
     try:
-        for scenario, part in itertools.groupby(todo, key=lambda task: task[1]):
+        for scenario, group in itertools.groupby(drives, key=lambda task: task[1]):
             if scenario:
-                drive_scenario(lab, scenario, list(part), keep)
+                drive_scenario(lab, scenario, list(group), record)
                 continue
-            for kind, _, number, _, _ in part:
-                keep(kind, scenario, number, SURPRISES[kind](lab, number, given.seed))
+            for kind, _, number, _, _ in group:
+                record(kind, scenario, number, SURPRISES[kind](lab, number, options.seed))
     finally:
         lab.child.stop()
-    for kind in given.kinds:
+    for kind in options.kinds:
         as_wanted = share(counts[kind, "as wanted"], counts[kind, "done"])
-        table.add(robot=given.robot, kind=f"each {kind}", as_wanted=as_wanted)
+        table.add(robot=options.robot, kind=f"each {kind}", as_wanted=as_wanted)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ class Rig:
         self.ranges = np.full(360, math.inf)
         self.commands, self.cancelled = [], 0
         self.goal = False  # whether navigation has a goal
-        self.off = 0.0  # [m] by which the believed position is behind the true one
+        self.pose_error = 0.0  # [m] by which the believed position is behind the true one
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
     def set_grid(self, grid):
@@ -58,15 +58,15 @@ class Rig:
             if "localisation" not in self.silent:
                 self.correction = self.now + 0.3  # dated ahead, as AMCL does
             x, y, yaw = self.pose
-            believed = x - self.off * math.cos(yaw), y - self.off * math.sin(yaw), yaw
+            believed = x - self.pose_error * math.cos(yaw), y - self.pose_error * math.sin(yaw), yaw
             self.arbiter.gate.set_pose(believed, self.now, self.correction)
         if "scan" not in self.silent:
             self.arbiter.gate.set_scan(scan_of(self.ranges), self.now)
         if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
             self.see(self.spot, self.camera)
-        for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
-            if wish is not None:
-                self.arbiter.request(who, *wish, self.now)
+        for source, velocity in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
+            if velocity is not None:
+                self.arbiter.request(source, *velocity, self.now)
         # its clock stops while the world goes on
         self._stood = self.arbiter.gate.clock_age = self._stood + DT if "clock" in self.silent else 0.0
         if "goal" not in self.silent and self.goal:

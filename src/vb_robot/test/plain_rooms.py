@@ -37,8 +37,8 @@ def with_border(grid, x0, y0, x1, y1, value=100):
     return grid.with_data(data)
 
 
-def scan_of(ranges, first=None, step=math.radians(1.0), mount=np.eye(4), radius=0.18, **how):
+def scan_of(ranges, first=None, step=math.radians(1.0), mount=np.eye(4), radius=0.18, **options):
     """Returns a typical scanner's scan: beams a step [rad] apart, from `first` on, or centred on straight ahead."""
     ranges = np.asarray(ranges, float)
     first = -0.5 * step * (len(ranges) - 1) if first is None else first
-    return Scan(ranges, first, step, 0.12, 8.0, mount, radius, **how)
+    return Scan(ranges, first, step, 0.12, 8.0, mount, radius, **options)

@@ -94,8 +94,8 @@ class DispatcherTest(unittest.TestCase):
         self.hear_spots(20)
         self.stimulus.spot_frame, self.stimulus.spot = "odom", (*SPOT, "red", False)
         self.hear_spots(20)
-        sent = [base.goals for base in self.bases.values()]
-        self.assertEqual(sent, [[], []], "neither for a robot's own camera alone, nor for a place in another frame")
+        goals = [base.goals for base in self.bases.values()]
+        self.assertEqual(goals, [[], []], "neither for a robot's own camera alone, nor for a place in another frame")
         self.stimulus.spot_frame = "map"
         pose = self.is_sent("ada")
         self.assertTrue(VIEW.sees(to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")

@@ -81,9 +81,9 @@ class DriverTest(unittest.TestCase):
         with body.lock:
             body.pose = pose
 
-    def publish_border(self, there=True):
+    def publish_border(self, has_border=True):
         grid = room(6.0)
-        borders = with_border(grid, 4.0, 2.0, 5.0, 3.0) if there else grid
+        borders = with_border(grid, 4.0, 2.0, 5.0, 3.0) if has_border else grid
         self.stimulus.publish_map(borders, physical=grid)
         return int((borders.data == 100).sum())
 
@@ -100,11 +100,11 @@ class DriverTest(unittest.TestCase):
     def wait_driven(self):
         wait_until(lambda: self.stimulus.velocity == (0.05, 0.2), lambda: f"navigation to drive; {self.drivers}")
 
-    def wait_notice(self, code, robot="", there=True):
-        wait_until(lambda: self.has_notice(code, robot) == there, lambda: f"{code}: {there}; {self.notices}")
+    def wait_notice(self, code, robot="", expected=True):
+        wait_until(lambda: self.has_notice(code, robot) == expected, lambda: f"{code}: {expected}; {self.notices}")
 
     def has_notice(self, code, robot=""):
-        return any((one.code, one.robot) == (code, robot) for said in self.notices.values() for one in said)
+        return any((n.code, n.robot) == (code, robot) for notices in self.notices.values() for n in notices)
 
     def test_follows_the_spot_and_stops_when_the_manager_is_silent(self):
         self.stimulus.set_state(GUIDE)
@@ -117,22 +117,22 @@ class DriverTest(unittest.TestCase):
         self.wait_notice("robot_state_lost")
         self.stimulus.silent = False
         wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
-        self.wait_notice("robot_state_lost", there=False)
+        self.wait_notice("robot_state_lost", expected=False)
 
     def test_a_driver_restarted_without_a_manager_stays_stopped(self):
-        said = Newest(names.DRIVERS, DriverState).all
+        reports = Newest(names.DRIVERS, DriverState).all
         self.stop_all()
-        wait_until(lambda: any(one.robot == "" and one.stops for one in said), "the driver to have stored its stop")
+        wait_until(lambda: any(report.robot == "" and report.stops for report in reports), "a driver that holds a stop")
         self.stimulus.silent = True
-        before = process_of("/robot_driver")
-        os.kill(before, signal.SIGKILL)
-        wait_until(lambda: process_of("/robot_driver") not in (None, before), "the driver that starts again")
-        said.clear()
+        old_process = process_of("/robot_driver")
+        os.kill(old_process, signal.SIGKILL)
+        wait_until(lambda: process_of("/robot_driver") not in (None, old_process), "the driver that starts again")
+        reports.clear()
         base = Newest("cmd_vel", Twist)
-        wait_until(lambda: base.count > 5 and any(message.robot == "" for message in said), "what it reports")
+        wait_until(lambda: base.count > 5 and any(message.robot == "" for message in reports), "what it reports")
         base.subscriber.unregister()
         self.assertEqual({(message.linear.x, message.angular.z) for message in base.all}, {(0.0, 0.0)})
-        self.assertEqual({message.code for message in said if message.robot == ""}, {"stopped"})
+        self.assertEqual({message.code for message in reports if message.robot == ""}, {"stopped"})
 
     def test_navigation_goes_through_it_and_stop_wins(self):
         self.drive()
@@ -156,8 +156,8 @@ class DriverTest(unittest.TestCase):
         self.wait_driven()
 
     def test_another_node_that_drives_the_base_is_named_and_answered_with_zeros(self):
-        heard = []
-        base = rospy.Subscriber("cmd_vel", Twist, lambda message: heard.append(message.linear.x))
+        speeds = []
+        base = rospy.Subscriber("cmd_vel", Twist, lambda message: speeds.append(message.linear.x))
         self.addCleanup(base.unregister)
         other = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self.addCleanup(other.unregister)
@@ -166,21 +166,21 @@ class DriverTest(unittest.TestCase):
 
         def is_answered():
             other.publish(linear=Vector3(x=0.3))
-            return 0.3 in heard and heard[-1] == 0.0 and 2 * heard.count(0.0) >= len(heard) > 40
+            return 0.3 in speeds and speeds[-1] == 0.0 and 2 * speeds.count(0.0) >= len(speeds) > 40
 
-        wait_until(is_answered, lambda: f"each of its commands to be answered by a zero; {heard[-10:]}")
+        wait_until(is_answered, lambda: f"each of its commands to be answered by a zero; {speeds[-10:]}")
         other.unregister()
         wait_until(lambda: self.drivers[""][1] == "idle", "a driver without the other one")
 
     def test_a_base_that_does_not_listen_is_reported(self):
         # drivers that started before this process subscribed have reported it at first, too
         for robot in ("", "ada"):
-            self.wait_notice("base_not_listening", robot, there=False)
+            self.wait_notice("base_not_listening", robot, expected=False)
         self.ada.wheels.unregister()
         self.wait_notice("base_not_listening", "ada")
         self.assertFalse(self.has_notice("base_not_listening"), str(self.notices))
         self.listen(self.ada)
-        self.wait_notice("base_not_listening", "ada", there=False)
+        self.wait_notice("base_not_listening", "ada", expected=False)
 
     def test_a_command_that_goes_sideways_stops_the_robot(self):
         self.drive()
@@ -196,40 +196,40 @@ class DriverTest(unittest.TestCase):
 
     def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
         self.drive()
-        said = Newest(names.DRIVERS, DriverState).all
+        reports = Newest(names.DRIVERS, DriverState).all
 
         def newest():
-            return [one for one in said if one.robot == ""][-5:]
+            return [report for report in reports if report.robot == ""][-5:]
 
         # on a busy computer a late input may cause another report in between
         wait_until(
-            lambda: [(one.source, one.code) for one in newest()] == 5 * [("navigation", "driving")],
+            lambda: [(report.source, report.code) for report in newest()] == 5 * [("navigation", "driving")],
             lambda: f"five reports without a change; {newest()}",
         )
-        gaps = np.diff([one.header.stamp.to_sec() for one in newest()])
+        gaps = np.diff([report.header.stamp.to_sec() for report in newest()])
         self.assertTrue((gaps > 0.4).all(), gaps)  # at most; how much later on a busy computer is irrelevant
 
     def test_a_lost_localisation_looks_around_if_it_was_ever_located(self):
-        known, unknown = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()
-        unknown.pose.covariance[0] = unknown.pose.covariance[7] = 0.25  # as AMCL starts, and as RViz estimates a pose
+        certain, uncertain = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()
+        uncertain.pose.covariance[0] = uncertain.pose.covariance[7] = 0.25  # as AMCL starts, and as RViz estimates
         poses = rospy.Publisher("ada/amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
         looks = []
 
         def look(_request):
             looks.append(0)
             if len(looks) >= 3:
-                poses.publish(known)
+                poses.publish(certain)
             return EmptyResponse()
 
         self.addCleanup(rospy.Service("ada/request_nomotion_update", Empty, look).shutdown)
-        self.addCleanup(poses.publish, known)
-        poses.publish(unknown)
-        said = Newest(names.DRIVERS, DriverState).all
-        wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
+        self.addCleanup(poses.publish, certain)
+        poses.publish(uncertain)
+        reports = Newest(names.DRIVERS, DriverState).all
+        wait_until(lambda: len([report for report in reports if report.robot == "ada"]) > 6, "three seconds of reports")
         self.assertEqual(looks, [], "nobody has said where it is")
-        rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
+        rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(uncertain)
         wait_until(lambda: len(looks) == 3, "three looks")
-        poses.publish(unknown)
+        poses.publish(uncertain)
         wait_until(lambda: len(looks) == 4, "a look of one that knew a moment ago")
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):

@@ -39,12 +39,12 @@ def test_navigation_goals_are_cancelled_while_the_robot_follows():
     rig = Rig().follows()
     rig.navigation = (0.5, 1.0)
     rig.goal = True
-    before = rig.cancelled
+    earlier_cancellations = rig.cancelled
     rig.spot = None
     rig.step(3.0)
     assert all(command.source == "follow" for command in rig.commands[-60:])
     assert rig.commands[-1].v == rig.commands[-1].w == 0.0, "it waits for the spot where it is"
-    assert rig.cancelled - before == 3, "and cancels the goal again each second"
+    assert rig.cancelled - earlier_cancellations == 3, "and cancels the goal again each second"
 
 
 def test_another_publisher_stops_the_robot_and_is_named():
@@ -57,12 +57,12 @@ def test_another_publisher_stops_the_robot_and_is_named():
     assert rig.step(1.2).v == 0.3
 
 
-@pytest.mark.parametrize("by", ["state", "topic"])
-def test_stop_is_latched_until_released(by):
+@pytest.mark.parametrize("channel", ["state", "topic"])
+def test_stop_is_latched_until_released(channel):
     rig = Rig()
     rig.navigation = rig.teleop = (0.3, 0.0)
     rig.step()
-    if by == "state":
+    if channel == "state":
         rig.latch.stop("a", "test")
     else:
         rig.arbiter.stops.hear("a")
@@ -74,10 +74,10 @@ def test_stop_is_latched_until_released(by):
 
 
 def test_a_restarted_driver_stays_stopped(tmp_path):
-    HeldStops(tmp_path / "stops")  # an earlier run, without a stop
-    before = HeldStops(tmp_path / "stops")
-    before.hear("a")
-    assert before.store()
+    HeldStops(tmp_path / "stops")  # an earlier run without a stop
+    earlier_stops = HeldStops(tmp_path / "stops")
+    earlier_stops.hear("a")
+    assert earlier_stops.store()
     rig = Rig(stops=HeldStops(tmp_path / "stops"))
     rig.silent.add("state")
     rig.navigation = rig.teleop = (0.3, 0.0)
@@ -87,7 +87,7 @@ def test_a_restarted_driver_stays_stopped(tmp_path):
 
 
 def published(arbiter, listeners, *times):
-    """Returns for each of these times [s] whether a command is published to so many listeners."""
+    """Returns for each of the times [s] whether a command is published, with this number of listeners."""
     return [arbiter.step(now, listeners).publish for now in times]
 
 
@@ -133,19 +133,19 @@ def test_halting_stops_the_robot_with_the_faults_code():
 
 
 # ------------------------------------------------------------ the gate
-@pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
-@pytest.mark.parametrize("off", [0.0, MIN_UNCERTAINTY])
-def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(who, off):
+@pytest.mark.parametrize("source", ["follow", "navigation", "teleop"])
+@pytest.mark.parametrize("pose_error", [0.0, MIN_UNCERTAINTY])
+def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(source, pose_error):
     for gap in (0.05, 0.15, 0.3):
         rig = Rig()
-        rig.off = off
-        rig.follows(2.0) if who == "follow" else setattr(rig, who, (0.5, 0.0))
+        rig.pose_error = pose_error
+        rig.follows(2.0) if source == "follow" else setattr(rig, source, (0.5, 0.0))
         rig.step(0.5)
         edge = rig.pose[0] + PROFILE.radius + gap
         rig.set_grid(with_border(empty(), edge, 0.0, 8.0, 5.0))
         nose = []
         for _ in range(40):
-            if who == "follow":
+            if source == "follow":
                 rig.spot = (rig.pose[0] + 1.8, 2.5)
             rig.step()
             nose.append(rig.pose[0] + PROFILE.radius)
@@ -161,15 +161,15 @@ NEWER = state_of("of_a_newer_version")
     st.sampled_from([BORDER, SEED, GUIDE, NEWER]),
     st.lists(st.tuples(st.sampled_from(["red", "robot"]), st.floats(0.0, 1.0)), min_size=1, max_size=30),
 )
-def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, seen):
+def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, spots):
     """Driver and dispatcher each keep their own record; both hear the same spots."""
     driver, dispatcher = Sightings(mobile_cameras=["robot"]), Sightings(mobile_cameras=["robot"])
     for record in (driver, dispatcher):
         record.set_state(state, "a", 0.0)
-        for i, (camera, confidence) in enumerate(seen):
+        for i, (camera, confidence) in enumerate(spots):
             record.add(Sighting(0.1 * i, (1.0, 1.0), camera, camera == "robot", confidence))
-    now = 0.1 * len(seen) + 1.5
-    certain = {camera for camera, confidence in seen if confidence >= 0.4}
+    now = 0.1 * len(spots) + 1.5
+    certain = {camera for camera, confidence in spots if confidence >= 0.4}
     acting = driver.should_follow("robot", now), dispatcher.should_dispatch()
     # a guided robot acts only if it sees the spot itself; in an unknown state no robot moves
     assert sum(acting) == {GUIDE: "robot" in certain, NEWER: False}.get(state, bool(certain))
@@ -178,14 +178,14 @@ def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, seen):
 
 
 @given(*(st.lists(st.integers(0, 80), min_size=1, max_size=20, unique=True).map(sorted),) * 2)
-def test_drivers_agree_on_who_follows_in_any_order_of_sightings(one, other):
-    seen = [[Sighting(0.1 * k, (1.0, 1.0), name, True) for k in at] for name, at in (("a", one), ("b", other))]
+def test_drivers_agree_on_who_follows_in_any_order_of_sightings(times_a, times_b):
+    records = [[Sighting(0.1 * k, (1.0, 1.0), name, True) for k in ks] for name, ks in (("a", times_a), ("b", times_b))]
     drivers = [Sightings(), Sightings()]
-    for driver, order in zip(drivers, (seen, seen[::-1])):
+    for driver, order in zip(drivers, (records, records[::-1])):
         driver.set_state(GUIDE, "x", 0.0)
         for sighting in [sighting for sightings in order for sighting in sightings]:
             driver.add(sighting)
-    now = 0.1 * max(one[-1], other[-1])
+    now = 0.1 * max(times_a[-1], times_b[-1])
     follows = [[driver.should_follow(name, now) for name in ("a", "b")] for driver in drivers]
     assert follows[0] == follows[1] and sum(follows[0]) == 1
 

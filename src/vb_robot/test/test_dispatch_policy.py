@@ -8,7 +8,7 @@ import pytest
 from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
-from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchStatus, Fleet, SentGoalState
+from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchPolicy, DispatchStatus, SentGoalState
 from vb_robot.dispatching.dispatched_robot import follow
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spot_sightings import Sighting, Sightings
@@ -16,23 +16,23 @@ from vb_robot.spot_sightings import Sighting, Sightings
 NONE, SENT, ACTIVE, REACHED, FAILED, PREEMPTED = SentGoalState
 
 
-def place(x, cost=None, **how):
-    return Viewpoint((x, 0.0, 0.0), x if cost is None else cost, **how)
+def place(x, cost=None, **options):
+    return Viewpoint((x, 0.0, 0.0), x if cost is None else cost, **options)
 
 
 def at(*places):
-    """Returns a test of whether an x [m] is one of these."""
+    """Returns a function that tells whether an x [m] is one of these."""
     return places.__contains__
 
 
 class Robot:
     """One robot of the bench: viewpoints on offer, the x where it sees the spot and has room, navigation's status."""
 
-    def __init__(self, *offers, sees=at(), **how):
+    def __init__(self, *offers, sees=at(), **changes):
         self.offers, self.sees, self.room, self.searches = offers, sees, lambda x: True, 0
         self.goal, self.pose, self.destination = NONE, (9.0, 9.0, 0.0), None
         self.busy, self.server, self.localized, self.has_map = False, True, True, True
-        vars(self).update(how)
+        vars(self).update(changes)
 
     # as a ViewpointPlanner
     def shows_target(self, pose):
@@ -43,15 +43,15 @@ class Robot:
 
     def best_viewpoint(self, _robot, avoid):
         self.searches += 1
-        free = (one for one in self.offers if all(math.dist(one.pose[:2], (x, y)) >= r for x, y, r in avoid))
+        free = (offer for offer in self.offers if all(math.dist(offer.pose[:2], (x, y)) >= r for x, y, r in avoid))
         return next(free, None)
 
 
 class Bench:
-    """Steps a fleet at 4 Hz; goals become active at once, and end when they are cancelled."""
+    """Steps a dispatch policy at 4 Hz; goals become active at once, and end when they are cancelled."""
 
     def __init__(self, **robots):
-        self.robots, self.fleet = robots, Fleet(robots)
+        self.robots, self.policy = robots, DispatchPolicy(robots)
         self.now, self.robot_wanted, self.key, self.unseen_s = 100.0, True, ("a", 1), 0.0
 
     def step(self):
@@ -61,17 +61,17 @@ class Bench:
         for name, robot in self.robots.items():
             status = DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             fleet[name] = (status, robot if robot.has_map else None)
-        goals = self.fleet.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
+        goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
-        sent = None
+        sent_x = None
         for name, goal in goals.items():
-            robot, before = self.robots[name], self.robots[name].destination
+            robot, previous = self.robots[name], self.robots[name].destination
             robot.destination = goal
-            if goal is not None and goal is not before:
-                robot.goal, sent = ACTIVE, goal.pose[0]
-            elif goal is None and before is not None and fleet[name][0].goal.under_way:
+            if goal is not None and goal is not previous:
+                robot.goal, sent_x = ACTIVE, goal.pose[0]
+            elif goal is None and previous is not None and fleet[name][0].goal.under_way:
                 robot.goal = NONE
-        return sent
+        return sent_x
 
     def run(self, steps):
         """Returns every x to which robots were sent."""
@@ -83,7 +83,7 @@ def test_a_robot_that_is_not_ready_is_not_sent(state):
     assert not Bench(ada=Robot(place(1), **state)).run(10)
 
 
-class Then(NamedTuple):
+class Phase(NamedTuple):
     """Changes of robot and bench, the number of steps after them, and each x to which the robot is then sent."""
 
     steps: int
@@ -101,31 +101,31 @@ THERE = dict(goal=REACHED, pose=(1.0, 0.0, 0.0))
 # What becomes of a robot on its way to x = 1 m, from where it would see the spot.
 AFTERWARDS = {
     "another goal is another place, and it comes after some patience": [
-        Then(20, [], dict(offers=[place(1.1), place(1)], sees=at())),
-        Then(1, [3], dict(offers=[place(3)])),
-        Then(5, [], dict(offers=[place(5)])),
-        Then(1, [5]),
+        Phase(20, [], dict(offers=[place(1.1), place(1)], sees=at())),
+        Phase(1, [3], dict(offers=[place(3)])),
+        Phase(5, [], dict(offers=[place(5)])),
+        Phase(1, [5]),
     ],
     "one that has arrived is not sent to about the same place again": [
-        Then(20, [], dict(**THERE, offers=[place(1.1)], sees=at())),
-        Then(20, [1.3], dict(offers=[place(1.3)])),
+        Phase(20, [], dict(**THERE, offers=[place(1.1)], sees=at())),
+        Phase(20, [1.3], dict(offers=[place(1.3)])),
     ],
-    "a goal within a new border is replaced": [Then(12, [3], dict(room=at(3), offers=[place(3)], sees=at(1, 3)))],
-    "flicker at the edge does not change it": [Then(60, [], dict(offers=[place(5)], sees=flickers))],
+    "a goal within a new border is replaced": [Phase(12, [3], dict(room=at(3), offers=[place(3)], sees=at(1, 3)))],
+    "flicker at the edge does not change it": [Phase(60, [], dict(offers=[place(5)], sees=flickers))],
     "a spot that is lost is no matter of patience": [
-        Then(4, []),
-        Then(1, [3], dict(offers=[place(3)], sees=at(3)), dict(unseen_s=1.0)),
-        Then(1, [], dict(offers=[place(5)], sees=at(5))),
-        Then(1, [5]),
+        Phase(4, []),
+        Phase(1, [3], dict(offers=[place(3)], sees=at(3)), dict(unseen_s=1.0)),
+        Phase(1, [], dict(offers=[place(5)], sees=at(5))),
+        Phase(1, [5]),
     ],
-    "into the interaction's next state it goes on": [Then(20, [], bench=dict(key=("a", 2)))],
-    "the next interaction begins from scratch at once": [Then(1, [1], dict(goal=NONE), dict(key=("b", 1)))],
-    "one that was carried away comes back": [Then(10, [], THERE), Then(10, [1], dict(pose=(5.0, 0.0, 0.0)))],
-    "a place that failed is tried again later": [Then(int(4 * FAILED_MEMORY), [], dict(goal=FAILED)), Then(8, [1])],
-    "it is left to who preempted the goal for a while": [Then(4 * 15, [], dict(goal=PREEMPTED)), Then(2, [1])],
+    "into the interaction's next state it goes on": [Phase(20, [], bench=dict(key=("a", 2)))],
+    "the next interaction begins from scratch at once": [Phase(1, [1], dict(goal=NONE), dict(key=("b", 1)))],
+    "one that was carried away comes back": [Phase(10, [], THERE), Phase(10, [1], dict(pose=(5.0, 0.0, 0.0)))],
+    "a place that failed is tried again later": [Phase(int(4 * FAILED_MEMORY), [], dict(goal=FAILED)), Phase(8, [1])],
+    "it is left to who preempted the goal for a while": [Phase(4 * 15, [], dict(goal=PREEMPTED)), Phase(2, [1])],
     "time that jumps back does not silence it": [
-        Then(1, [], dict(goal=PREEMPTED)),
-        Then(1, [1], dict(goal=NONE), dict(now=5.0)),
+        Phase(1, [], dict(goal=PREEMPTED)),
+        Phase(1, [1], dict(goal=NONE), dict(now=5.0)),
     ],
 }
 
@@ -135,10 +135,10 @@ def test_a_robot_is_sent_again_once_what_kept_it_is_over(phases):
     ada = Robot(place(1), sees=at(1))
     bench = Bench(ada=ada)
     assert bench.step() == 1
-    for then in phases:
-        vars(ada).update(then.robot)
-        vars(bench).update(then.bench)
-        assert bench.run(then.steps) == then.sent
+    for phase in phases:
+        vars(ada).update(phase.robot)
+        vars(bench).update(phase.bench)
+        assert bench.run(phase.steps) == phase.sent
 
 
 def test_each_failure_tries_the_next_place_after_a_longer_pause():
@@ -201,97 +201,97 @@ def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
 
 
 # ------------------------------------------------------------------ sightings
-def seen(stamp, x, y=0.0, camera="red", mobile=False):
+def sighting(stamp, x, y=0.0, camera="red", mobile=False):
     return Sighting(stamp, (x, y), camera, mobile)
 
 
 def drawing_since(stamp):
     """Returns the sightings of a drawing that began at a time [s]."""
-    known = Sightings()
-    known.set_state(BORDER, "1", stamp)
-    return known
+    sightings = Sightings()
+    sightings.set_state(BORDER, "1", stamp)
+    return sightings
 
 
 def test_a_false_spot_does_not_move_the_target():
-    known = drawing_since(10.0)
-    known.add(seen(10.0, 0.0))
-    assert known.target() is None
+    sightings = drawing_since(10.0)
+    sightings.add(sighting(10.0, 0.0))
+    assert sightings.target() is None
     for i in range(50):
-        known.add(seen(10.0 + 0.04 * i, 0.01 * i))
-    known.add(seen(11.97, 7.0, 3.0))
-    assert np.linalg.norm(known.target() - (0.47, 0.0)) < 0.06
-    assert known.velocity() == pytest.approx((0.25, 0.0), abs=0.03)
+        sightings.add(sighting(10.0 + 0.04 * i, 0.01 * i))
+    sightings.add(sighting(11.97, 7.0, 3.0))
+    assert np.linalg.norm(sightings.target() - (0.47, 0.0)) < 0.06
+    assert sightings.velocity() == pytest.approx((0.25, 0.0), abs=0.03)
 
 
 def test_a_new_state_or_interaction_resets_the_sightings():
-    known = Sightings(mobile_cameras=["robot"])
-    known.add(seen(1.0, 0.0))
-    assert known.newest() is None and not known.stationary_seen, "Default ignores spots"
-    known.set_state(BORDER, "1", 10.0)
-    known.add(seen(9.0, 0.0))
-    assert known.newest() is None, "from before the state"
-    known.add_contributors("1", ["robot"])
-    assert not known.stationary_seen
-    known.add(seen(11.0, 0.0, camera="robot", mobile=True))
-    assert known.first_mobile == 11.0 and not known.stationary_seen
-    known.add_contributors("other", ["green"])
-    assert not known.stationary_seen
-    known.add_contributors("1", ["robot", "green"])
-    assert known.stationary_seen
-    known.set_state(SEED, "1", 12.0)
-    assert known.stationary_seen and known.newest() is None
-    known.set_state(DEFAULT, "", 13.0)
-    known.set_state(BORDER, "2", 14.0)
-    assert not known.stationary_seen and known.first_mobile is None
+    sightings = Sightings(mobile_cameras=["robot"])
+    sightings.add(sighting(1.0, 0.0))
+    assert sightings.newest() is None and not sightings.stationary_seen, "Default ignores spots"
+    sightings.set_state(BORDER, "1", 10.0)
+    sightings.add(sighting(9.0, 0.0))
+    assert sightings.newest() is None, "from before the state"
+    sightings.add_contributors("1", ["robot"])
+    assert not sightings.stationary_seen
+    sightings.add(sighting(11.0, 0.0, camera="robot", mobile=True))
+    assert sightings.first_mobile == 11.0 and not sightings.stationary_seen
+    sightings.add_contributors("other", ["green"])
+    assert not sightings.stationary_seen
+    sightings.add_contributors("1", ["robot", "green"])
+    assert sightings.stationary_seen
+    sightings.set_state(SEED, "1", 12.0)
+    assert sightings.stationary_seen and sightings.newest() is None
+    sightings.set_state(DEFAULT, "", 13.0)
+    sightings.set_state(BORDER, "2", 14.0)
+    assert not sightings.stationary_seen and sightings.first_mobile is None
 
 
 def test_a_stationary_camera_watches_a_spot_that_it_saw_lately():
-    known = drawing_since(0.0)
-    known.add(seen(1.0, 0.0))
-    known.add(seen(2.5, 0.0, camera="robot", mobile=True))
-    assert not known.seen_by_stationary(2.5), "only the robot sees it"
-    known.add(seen(2.6, 0.0))
-    assert known.seen_by_stationary(2.6) and known.seen_by_stationary(3.2), "cameras miss some images"
-    assert not known.seen_by_stationary(3.5)
-    known.set_state(SEED, "1", 3.0)
-    assert not known.seen_by_stationary(3.0)
-    known.add(seen(3.1, 0.0))
-    assert known.seen_by_stationary(9.0), "the seed stays where it was seen"
+    sightings = drawing_since(0.0)
+    sightings.add(sighting(1.0, 0.0))
+    sightings.add(sighting(2.5, 0.0, camera="robot", mobile=True))
+    assert not sightings.seen_by_stationary(2.5), "only the robot sees it"
+    sightings.add(sighting(2.6, 0.0))
+    assert sightings.seen_by_stationary(2.6) and sightings.seen_by_stationary(3.2), "cameras miss some images"
+    assert not sightings.seen_by_stationary(3.5)
+    sightings.set_state(SEED, "1", 3.0)
+    assert not sightings.seen_by_stationary(3.0)
+    sightings.add(sighting(3.1, 0.0))
+    assert sightings.seen_by_stationary(9.0), "the seed stays where it was seen"
 
 
 def test_the_time_since_the_spot_was_seen_counts_while_drawing():
-    known = drawing_since(0.0)
-    assert known.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
-    known.add(seen(1.0, 0.0))
-    assert known.time_since_seen(1.2) == pytest.approx(0.2)
-    known.set_state(SEED, "1", 9.0)
-    known.add(seen(9.5, 0.0))
-    assert known.time_since_seen(12.0) == 0.0, "the seed does not move"
+    sightings = drawing_since(0.0)
+    assert sightings.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
+    sightings.add(sighting(1.0, 0.0))
+    assert sightings.time_since_seen(1.2) == pytest.approx(0.2)
+    sightings.set_state(SEED, "1", 9.0)
+    sightings.add(sighting(9.5, 0.0))
+    assert sightings.time_since_seen(12.0) == 0.0, "the seed does not move"
 
 
 def test_a_spots_velocity_points_along_the_end_of_its_line():
     for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
-        known, straight = drawing_since(0.0), {}
+        sightings, straight = drawing_since(0.0), {}
         for i in range(200):
-            way = 0.04 * speed * i
-            known.add(seen(1.0 + 0.04 * i, min(way, 0.6), max(way - 0.6, 0.0)))
-            if known.velocity() is not None:
-                straight[round(way, 2)] = known.velocity() / np.linalg.norm(known.velocity())
-        before = [v for way, v in straight.items() if way <= 0.6]
-        after = [v for way, v in straight.items() if way > 0.6 + max(0.3, 0.04 * speed * 6)]
-        assert len(before) and np.allclose(before, (1.0, 0.0), atol=0.1)
-        assert len(after) and np.allclose(after, (0.0, 1.0), atol=0.4)
+            distance = 0.04 * speed * i
+            sightings.add(sighting(1.0 + 0.04 * i, min(distance, 0.6), max(distance - 0.6, 0.0)))
+            if sightings.velocity() is not None:
+                straight[round(distance, 2)] = sightings.velocity() / np.linalg.norm(sightings.velocity())
+        on_x = [v for distance, v in straight.items() if distance <= 0.6]
+        on_y = [v for distance, v in straight.items() if distance > 0.6 + max(0.3, 0.04 * speed * 6)]
+        assert len(on_x) and np.allclose(on_x, (1.0, 0.0), atol=0.1)
+        assert len(on_y) and np.allclose(on_y, (0.0, 1.0), atol=0.4)
 
 
 def test_a_resting_spot_has_no_velocity_even_if_cameras_disagree():
-    known, rng = drawing_since(0.0), np.random.default_rng(0)
+    sightings, rng = drawing_since(0.0), np.random.default_rng(0)
     for i in range(40):
-        known.add(seen(1.0 + 0.04 * i, *rng.normal(0.0, 0.005, 2)))
-    assert known.velocity() is None
+        sightings.add(sighting(1.0 + 0.04 * i, *rng.normal(0.0, 0.005, 2)))
+    assert sightings.velocity() is None
     for i in range(40, 52):
-        known.add(seen(1.0 + 0.04 * i, 0.0))
-        known.add(seen(1.02 + 0.04 * i, 0.06, camera="robot", mobile=True))
-        assert known.velocity() is None, "the robot sees it 6 cm off"
+        sightings.add(sighting(1.0 + 0.04 * i, 0.0))
+        sightings.add(sighting(1.02 + 0.04 * i, 0.06, camera="robot", mobile=True))
+        assert sightings.velocity() is None, "the robot sees it 6 cm off"
 
 
 # ------------------------------------------------------------------ several robots: ada's places are below 20 m
@@ -303,7 +303,7 @@ def test_the_robot_with_the_shorter_path_goes_and_keeps_going():
 
 def test_a_robot_that_already_sees_the_spot_is_not_sent():
     bench = Bench(ada=Robot(place(1)), bob=Robot(place(20, 2.0), sees=at(9)))
-    assert not bench.run(20) and bench.fleet.serving == "bob"
+    assert not bench.run(20) and bench.policy.serving == "bob"
 
 
 def test_a_free_robot_is_sent_before_a_busy_one():
@@ -329,7 +329,7 @@ def test_another_robot_takes_over_when_one_fails(fault, limit):
     assert bench.step() == 1
     vars(ada).update(fault)
     assert not bench.run(int(4 * limit) - 1)
-    assert bench.run(5) == [20] and bench.fleet.serving == "bob", "at once, or when the time is up"
+    assert bench.run(5) == [20] and bench.policy.serving == "bob", "at once, or when the time is up"
 
 
 def test_the_first_robot_is_sent_again_when_the_second_fails_too():
@@ -338,7 +338,7 @@ def test_the_first_robot_is_sent_again_when_the_second_fails_too():
         goal = bench.step()
         if goal is not None:
             order.append(goal)
-            bench.robots[bench.fleet.serving].goal = FAILED
+            bench.robots[bench.policy.serving].goal = FAILED
     assert order[:3] == [1, 20, 2], "each place is tried once"
 
 
@@ -350,7 +350,7 @@ def test_a_robot_that_failed_comes_after_one_that_did_not():
     for has_map, steps in ((False, 20), (True, 1)):  # until ada's pause after the failure is over
         ada.has_map = bob.has_map = has_map
         bench.run(steps)
-    assert bench.fleet.serving == "bob"
+    assert bench.policy.serving == "bob"
 
 
 def test_two_robots_about_equally_near_do_not_take_turns():
@@ -385,6 +385,6 @@ def test_a_robot_leaving_the_seeds_side_is_not_replaced():
 def test_robots_are_sent_only_while_one_is_wanted():
     ada = Robot(place(2))
     bench = Bench(ada=ada, bob=Robot(place(20)))
-    for wanted, sent, goal in ((False, [], NONE), (True, [2], ACTIVE), (False, [], NONE)):
-        bench.robot_wanted = wanted
-        assert bench.run(10) == sent and ada.goal is goal and (bench.fleet.serving is None) is not wanted
+    for robot_wanted, sent, goal in ((False, [], NONE), (True, [2], ACTIVE), (False, [], NONE)):
+        bench.robot_wanted = robot_wanted
+        assert bench.run(10) == sent and ada.goal is goal and (bench.policy.serving is None) is not robot_wanted

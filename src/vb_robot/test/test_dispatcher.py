@@ -28,7 +28,7 @@ class Lab:
         self.dispatcher.maps[""].update(VIEW, grid, grid)
         self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
         self.now, self.robot, self.goal, self.sent = 100.0, robot, SentGoalState.NONE, []
-        self.spot, self.given = np.array([3.0, 2.5]), None
+        self.spot, self.last_goal = np.array([3.0, 2.5]), None
 
     def see(self, camera, position, mobile=False):
         self.dispatcher.sightings.add(Sighting(self.now, tuple(position), camera, mobile))
@@ -44,17 +44,17 @@ class Lab:
                 self.see("robot", self.spot, mobile=True)
         status = DispatchStatus(self.robot, True, self.goal)
         goal = self.dispatcher.decide(self.now, {"": status})[""]
-        if goal is not None and goal is not self.given:
+        if goal is not None and goal is not self.last_goal:
             self.robot, self.goal = goal.pose, SentGoalState.REACHED
             self.sent.append((self.now, self.robot))
-        self.given = goal
+        self.last_goal = goal
 
     def robot_views(self, place):
         return bool(VIEW.sees(to_base(np.asarray(place)[None], self.robot))[0])
 
-    def draw_until(self, x, speed=0.4, **how):
+    def draw_until(self, x, speed=0.4, **options):
         while self.spot[0] < x:
-            self.step(speed, **how)
+            self.step(speed, **options)
 
 
 def test_the_robot_sees_the_spot_when_ceiling_cameras_lose_it():
@@ -116,11 +116,11 @@ def test_a_notice_says_after_a_while_that_no_robot_comes():
     lab = Lab()
     lab.dispatcher.maps[""].update(None, room(), room())  # a robot whose camera is not known is not sent
     lab.draw_until(EDGE + 0.05, robot_sees=False)
-    lost, told = lab.now, []
-    while not told and lab.now < lost + 10.0:
+    lost_at, delays = lab.now, []
+    while not delays and lab.now < lost_at + 10.0:
         lab.step(robot_sees=False)
-        told += [lab.now - lost] if lab.dispatcher.notice else []
-    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= told[0] <= 3.5 and not lab.sent
+        delays += [lab.now - lost_at] if lab.dispatcher.notice else []
+    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= delays[0] <= 3.5 and not lab.sent
 
 
 @pytest.mark.parametrize("start", [(6.0, 2.3, 0.0), (5.4, 2.0, 2.0), (6.5, 3.0, -1.0)])
@@ -182,8 +182,8 @@ def test_the_small_robot_goes_where_the_large_one_does_not_fit():
     parted.data[:, 80] = 100
     parted.data[45:53, 80] = 0  # a gap of 0.4 m
     dispatcher = Dispatcher({"large": 0.18, "small": 0.10})
-    for known in dispatcher.maps.values():
-        known.update(VIEW, parted, None)
+    for robot_map in dispatcher.maps.values():
+        robot_map.update(VIEW, parted, None)
     dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):
         dispatcher.sightings.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))

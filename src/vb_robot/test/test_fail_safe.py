@@ -26,10 +26,10 @@ def test_another_publisher_is_reported_in_every_state(situation):
         rig.latch.stop("a", "test")
     rig.navigation = (0.3, 0.0) if situation == "driving" else None
     rig.step(0.5)
-    rig.arbiter.gate.registered = ("/move_base",)  # it sends nothing, but could
+    rig.arbiter.gate.other_commanders = ("/move_base",)  # it sends nothing, but could
     command = rig.step(0.5)
     assert (command.code, command.v, command.w, command.publish) == ("other_cmd_vel_publisher", 0.0, 0.0, True)
-    rig.arbiter.gate.registered = ()
+    rig.arbiter.gate.other_commanders = ()
     assert rig.step(0.5).code == {"idle": "idle", "stopped": "stopped", "driving": "driving"}[situation]
 
 
@@ -46,8 +46,8 @@ def test_behind_a_mux_every_other_way_to_the_base_is_found():
         "/mobile_base/commands/velocity": ["/base"],
     }
     graph = NodeGraph(published.items(), subscribed.items(), (), {topic: "geometry_msgs/Twist" for topic in published})
-    found = graph.find_other_commanders("/robot_driver", "/mux/input/navi", "/mobile_base/commands/velocity")
-    assert found == ({"/keyboard", "/reflex"}, {"/mux"})
+    commanders = graph.find_other_commanders("/robot_driver", "/mux/input/navi", "/mobile_base/commands/velocity")
+    assert commanders == ({"/keyboard", "/reflex"}, {"/mux"})
     assert graph.find_other_commanders("/robot_driver", "/cmd_vel", "") == ({"/elsewhere"}, set())
     assert graph.is_heard("/robot_driver", "/mux/input/navi")
     assert not NodeGraph((), {"/cmd_vel": ["/robot_driver"]}.items()).is_heard("/robot_driver", "/cmd_vel")
@@ -69,36 +69,36 @@ def test_a_stopped_robot_keeps_its_goal_and_goes_on():
     assert rig.step(1.0).v == 0.3
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_amcl_starts_at_the_given_pose_or_counts_as_lost(known, tmp_path):
+@pytest.mark.parametrize("is_given", [True, False])
+def test_amcl_starts_at_the_given_pose_or_counts_as_lost(is_given, tmp_path):
     """Without a pose, AMCL itself assumes (0, 0, 0) with variances of 0.25 m^2: the robot does not know where it is."""
     launch = (Path(roslib.packages.get_pkg_dir("vb_bringup")) / "launch" / "navigation.launch").read_text()
     file = tmp_path / "navigation.launch"
     file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # these check whether AMCL is installed
     config, pose = roslaunch.config.ROSLaunchConfig(), {"x": 2.0, "y": 3.0, "yaw": 1.5}
-    given = [f"{name}:={value}" for name, value in pose.items() if known]
-    roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(str(file), config, argv=given, verbose=False)
-    told = {name: entry.value for name, entry in config.params.items() if name.startswith("/amcl/initial_pose")}
+    arguments = [f"{name}:={value}" for name, value in pose.items() if is_given]
+    roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(str(file), config, argv=arguments, verbose=False)
+    initial_pose = {name: entry.value for name, entry in config.params.items() if name.startswith("/amcl/initial_pose")}
     names = ("/amcl/initial_pose_x", "/amcl/initial_pose_y", "/amcl/initial_pose_a")
-    assert told == (dict(zip(names, pose.values())) if known else {})
-    variances = [config.params[f"/amcl/initial_cov_{axis}"].value if known else 0.25 for axis in ("xx", "yy")]
+    assert initial_pose == (dict(zip(names, pose.values())) if is_given else {})
+    variances = [config.params[f"/amcl/initial_cov_{axis}"].value if is_given else 0.25 for axis in ("xx", "yy")]
     uncertainty = PoseUncertainty()
     uncertainty.add(np.diag([*variances, (math.pi / 12) ** 2]))
-    assert uncertainty.lost is not known
+    assert uncertainty.lost is not is_given
 
 
 @pytest.mark.parametrize(
-    "more, complaint",
+    "changes, complaint",
     [
         ({"type": "no_such_msgs/Bumper"}, "no_such_msgs/Bumper"),
         ({"field": "pressed"}, "has no field pressed"),
         ({"sensor": "which"}, "has no field which"),
     ],
 )
-def test_a_contact_that_cannot_be_heard_or_read_is_refused(more, complaint):
-    given = {"topic": "bumper", "type": "std_msgs/UInt8", "field": "data", **more}
+def test_a_contact_that_cannot_be_heard_or_read_is_refused(changes, complaint):
+    contact = {"topic": "bumper", "type": "std_msgs/UInt8", "field": "data", **changes}
     with pytest.raises(ParameterError, match=complaint):
-        message_class(RobotProfile.from_mapping({"contacts": [given]}).contacts[0])
+        message_class(RobotProfile.from_mapping({"contacts": [contact]}).contacts[0])
 
 
 class SlowScanner(Rig):
@@ -126,8 +126,8 @@ def sets(name, value, clear):
     return lambda rig, faulty: setattr(rig.arbiter.gate, name, value if faulty else clear)
 
 
-def silences(what):
-    return lambda rig, faulty: (rig.silent.add if faulty else rig.silent.discard)(what)
+def silences(name):
+    return lambda rig, faulty: (rig.silent.add if faulty else rig.silent.discard)(name)
 
 
 def mixes_maps(rig, faulty):
@@ -153,45 +153,45 @@ FAULTS = {
     "certainty of the localisation": (sets("pose_uncertain", True, False), "pose_uncertain", DT),
     "maps that belong together": (mixes_maps, "no_map", DT),
     "a wheel's floor": (drops_a_wheel, "contact", DT),
-    "being its only commander": (sets("registered", ("/move_base",), ()), "other_cmd_vel_publisher", DT),
+    "being its only commander": (sets("other_commanders", ("/move_base",), ()), "other_cmd_vel_publisher", DT),
 }
 
 
-def lose(what, who, seed):
+def lose(fault, source, seed):
     """Loses an input for 2 s, with moment, speed and turn rate drawn at random.
 
     Returns the time [s] from the loss until the commands stay zero, or inf; the rig; the commands during the loss.
     """
     random = np.random.default_rng(seed)
-    rig = (SlowScanner if "5 Hz" in what else Rig)()
-    if who == "follow":
+    rig = (SlowScanner if "5 Hz" in fault else Rig)()
+    if source == "follow":
         rig.follows(random.uniform(1.7, 1.9))
     else:
         rig.navigation = (random.uniform(0.2, 0.5), random.uniform(-0.4, 0.4))
     rig.step(DT * random.integers(20, 28))
     assert rig.commands[-1].v > 0.1
-    inflict, before = FAULTS[what][0], len(rig.commands)
+    inflict, start = FAULTS[fault][0], len(rig.commands)
     for step in range(80):
         if step in (0, 40):
             inflict(rig, step == 0)
         # the spot keeps moving away: only the gate can stop the robot
         rig.spot = (rig.pose[0] + 1.6 * math.cos(rig.pose[2]), rig.pose[1] + 1.6 * math.sin(rig.pose[2]))
-        rig.spot = rig.spot if who == "follow" else None
+        rig.spot = rig.spot if source == "follow" else None
         rig.step()
-    meanwhile = rig.commands[before : before + 40]
-    moving = [step for step, command in enumerate(meanwhile) if (command.v, command.w) != (0.0, 0.0)]
+    commands = rig.commands[start : start + 40]
+    moving = [step for step, command in enumerate(commands) if (command.v, command.w) != (0.0, 0.0)]
     rests = moving[-1] + 2 if moving else 1
-    return (DT * rests if rests < 40 else math.inf), rig, meanwhile
+    return (DT * rests if rests < 40 else math.inf), rig, commands
 
 
-@pytest.mark.parametrize("who", ["follow", "navigation"])
-@pytest.mark.parametrize("what", FAULTS)
-def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(what, who):
+@pytest.mark.parametrize("source", ["follow", "navigation"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(fault, source):
     """Twenty random moments each; a base's brakes can follow, and the robot goes on when the input is back."""
-    _, code, latest = FAULTS[what]
+    _, code, latest = FAULTS[fault]
     for seed in range(20):
-        took, rig, meanwhile = lose(what, who, seed)
-        assert took <= latest + 1e-9 and meanwhile[-1].code == code
+        stop_time, rig, commands = lose(fault, source, seed)
+        assert stop_time <= latest + 1e-9 and commands[-1].code == code
         if latest > DT:  # a false input stops it at once, a late one within its braking deceleration
             speeds = np.array([command.v for command in rig.commands])
             assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.deceleration * DT

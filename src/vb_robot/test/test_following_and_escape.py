@@ -50,13 +50,13 @@ def test_a_robot_turns_from_14_to_4_degrees_off():
 
 
 @pytest.mark.parametrize("spot, pose", [(None, (0.0, 0.0, 0.0)), ((1.0, 0.0), None)], ids=["no spot", "no pose"])
-@pytest.mark.parametrize("distance, then", [(1.31, 1.15), (0.74, 0.85)])
-def test_a_robot_that_lost_the_spot_stands_and_begins_anew(spot, pose, distance, then):
+@pytest.mark.parametrize("distance, next_distance", [(1.31, 1.15), (0.74, 0.85)])
+def test_a_robot_that_lost_the_spot_stands_and_begins_anew(spot, pose, distance, next_distance):
     follower = SpotFollower()
     assert follow(follower, distance, 20.0)[2] == "driving"
     follower.spot = spot
     assert follower.compute_request(pose) == VelocityRequest(0.0, 0.0, "spot_lost")
-    assert follow(follower, then, 5.0) == (0.0, 0.0, "spot_in_view")
+    assert follow(follower, next_distance, 5.0) == (0.0, 0.0, "spot_in_view")
 
 
 # ------------------------------------------------------------ escaping

@@ -16,7 +16,7 @@ RADIUS = PROFILE.radius
 
 
 def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None):
-    """Returns a gate with all its inputs at 10 s."""
+    """Returns a gate with all inputs at 10 s: inside a border or not, bumper 1 `touched`, bumper 0 touched no more."""
     gate = Gate(profile)
     gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
     gate.speed_limits = speed_limits
@@ -29,16 +29,16 @@ def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touche
     return gate
 
 
-# ------------------------------------------------------------ what is known, and how old it is
-def gate_with_old(what, age):
+# ------------------------------------------------------------ the age of inputs
+def gate_with_old(old_input, age):
     """Returns a gate that got one input at 10 s, and all others `age` [s] later."""
     gate = knowing_gate()
-    for other in {"scan", "state", "pose"} - {what}:
+    for other in {"scan", "state", "pose"} - {old_input}:
         gate.stamps[other] = 10.0 + age
     return gate
 
 
-@pytest.mark.parametrize("what", ["scan", "state", "pose"])
+@pytest.mark.parametrize("old_input", ["scan", "state", "pose"])
 @pytest.mark.parametrize(
     "age, v, w, share",
     [
@@ -50,17 +50,17 @@ def gate_with_old(what, age):
         (0.42, 0.25, 0.0, 0.06),
     ],
 )
-def test_the_brakes_can_end_a_command_before_an_input_is_too_old(what, age, v, w, share):
+def test_the_brakes_can_end_a_command_before_an_input_is_too_old(old_input, age, v, w, share):
     """Until 0.43 s after it, at 1.5 m/s^2 and 3.2 rad/s^2."""
-    found = gate_with_old(what, age).limit(10.0 + age, NAVIGATION, VelocityRequest(v, w, "driving"))
-    assert found == (pytest.approx(share * v), pytest.approx(share * w), "driving")
+    limited = gate_with_old(old_input, age).limit(10.0 + age, NAVIGATION, VelocityRequest(v, w, "driving"))
+    assert limited == (pytest.approx(share * v), pytest.approx(share * w), "driving")
 
 
-@pytest.mark.parametrize("what", ["scan", "state", "pose"])
+@pytest.mark.parametrize("old_input", ["scan", "state", "pose"])
 @pytest.mark.parametrize("age", [0.431, 0.48, 9.0])
-def test_nothing_passes_once_there_is_no_time_left_to_brake(what, age):
-    found = gate_with_old(what, age).limit(10.0 + age, NAVIGATION, VelocityRequest(0.1, 0.0))
-    assert found == (0.0, 0.0, f"{what}_lost")
+def test_nothing_passes_once_there_is_no_time_left_to_brake(old_input, age):
+    limited = gate_with_old(old_input, age).limit(10.0 + age, NAVIGATION, VelocityRequest(0.1, 0.0))
+    assert limited == (0.0, 0.0, f"{old_input}_lost")
 
 
 WISH = VelocityRequest(0.1, 0.0, "driving")
@@ -129,8 +129,8 @@ def test_a_stamp_slightly_in_the_future_counts_as_now(ahead, first, last):
     gate = Gate(PROFILE)
     gate.limit(100.0, NONE, VelocityRequest())
     gate.set_pose((4.0, 2.5, 0.0), 100.0 + ahead)
-    known = [ms for ms in (0, 99, 101, 199, 201, 499, 501, 1099, 1101) if gate.pose(100.0 + ms / 1000.0)]
-    assert (known[0], known[-1]) == (first, last)
+    valid_ms = [ms for ms in (0, 99, 101, 199, 201, 499, 501, 1099, 1101) if gate.pose(100.0 + ms / 1000.0)]
+    assert (valid_ms[0], valid_ms[-1]) == (first, last)
 
 
 JUMPS = {  # (seconds, the pose's x [m] while the odometry stays as it is, whether the robot is held)
@@ -178,10 +178,10 @@ def test_each_source_keeps_its_own_clearances(source, ahead, sides, cells):
         gate.stamps["spot"] = 10.0
         return gate.limit(10.0, source, VelocityRequest(0.1, 0.0, "driving"))[0] > 0.0
 
-    for more in (-0.015, 0.015):  # the lowest permitted speed stops within 1 cm, and a cell is 1 cm
-        assert drives((RADIUS + ahead + more, 0.0)) is (more > 0.0)
-        assert drives((0.02, -RADIUS - sides - more)) is (more > 0.0)
-        assert drives((-1.0, 0.0), 4.0 + RADIUS + cells + 0.01 + more) is (more > 0.0)
+    for excess in (-0.015, 0.015):  # the lowest permitted speed stops within 1 cm, and a cell is 1 cm
+        assert drives((RADIUS + ahead + excess, 0.0)) is (excess > 0.0)
+        assert drives((0.02, -RADIUS - sides - excess)) is (excess > 0.0)
+        assert drives((-1.0, 0.0), 4.0 + RADIUS + cells + 0.01 + excess) is (excess > 0.0)
 
 
 SLOW = empty().with_data(np.full(empty().shape, 20, np.int8))  # 0.2 m/s everywhere
@@ -190,7 +190,7 @@ LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
 
 
 @pytest.mark.parametrize(
-    "source, gate, wish, found",
+    "source, gate, wish, limited",
     [
         (NAVIGATION, knowing_gate(), (0.3, 0.2), (0.3, 0.2, "driving")),
         # a command that is too fast is slowed down on its arc
@@ -225,6 +225,6 @@ LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
         (FOLLOW, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),
     ],
 )
-def test_the_gate_limits_a_command_and_names_the_reason(source, gate, wish, found):
+def test_the_gate_limits_a_command_and_names_the_reason(source, gate, wish, limited):
     gate.stamps["spot"] = 10.0
-    assert gate.limit(10.0, source, VelocityRequest(*wish)) == (*map(pytest.approx, found[:2]), found[2])
+    assert gate.limit(10.0, source, VelocityRequest(*wish)) == (*map(pytest.approx, limited[:2]), limited[2])

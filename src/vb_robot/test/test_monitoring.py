@@ -67,16 +67,16 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
     ],
 )
 def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, parameters, plans):
-    seen, node = (observe(graph(maps, robot), robot, parameters), within(robot, "move_base"))
-    paths = f"{node}/NavfnROS/plan"
-    assert seen == Wiring(node, tuple(sorted(maps)), (), (), plans, paths, "DWAPlannerROS")
+    node = within(robot, "move_base")
+    navigation = {"path": f"{node}/NavfnROS/plan", "planner": "DWAPlannerROS", "plans_round_borders": plans}
+    assert observe(graph(maps, robot), robot, parameters) == Wiring(node, tuple(sorted(maps)), **navigation)
     assert observe(graph(maps, robot), "bob", parameters) == Wiring()
 
 
 def test_a_move_base_that_waits_for_a_map_is_found():
     """Without a driver nobody publishes keep_out; then move_base has no action server, and only logs it at INFO."""
-    seen = observe(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
-    assert (seen.move_base, seen.missing_maps, seen.unheard) == ("/move_base", (MARGIN,), ("/cmd_vel",))
+    wiring = observe(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
+    assert (wiring.move_base, wiring.missing_maps, wiring.unheard) == ("/move_base", (MARGIN,), ("/cmd_vel",))
 
 
 @pytest.mark.parametrize(
@@ -144,9 +144,9 @@ def test_a_border_is_not_blamed_for_what_walls_cut_off():
 
 
 def test_the_border_that_encloses_a_place_is_named_else_a_curve():
-    known = [known_border("carpet", 0.5, 0.5, 1.5, 1.5), known_border("mat", 1.5, 0.5, 2.5, 1.5)]
-    known.append(KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False))
-    assert [name_of(known, place) for place in ((1.0, 1.0), (2.0, 1.0), (0.5, 4.0))] == ["carpet", "mat", "left part"]
+    borders = [known_border("carpet", 0.5, 0.5, 1.5, 1.5), known_border("mat", 1.5, 0.5, 2.5, 1.5)]
+    borders.append(KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False))
+    assert [name_of(borders, place) for place in ((1.0, 1.0), (2.0, 1.0), (0.5, 4.0))] == ["carpet", "mat", "left part"]
     assert name_of([], (1.0, 1.0)) == ""
 
 
@@ -166,13 +166,13 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
     robot.pose = (2.5, 1.5, 0.0)
     checker = make_checker(RUG)
     maps = {"physical": checker.physical, "borders": checker.borders, "keep_out": checker.borders}
-    for which in order:
-        robot.set_map(which, maps[which])
-        told = [notice.code for notice in robot.notices(0.0)]
+    for layer in order:
+        robot.set_map(layer, maps[layer])
+        codes = [notice.code for notice in robot.notices(0.0)]
         complete = robot._maps.keys() >= {"physical", "borders"}
-        assert told == ["robot_caught_in_border"] * complete
-    before, robot.wiring = robot.goal_checker(), replace(robot.wiring, radius=0.3)
-    assert robot.goal_checker() is not before and robot.goal_checker() is robot.goal_checker()
+        assert codes == ["robot_caught_in_border"] * complete
+    old_checker, robot.wiring = robot.goal_checker(), replace(robot.wiring, radius=0.3)
+    assert robot.goal_checker() is not old_checker and robot.goal_checker() is robot.goal_checker()
 
 
 def test_only_what_forbids_a_place_lends_its_name():
@@ -210,9 +210,9 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
 def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
     """It subtracts penalty_epsilon from its highest speeds; if nothing is left, its behaviour is undefined."""
     usual = {"max_vel_x": 0.4, "max_vel_x_backwards": 0.2, "penalty_epsilon": 0.05, "max_vel_theta": 0.3}
-    found = limited({name: usual[name] for name in PLANNERS["TebLocalPlannerROS"]}, limit)
-    assert 0.0 < found["max_vel_x"] - found["penalty_epsilon"] < limit
-    assert 0.0 < found["max_vel_x_backwards"] - found["penalty_epsilon"] < limit
+    values = limited({name: usual[name] for name in PLANNERS["TebLocalPlannerROS"]}, limit)
+    assert 0.0 < values["max_vel_x"] - values["penalty_epsilon"] < limit
+    assert 0.0 < values["max_vel_x_backwards"] - values["penalty_epsilon"] < limit
 
 
 class Planner:
@@ -235,8 +235,8 @@ class Planner:
         self.answers.wait()
         if not self.refuses:
             self.values.update({entry.name: entry.value for entry in request.config.doubles})
-        found = [DoubleParameter(name, value) for name, value in self.values.items()]
-        return ReconfigureResponse(Config(doubles=[*found, DoubleParameter("sim_time", 2.0)]))
+        doubles = [DoubleParameter(name, value) for name, value in self.values.items()]
+        return ReconfigureResponse(Config(doubles=[*doubles, DoubleParameter("sim_time", 2.0)]))
 
     def set(self, **values):
         """Sets values and announces them, as after a person's change or a restart."""

@@ -20,8 +20,8 @@ def shim_with(path=PATH):
 
 def align(shim, v, w, yaw, now=NOW):
     """Returns what the shim makes of a request [m/s, rad/s] for a robot on the path with this yaw [rad]."""
-    found = shim.align(VelocityRequest(v, w), (1.0, 0.0, yaw), now)
-    return found.v, found.w
+    aligned = shim.align(VelocityRequest(v, w), (1.0, 0.0, yaw), now)
+    return aligned.v, aligned.w
 
 
 def turned_round(seed, shim, sweep_s):
@@ -29,16 +29,16 @@ def turned_round(seed, shim, sweep_s):
     rng = np.random.default_rng(seed)
     x, y, yaw, w = 1.0, 0.0, math.pi + rng.uniform(-0.2, 0.2), 0.0
     for step in range(int(30.0 / STEP)):
-        off = math.remainder(yaw, 2.0 * math.pi)
-        if abs(off) < 0.3:
+        offset = math.remainder(yaw, 2.0 * math.pi)
+        if abs(offset) < 0.3:
             return True
         if step % int(sweep_s / STEP) == 0:
             # back to facing away, and beyond
-            w = math.copysign(rng.uniform(0.2, 0.4), off) if abs(off) > math.radians(110) else -math.copysign(0.5, off)
+            w = math.copysign(1.0, offset) * (rng.uniform(0.2, 0.4) if abs(offset) > math.radians(110) else -0.5)
         request = VelocityRequest(0.03 * float(rng.random() < 0.3), w)
-        given = shim.align(request, (x, y, yaw), NOW) if shim else request
-        x, y = x + STEP * given.v * math.cos(yaw), y + STEP * given.v * math.sin(yaw)
-        yaw += STEP * given.w
+        aligned = shim.align(request, (x, y, yaw), NOW) if shim else request
+        x, y = x + STEP * aligned.v * math.cos(yaw), y + STEP * aligned.v * math.sin(yaw)
+        yaw += STEP * aligned.w
     return False
 
 
@@ -91,8 +91,8 @@ def test_all_other_requests_pass(path, pose):
 
 def test_a_path_that_bends_is_followed_from_the_nearest_place():
     corner = np.concatenate([PATH, np.column_stack([np.full(40, 3.0), np.linspace(0.05, 2.0, 40)])])
-    given = shim_with(corner).align(VelocityRequest(0.1, 0.0), (3.0, 0.5, math.radians(-85)), NOW)
-    assert given.v == 0.0 and given.w > 0.0
+    aligned = shim_with(corner).align(VelocityRequest(0.1, 0.0), (3.0, 0.5, math.radians(-85)), NOW)
+    assert aligned.v == 0.0 and aligned.w > 0.0
 
 
 def test_a_turning_recovery_passes_until_navigation_drives_on():

@@ -71,17 +71,17 @@ POSES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.
 
 
 @given(POSES, POSES, st.one_of(st.none(), st.tuples(POSES, POSES)), st.floats(0.01, 2.0))
-def test_a_jump_is_what_odometry_or_top_speed_cannot_explain(before, after, odometry, seconds):
+def test_a_jump_is_what_odometry_or_top_speed_cannot_explain(earlier, later, odometry, seconds):
     """A turn of 1 rad counts as 0.5 m; without odometry, motion of 1 m/s and 3 rad/s is allowed. In complex numbers."""
-    (p, turned_p), (q, turned_q) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in (before, after))
+    (p, turned_p), (q, turned_q) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in (earlier, later))
     moved, turned, spare = 0.0, 1.0, seconds
     if odometry is not None:
         (a, turned_a), (b, turned_b) = ((complex(x, y), cmath.rect(1.0, yaw)) for x, y, yaw in odometry)
         moved, turned, spare = (b - a) / turned_a * turned_p, turned_b / turned_a, 0.0
-    off, angle = abs(q - p - moved), abs(cmath.phase(turned_q / turned_p / turned))
-    fixes = zip((10.0, 10.0 + seconds), (before, after), odometry or 2 * [None])
-    found = pose_jump(*(Fix(*fix) for fix in fixes))
-    assert found == pytest.approx(max(0.0, off - spare) + 0.5 * max(0.0, angle - 3.0 * spare), abs=1e-9)
+    distance, angle = abs(q - p - moved), abs(cmath.phase(turned_q / turned_p / turned))
+    fixes = zip((10.0, 10.0 + seconds), (earlier, later), odometry or 2 * [None])
+    jump = pose_jump(*(Fix(*fix) for fix in fixes))
+    assert jump == pytest.approx(max(0.0, distance - spare) + 0.5 * max(0.0, angle - 3.0 * spare), abs=1e-9)
 
 
 # ------------------------------------------------------------ maps and places
@@ -102,9 +102,9 @@ def test_borders_but_not_walls_grow_by_the_pose_uncertainty():
     plain, physical = workspace()
     uncertain = Workspace(plain.borders, physical, 0.18, uncertainty=0.1)
     beside_border, beside_wall = (2.0, 1.0, math.pi), (2.4, 4.0, 0.0)
-    for pose, less in ((beside_border, 0.1), (beside_wall, 0.0)):
-        before, after = (here.free_distance(pose, 0.2, 0.0, 0.0) for here in (plain, uncertain))
-        assert before - after == pytest.approx(less, abs=0.03)
+    for pose, loss in ((beside_border, 0.1), (beside_wall, 0.0)):
+        plain_distance, distance = (ground.free_distance(pose, 0.2, 0.0, 0.0) for ground in (plain, uncertain))
+        assert plain_distance - distance == pytest.approx(loss, abs=0.03)
     soft = Workspace(workspace(75)[0].borders, physical, 0.18, uncertainty=0.1)
     assert np.array_equal(soft.keep_out.data, soft.borders.data), "what may be entered is not made larger"
 
@@ -114,10 +114,10 @@ def test_navigations_map_has_what_the_driver_keeps_out_of():
     data = plain.borders.data.copy()
     data[31:, :] = -1
     physical = physical.with_data(np.minimum(data, physical.data))
-    here = Workspace(plain.borders.with_data(data), physical, 0.18, uncertainty=0.1)
-    grown = here.keep_out.data != here.borders.data
-    assert grown.any() and (here.keep_out.data[grown] == 100).all() and (here.borders.data[grown] == 0).all()
-    assert (here.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"
+    ground = Workspace(plain.borders.with_data(data), physical, 0.18, uncertainty=0.1)
+    grown = ground.keep_out.data != ground.borders.data
+    assert grown.any() and (ground.keep_out.data[grown] == 100).all() and (ground.borders.data[grown] == 0).all()
+    assert (ground.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"
 
 
 def spread(std, turned=np.eye(2)):

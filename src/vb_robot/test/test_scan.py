@@ -32,9 +32,9 @@ def test_the_free_distance_ends_where_a_round_robot_meets_a_point(places, direct
     scan.points += across[:, None] * np.column_stack([-np.sin(yaw), np.cos(yaw)])
     width, driven_to, ahead = 0.18 + 0.04, np.linspace(0.0, 1.5, 3001), along > 0.0
     met = (np.hypot(along[ahead, None] - driven_to, across[ahead, None]) < width).any(axis=0)
-    wanted = driven_to[np.argmax(met)] - 0.12 + 0.04 if met.any() else math.inf
-    found = scan.free_distance(0.2 * direction, 0.2 * direction * bend, 0.18, Clearance(0.12, 0.04, 0.05))
-    assert max(found, 0.04 - 0.12) == pytest.approx(wanted, abs=1e-3), "what is beside its nose is as good as touched"
+    expected = driven_to[np.argmax(met)] - 0.12 + 0.04 if met.any() else math.inf
+    distance = scan.free_distance(0.2 * direction, 0.2 * direction * bend, 0.18, Clearance(0.12, 0.04, 0.05))
+    assert max(distance, 0.04 - 0.12) == pytest.approx(expected, abs=1e-3), "a point beside its nose counts as touched"
 
 
 @pytest.mark.parametrize("v", [0.2, -0.2])
@@ -72,9 +72,9 @@ def test_a_covered_sector_has_beams_to_its_edges_and_no_hole(holes, alone, beari
     for begin, wide in holes:
         ranges[np.arange(begin, begin + wide) % 400] = math.nan
     ranges[alone] = math.inf
-    off = [(0.9 * beam - bearing) % 360.0 - 180.0 for beam in np.flatnonzero(np.isinf(ranges))]
-    off = sorted(one for one in off if abs(one) <= half + 4.0)
-    covered = bool(off) and off[0] <= 4.0 - half and off[-1] >= half - 4.0 and all(np.diff(off) <= 4.0)
+    offsets = [(0.9 * beam - bearing) % 360.0 - 180.0 for beam in np.flatnonzero(np.isinf(ranges))]
+    offsets = sorted(offset for offset in offsets if abs(offset) <= half + 4.0)
+    covered = bool(offsets) and offsets[0] <= 4.0 - half and offsets[-1] >= half - 4.0 and all(np.diff(offsets) <= 4.0)
     assert scan_of(ranges, -math.pi, math.radians(0.9)).covers(math.radians(bearing), math.radians(half)) == covered
 
 
@@ -110,8 +110,8 @@ def test_an_echo_counts_in_range_and_outside_the_robots_own_parts(radius, distan
         assert points == pytest.approx(np.array([[0.0, distance]] if counts else np.zeros((0, 2))))
 
 
-@pytest.mark.parametrize("at, point", [(0.0, 0.18), (0.3, 0.35)])
-def test_an_echo_too_near_to_measure_touches_robot_or_scanner(at, point):
-    mount = along_y(at)
+@pytest.mark.parametrize("scanner_y, point", [(0.0, 0.18), (0.3, 0.35)])
+def test_an_echo_too_near_to_measure_touches_robot_or_scanner(scanner_y, point):
+    mount = along_y(scanner_y)
     assert scan_of([0.05], 0.0, 0.01, mount).points[0] == pytest.approx([0.0, point])
-    assert scan_of([-math.inf], 0.0, 0.01, mount).points[0] == pytest.approx([0.0, max(at, 0.18)])
+    assert scan_of([-math.inf], 0.0, 0.01, mount).points[0] == pytest.approx([0.0, max(scanner_y, 0.18)])

@@ -60,10 +60,10 @@ def test_paths_lead_only_through_a_doorway_that_is_wide_enough(closed):
     grid = two_rooms()
     grid.data[closed, 158:162] = 100  # half closed it is 0.35 m wide, and the robot needs 0.42 m
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
-    way = ClearanceMap(grid, 0.18).path_lengths(start, goal)[0]
-    least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
+    length = ClearanceMap(grid, 0.18).path_lengths(start, goal)[0]
+    shortest = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
     # eight-connected paths are up to 8 % too long, and keep off the doorposts
-    assert way == np.inf if closed else least <= way <= 1.15 * least
+    assert length == np.inf if closed else shortest <= length <= 1.15 * shortest
 
 
 def test_walls_hide_floor_and_borders_do_not():
@@ -81,8 +81,8 @@ def test_sides_of_polygon_and_curve():
     inside = CLEARANCE_MAP.side_of((5.5, 1.5), square, True)
     assert inside.sum() * 0.025**2 == pytest.approx(1.0, abs=0.1)
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
-    left = CLEARANCE_MAP.side_of((1.0, 1.0), door, False)
-    assert left[40, 40] and not left[40, 280]
+    left_side = CLEARANCE_MAP.side_of((1.0, 1.0), door, False)
+    assert left_side[40, 40] and not left_side[40, 280]
     # without a line there are no sides
     assert CLEARANCE_MAP.side_of((5.5, 1.5), np.zeros((0, 2)), False) is None
 
@@ -125,11 +125,11 @@ def offers(clearance_map, robot, drawing, others=(), least=0.3):
         yield best
 
 
-def check_invariants(clearance_map, found, drawing, robot):
-    assert all(a.cost <= b.cost for a, b in zip(found, found[1:]))
+def check_invariants(clearance_map, viewpoints, drawing, robot):
+    assert all(a.cost <= b.cost for a, b in zip(viewpoints, viewpoints[1:]))
     planner = ViewpointPlanner(clearance_map, VIEW, drawing)
     target = planner.look_at
-    for viewpoint in found:
+    for viewpoint in viewpoints:
         place = np.array([viewpoint.pose[:2]])
         # clearance by an independent oracle: the distance to every blocked cell's centre
         blocked = clearance_map.grid.cell_to_world(np.argwhere(clearance_map.blocked))
@@ -161,15 +161,15 @@ def test_every_viewpoint_is_sound(x, y, angle, length):
 
 def test_open_floor_has_viewpoints_on_the_robots_side():
     drawing = DrawingState(np.array([6.0, 2.5]), NO_POINTS)
-    found = list(offers(CLEARANCE_MAP, (6.0, 0.5, 0.0), drawing))
-    assert len(found) == 12, "as many as are asked for"
-    assert found[0].pose[1] < 2.0, "it need not go round the spot"
+    viewpoints = list(offers(CLEARANCE_MAP, (6.0, 0.5, 0.0), drawing))
+    assert len(viewpoints) == 12, "as many as are asked for"
+    assert viewpoints[0].pose[1] < 2.0, "it need not go round the spot"
 
 
 def test_robot_that_only_has_to_turn_does_not_drive():
     # the spot lies 1.3 m to its left: poses closer to the best distance are a few decimetres away
-    found = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_POINTS)))
-    assert found[0].pose == pytest.approx((6.0, 1.0, math.pi / 2))
+    viewpoints = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_POINTS)))
+    assert viewpoints[0].pose == pytest.approx((6.0, 1.0, math.pi / 2))
 
 
 def test_places_of_other_robots_are_taken():
@@ -177,9 +177,9 @@ def test_places_of_other_robots_are_taken():
     robot = (6.0, 0.5, math.pi / 2)
     free = list(offers(CLEARANCE_MAP, robot, drawing))
     taken = [free[0].pose[:2]]
-    found = list(offers(CLEARANCE_MAP, robot, drawing, taken))
-    assert found
-    for viewpoint in found:
+    viewpoints = list(offers(CLEARANCE_MAP, robot, drawing, taken))
+    assert viewpoints
+    for viewpoint in viewpoints:
         assert math.dist(viewpoint.pose[:2], taken[0]) >= 2 * 0.18 + 0.10
 
 
@@ -200,8 +200,8 @@ def test_seed_side_is_left():
     door = np.array([[4.0, 3.65], [4.0, 4.35]])
     # the seed and the robot are in the right room: the robot must leave it
     drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
-    found = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing))
-    assert found and found[0].pose[0] < 4.0 and not found[0].sees_spot
+    viewpoints = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing))
+    assert viewpoints and viewpoints[0].pose[0] < 4.0 and not viewpoints[0].sees_spot
     assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # the seed cannot be seen from the left room, and the robot need not go anywhere
     assert list(offers(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing)) == []
@@ -216,9 +216,9 @@ def test_a_robot_is_not_sent_where_the_border_would_lock_it_in(x, y, yaw, seedin
     # three sides are drawn; while the seed is shown, a robot inside has to leave
     spot, velocity = (CARPET.mean(axis=0), None) if seeding else (CARPET[3], np.array([0.0, -1.0]))
     drawing = DrawingState(spot, CARPET, velocity, closed=seeding, seeding=seeding, seen_by_stationary=True)
-    found = list(offers(CLEARANCE_MAP, (x, y, yaw), drawing))[:4]
-    assert found
-    for viewpoint in found:
+    viewpoints = list(offers(CLEARANCE_MAP, (x, y, yaw), drawing))[:4]
+    assert viewpoints
+    for viewpoint in viewpoints:
         assert Polygon(CARPET).distance(Point(viewpoint.pose[:2])) >= CLEARANCE_MAP.radius
 
 

@@ -1,7 +1,7 @@
-"""The map as a round robot sees it: clearance, lines of sight, shortest paths.
+"""Answers a round robot's queries about a map: clearance, lines of sight, shortest paths.
 
-Only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the cost of a
-choice does not depend on the map's size; the path of a robot outside it enters at the window's edge.
+Only the floor around the line and the robots matters. `bounding_window` gives this part of the map, so that the time
+for a choice does not depend on the map's size; the path of a robot outside it enters at the window's edge.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from scipy.sparse.csgraph import dijkstra
 
 from vb_core.grid_map import GridMap, Window, clearance_grid, sample
 
-STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
-TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
-BLOCKED_THRESHOLD = 50  # [%] from this occupancy on a cell is blocked, even by a soft border
-PATH_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
-MAX_PATH_CELLS = 10000  # ... but coarser on maps that would have more cells: a search costs 1 ms per 1,000
-START_TOLERANCE = 0.35  # [m] how far from free cells a path may start, for a robot at a wall
-WINDOW_MARGIN = 3.0  # [m] of floor around what matters: robots look from up to 1.5 m, the line is extrapolated by 0.8 m
-MAX_WINDOW_REACH = 8.0  # [m] robots and lines farther away do not make the window larger
-WINDOW_STEP = 2.0  # [m] windows begin and end at multiples of this, so that one serves for a while as the spot moves
-NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns): each joins two cells in both directions
+STOP_MARGIN = 0.10  # [m] beyond the radius at a position where a robot stops
+TRAVEL_MARGIN = 0.03  # [m] beyond the radius on a path; navigation has its own inflation
+BLOCKED_THRESHOLD = 50  # [%] occupancy from which a cell is blocked, even by a soft border
+PATH_CELL = 0.05  # [m] minimum cell size of the grid for path searches
+MAX_PATH_CELLS = 10000  # of that grid, which is coarser on large maps; a search takes 1 ms per 1,000 cells
+START_TOLERANCE = 0.35  # [m] maximum distance of a path's start from free cells, for a robot at a wall
+WINDOW_MARGIN = 3.0  # [m] around spot, robots and line; robots look from up to 1.5 m, the line is extrapolated by 0.8 m
+MAX_WINDOW_REACH = 8.0  # [m] from the spot, beyond which robots and lines do not enlarge the window
+WINDOW_STEP = 2.0  # [m] windows' edges are multiples of it, so that a moving spot uses one window for some time
+NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is used in both directions
 
 
 def bounding_window(spot, *others) -> Window:
     """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and the points (N, 2) near it."""
     spot = np.asarray(spot, dtype=float)
-    points = np.vstack([spot[None], *(np.asarray(some, dtype=float).reshape(-1, 2) for some in others)])
+    points = np.vstack([spot[None], *(np.asarray(other, dtype=float).reshape(-1, 2) for other in others)])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
     low = np.floor((points.min(axis=0) - WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
     high = np.ceil((points.max(axis=0) + WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
@@ -38,20 +38,20 @@ def bounding_window(spot, *others) -> Window:
 
 
 class ClearanceMap:
-    """A map prepared for queries about positions and paths. Made once per map and window.
+    """A map prepared for queries about positions and paths, once per map and window.
 
     Args:
-        grid: the map with borders: physical obstacles and borders.
+        grid: the map with borders.
         radius: [m] of the robot.
-        physical: the map without borders, which decides what blocks the view; a border does not. None: `grid`.
+        physical: the map without borders, as borders do not block the view; by default `grid`.
     """
 
     def __init__(self, grid: GridMap, radius: float, physical: Optional[GridMap] = None) -> None:
         self.grid, self.radius = grid, radius
         self.blocked = (grid.data >= BLOCKED_THRESHOLD) | (grid.data < 0)
         self.clearance = clearance_grid(self.blocked, grid.resolution)
-        seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
-        self.opaque = seen_through.data >= BLOCKED_THRESHOLD
+        view_grid = physical if physical is not None and physical.same_geometry(grid) else grid
+        self.opaque = view_grid.data >= BLOCKED_THRESHOLD
 
     # ------------------------------------------------------------- places
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
@@ -63,28 +63,28 @@ class ClearanceMap:
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
-        # from the target outwards at fixed steps, so that one point's answer does not depend on the others; the
-        # first piece is left out: a spot at the foot of a wall is visible although its cell may be the wall's
-        along = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
+        # samples at fixed steps from the target, so that a point's result does not depend on the others; skips the
+        # first steps, because a spot at the foot of a wall is visible although its cell may be the wall's
+        distances = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
-        samples = target + along[None, :, None] * units[:, None, :]
+        samples = target + distances[None, :, None] * units[:, None, :]
         hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(samples.shape[:2])
-        hidden = np.where(along[None, :] < lengths[:, None], hidden, 0.0)
+        hidden = np.where(distances[None, :] < lengths[:, None], hidden, 0.0)
         return ~(hidden > 0).any(axis=1)
 
     # ------------------------------------------------------------- paths
     def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
-        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf: no path.
+        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf if none.
 
-        Other robots (K, 2) [m], of the same size, and barred cells (H, W) bool are in the way. A start outside a
-        window is joined to the free cells of its edge by straight lines.
+        Paths avoid other robots (K, 2) [m], of the same size, and barred cells (H, W) bool. Straight lines connect a
+        start outside a window to the free cells of its edge.
         """
         start, others = np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2)
         coarse = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
         step = max(1, int(np.ceil(max(PATH_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
-        # the largest clearance of a block: the smallest would close doorways that are wide enough
+        # uses a block's largest clearance, because the smallest would close doorways that are wide enough
         free = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + TRAVEL_MARGIN
         if barred is not None:
             free &= ~barred[: rows * step, : columns * step].reshape(blocks.shape).any(axis=(1, 3))
@@ -92,30 +92,30 @@ class ClearanceMap:
         centers = self.grid.cell_to_world(cells * step + (step - 1) / 2.0)
         for other in others:
             free[tuple(cells[np.linalg.norm(centers - other, axis=1) < 2.0 * self.radius + TRAVEL_MARGIN].T)] = False
-        gaps = np.where(free[tuple(cells.T)], np.linalg.norm(centers - start, axis=1), np.inf)
+        distances = np.where(free[tuple(cells.T)], np.linalg.norm(centers - start, axis=1), np.inf)
         if self.grid.contains_cells(self.grid.world_to_cell(start))[0]:
-            gates = np.argsort(gaps, kind="stable")[:1]
-            gates = gates[gaps[gates] <= START_TOLERANCE]
-            gaps = np.zeros(len(gaps))
+            gates = np.argsort(distances, kind="stable")[:1]
+            gates = gates[distances[gates] <= START_TOLERANCE]
+            distances = np.zeros(len(distances))
         else:
             at_edge = ((cells == 0) | (cells == np.array(free.shape) - 1)).any(axis=1)
-            gates = np.flatnonzero(at_edge & np.isfinite(gaps))
-        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[gates], gaps[gates])
-        wanted = self.grid.world_to_cell(places) // step
-        inside = ((wanted >= 0) & (wanted < np.array(free.shape))).all(axis=1)
-        lengths = np.full(len(wanted), np.inf)
-        lengths[inside] = paths.costs[tuple(wanted[inside].T)]
+            gates = np.flatnonzero(at_edge & np.isfinite(distances))
+        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[gates], distances[gates])
+        targets = self.grid.world_to_cell(places) // step
+        inside = ((targets >= 0) & (targets < np.array(free.shape))).all(axis=1)
+        lengths = np.full(len(targets), np.inf)
+        lengths[inside] = paths.costs[tuple(targets[inside].T)]
         return lengths
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
-        """Predicts what a border along the chain would restrict with this seed, less exactly than the integration.
+        """Predicts the area that a border along the chain would restrict with a seed, less exactly than integration.
 
         Args:
             seed: (2,) [m]; chain: (M, 2) [m]; open ends are extended straight to the next obstacle.
 
         Returns:
-            (H, W) bool; None if the chain separates nothing.
+            (H, W) bool; None if the chain does not separate any area.
         """
         chain = np.asarray(chain, dtype=float).reshape(-1, 2)
         if len(chain) < 2:
@@ -133,7 +133,7 @@ class ClearanceMap:
         return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else None
 
     def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Returns where (2,) [m] a ray from a start along a direction meets a blocked cell or the map's edge."""
+        """Returns the point (2,) [m] at which a ray in a direction hits a blocked cell or the map's edge."""
         norm = float(np.linalg.norm(direction))
         if norm < 1e-9:
             return start
@@ -148,26 +148,26 @@ class ShortestPaths:
     """Finds least-cost paths from one start over a grid (Dijkstra, 8-connected).
 
     Args:
-        cost: (H, W) of a step of one cell's side in each cell; inf: it is never entered.
-        gates: (K, 2) cells (row, column) where paths begin; entry: (K,) the cost of reaching them from the start.
+        cost: (H, W) of a step of one cell's side in each cell; inf for a cell that must not be entered.
+        gates: (K, 2) cells (row, column) in which paths begin; entry: (K,) their costs from the start.
 
     Attributes:
-        costs: (H, W) of the path to each cell; inf where there is none.
+        costs: (H, W) of the path to each cell; inf if there is none.
     """
 
     def __init__(self, cost: np.ndarray, gates: np.ndarray, entry: np.ndarray) -> None:
         rows, columns = cost.shape
         index = np.arange(cost.size).reshape(cost.shape)
-        # the start is one more node; a length of 0 would be no edge
+        # the start is an additional node; a length of 0 would mean that there is no edge
         edges = [(np.full(len(gates), cost.size), index[tuple(gates.T)], np.maximum(entry, 1e-6))]
         for dr, dc in NEIGHBORS:
-            here = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
-            there = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
-            length = 0.5 * np.hypot(dr, dc) * (cost[here] + cost[there])
-            both = np.isfinite(length)
-            edges.append((index[here][both], index[there][both], length[both]))
-        begin, end, length = (np.concatenate(column) for column in zip(*edges))
-        graph = csr_matrix((length, (begin, end)), shape=(cost.size + 1, cost.size + 1))
+            from_cells = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
+            to_cells = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
+            length = 0.5 * np.hypot(dr, dc) * (cost[from_cells] + cost[to_cells])
+            passable = np.isfinite(length)
+            edges.append((index[from_cells][passable], index[to_cells][passable], length[passable]))
+        sources, targets, length = (np.concatenate(column) for column in zip(*edges))
+        graph = csr_matrix((length, (sources, targets)), shape=(cost.size + 1, cost.size + 1))
         costs, self._before = dijkstra(graph, directed=False, indices=cost.size, return_predecessors=True)
         self.costs = costs[:-1].reshape(cost.shape)
 

@@ -42,11 +42,11 @@ from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
 from vb_robot.subscriptions import RUNNING, message_class, subscribe_map, subscribe_spots
 
-STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
-MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
+STATE_PERIOD = 0.5  # [s] between reports of the source that drives, even if nothing changes
+MIN_STOP = 0.5  # [s] shortest stop that is reported as a notice
 WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] in wall time
-MAX_AMCL_UPDATES = 40  # after which AMCL has found its pose, or will not
-# codes that people are told of, unlike the usual ones: "driving", "idle", "spot_in_view", "speed_limit" and so on
+MAX_AMCL_UPDATES = 40  # requested at most; by then AMCL has found its pose, or will not find it
+# codes that are reported as notices, unlike the usual ones: "driving", "idle", "spot_in_view", "speed_limit" ...
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
@@ -117,12 +117,12 @@ class RobotDriverNode:
         self._transforms = TransformLookup()
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher(profile.base.topic, Twist, queue_size=1, tcp_nodelay=True)
-        self._heard = True  # whether any node listens to these commands
+        self._heard = True  # whether any node subscribes to the commands
         self._look_for_commanders()  # before anything can drive
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
-        self._amcl_updates_left = 0  # how many AMCL may still be asked for since it last knew, or was told, its pose
+        self._amcl_updates_left = 0  # number that may still be requested since AMCL last knew, or was told, its pose
         self._subscribe(profile, contacts)
         self._thread = node.start_thread(self._run)
         self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, AMCL_UPDATE_PERIOD))
@@ -170,19 +170,19 @@ class RobotDriverNode:
         name = message._connection_header.get("callerid", "somebody")
         if name not in self._allowed:
             self._arbiter.gate.record_other_publisher(name, rospy.get_time())
-            self._cmd_vel.publish(Twist())  # the base obeys the last command: this one until the next step
+            self._cmd_vel.publish(Twist())  # the base obeys the newest command, which is this one until the next step
 
     def _on_recovery(self, _message: RecoveryStatus) -> None:
         self._arbiter.recover(rospy.get_time())
 
     def _look_for_commanders(self) -> None:
-        """Looks up which other nodes could command the base now, whether or not they do."""
+        """Looks up which other nodes can command the base, whether or not they do."""
         try:
-            found = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
+            commanders = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
         except (rosgraph.MasterException, OSError):
-            return  # while the master is away, nobody can register with it either
-        self._allowed, self._heard = found.allowed, found.heard
-        self._arbiter.gate.registered = tuple(sorted(found.others))
+            return  # without the master, no other node can be connected either
+        self._allowed, self._heard = commanders.allowed, commanders.heard
+        self._arbiter.gate.other_commanders = tuple(sorted(commanders.others))
 
     def _on_state(self, message: InteractionState) -> None:
         self._arbiter.set_state(
@@ -216,10 +216,10 @@ class RobotDriverNode:
             self._profile.radius,
             self._profile.scanner.no_return,
         )
-        # the stamp is the first beam's
-        lasted = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
+        # the message's stamp is that of the first beam, but the scan's age counts from the last
+        duration = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
         stamp = message.header.stamp.to_sec()
-        self._arbiter.gate.set_scan(scan, stamp + min(lasted, max(rospy.get_time() - stamp, 0.0)))
+        self._arbiter.gate.set_scan(scan, stamp + min(duration, max(rospy.get_time() - stamp, 0.0)))
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
         sensor = contact.topic, int(getattr(message, contact.sensor)) if contact.sensor else 0
@@ -254,8 +254,8 @@ class RobotDriverNode:
     def _request_amcl_update(self) -> None:
         """Makes AMCL compare scans with the map although the robot stands still, if it knew or was told its pose.
 
-        By itself AMCL does so only while the robot moves, and a robot that does not know where it is stands still: one
-        bad moment would last for ever. A pose given in RViz is accurate to half a metre, which is not enough either.
+        By itself, AMCL does so only while the robot moves. But a robot that does not know its pose stands still, so one
+        bad moment would last for ever. A pose given in RViz is only accurate to half a metre, which is not enough.
         """
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
@@ -267,7 +267,7 @@ class RobotDriverNode:
     def _use_maps(self) -> None:
         borders, physical = self._maps.get("borders"), self._maps.get("physical")
         if borders is None or physical is None or not physical.same_geometry(borders):
-            self._arbiter.gate.workspace = None  # it is not known which cells are borders
+            self._arbiter.gate.workspace = None  # because it is not known which cells are borders
             return
         workspace = Workspace(borders, physical, self._profile.radius, self._uncertainty.meters)
         self._arbiter.gate.workspace = workspace
@@ -276,21 +276,21 @@ class RobotDriverNode:
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
         # the robot must stop even if simulated time stands still
-        last, moved = rospy.Time(0), time.monotonic()
+        last_stamp, clock_moved_at = rospy.Time(0), time.monotonic()
         while self._timer.get() is not None and not rospy.is_shutdown():
             now = rospy.Time.now()
             try:
-                if now != last:
-                    last, moved = now, time.monotonic()
-                self._arbiter.gate.clock_age = time.monotonic() - moved
+                if now != last_stamp:
+                    last_stamp, clock_moved_at = now, time.monotonic()
+                self._arbiter.gate.clock_age = time.monotonic() - clock_moved_at
                 self._update_pose()
                 self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
             except Exception:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-                # whatever fails here, the robot must not keep its last command, and the next step may succeed; the
-                # report may then fail too, but the zero is sent before it
+                # whatever fails, the robot must not keep its last command, and the next step may succeed; if the report
+                # fails too, the zero has been sent before it
                 with contextlib.suppress(Exception):
                     self._execute(self._arbiter.halt("internal_error"), now)
 
@@ -321,12 +321,12 @@ class RobotDriverNode:
 
     # ------------------------------------------------------------- notices
     def _report(self, command: DriveCommand, now: float) -> None:
-        """Publishes which source drives, at once when that changes, and the notices."""
-        before, at = self._reported
-        news = (command.source, command.code, self._stops.lasting)
-        if news == before and 0.0 <= now - at < STATE_PERIOD:
+        """Publishes which source drives, at once if that changes, and the notices."""
+        last_report, reported_at = self._reported
+        report = (command.source, command.code, self._stops.lasting)
+        if report == last_report and 0.0 <= now - reported_at < STATE_PERIOD:
             return
-        self._reported = (news, now)
+        self._reported = (report, now)
         message = DriverState(
             robot=self._params.robot,
             source=command.source,
@@ -334,11 +334,11 @@ class RobotDriverNode:
             speed=command.v,
             angular_velocity=command.w,
             message=self._notice(_sentence_code(command.code), Severity.INFO).sentence(),
-            stops=news[2],
+            stops=report[2],
         )
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
-        if news[:2] != before[:2]:
+        if report[:2] != last_report[:2]:
             rospy.loginfo("%s: %s: %s", rospy.get_name(), command.source, command.code)
         self._notices.set(self._list_notices(command, now))
 
@@ -347,13 +347,13 @@ class RobotDriverNode:
         if command.cancel:
             notices.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
-        held = now - self._stopped_since[command.code] >= MIN_STOP
+        is_lasting = now - self._stopped_since[command.code] >= MIN_STOP
         if not self._heard:
             topic = rospy.resolve_name(self._profile.base.topic)
             notices.append(self._notice("base_not_listening", Severity.WARNING, topic=topic))
-        if held and self._stops.stopped and not self._stops.stored:
+        if is_lasting and self._stops.stopped and not self._stops.stored:
             notices.append(self._notice("stop_not_persisted", Severity.WARNING))
-        if command.code in STOP_CODES and (held or command.source == STOP):
+        if command.code in STOP_CODES and (is_lasting or command.source == STOP):
             severity = SEVERITIES.get(command.code, Severity.WARNING)
             others = self._arbiter.gate.other_publishers(now)
             notices.append(self._notice(_sentence_code(command.code), severity, others=others))
@@ -364,7 +364,7 @@ class RobotDriverNode:
 
 
 def _sentence_code(code: str) -> str:
-    """Returns the code of the sentence that says what stops or slows a robot."""
+    """Returns the code of the sentence for what stops or slows a robot."""
     return "robot_stopped_inside_border" if code == "inside_border" else f"robot_{code}"
 
 

@@ -38,11 +38,11 @@ from vb_robot.monitoring.navigation_wiring import within
 from vb_robot.spot_sightings import Sighting
 
 PERIOD = 0.2  # [s] between checks of poses and speed limits
-DISPATCH_PERIOD = 0.25  # [s] between decisions which robot looks from where: the spot moves 0.1 m at most meanwhile
+DISPATCH_PERIOD = 0.25  # [s] between decisions of the dispatcher, in which the spot moves 0.1 m at most
 GRAPH_PERIOD = 2.0  # [s] between checks of the ROS graph, in wall time
 REPEAT = 1.0  # [s]
-SETTLING_TIME = 10.0  # [s] for which a fault has to last before people are told: a lab starts and ends node by node
-SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, where its limit is set: a planner brakes from 1 m/s within that
+SETTLING_TIME = 10.0  # [s] for which a fault must last before a notice says so, as a lab starts and ends node by node
+SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, at which its limit is set; a planner brakes from 1 m/s within it
 CANCEL_PERIOD = 0.5  # [s] between cancellations of goals that are sent again and again
 
 
@@ -101,9 +101,9 @@ class RobotMonitorNode:
         self._params = params
         node.wait_for_clock()
         self._lock = threading.RLock()
-        self._stops = HeldStops()  # in memory only: the manager keeps stops, and its state repeats them
+        self._stops = HeldStops()  # only in memory, because the manager keeps stops, and its state repeats them
         self._speed_limits: Optional[GridMap] = None
-        self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None: not known yet
+        self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None if not yet known
         self._cameras: Dict[str, None] = {}
         self._offer = lab_offer.offer(lab_offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -159,7 +159,7 @@ class RobotMonitorNode:
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
-        """Restores the planners' usual speeds, and cancels dispatched robots' goals: nothing supervises them now."""
+        """Restores the planners' usual speeds, and cancels dispatched robots' goals, which nobody would supervise."""
         for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
         for sent in self._dispatched.values():
@@ -170,10 +170,10 @@ class RobotMonitorNode:
                 speed.release()
 
     # ------------------------------------------------------------- callbacks
-    def _on_map(self, which: str, robots: List[WatchedRobot], grid: GridMap) -> None:
+    def _on_map(self, layer: str, robots: List[WatchedRobot], grid: GridMap) -> None:
         with self._lock:
             for robot in robots:
-                robot.set_map(which, grid)
+                robot.set_map(layer, grid)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
@@ -194,15 +194,15 @@ class RobotMonitorNode:
         with self._deciding:
             state = state_of(message.name)
             self._dispatcher.sightings.set_state(state, message.interaction_id, message.entered.to_sec())
-        self._dispatch_timer.set()  # when the state ends the robots have to stop at once
+        self._dispatch_timer.set()  # because the robots must stop at once when the state ends
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
         self._obey_stop()
 
-    # ------------------------------------------------------------- obeying through navigation
+    # ------------------------------------------------------------- stops and speed limits, through navigation
     def _obey_stop(self) -> None:
-        """Cancels the goals of robots without a driver while a stop is in force, again and again."""
+        """Repeatedly cancels the goals of robots without a driver while a stop is in force."""
         now = rospy.get_time()
         if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
             self._cancelled_at = now
@@ -211,7 +211,7 @@ class RobotMonitorNode:
                     robot.cancel_goals()
 
     def _limit(self, robot: WatchedRobot) -> Optional[float]:
-        """Returns the speed limit [m/s] where a robot is, inf for none; None while it is not known."""
+        """Returns the speed limit [m/s] at a robot, inf without a limit; None while it is not known."""
         if robot.pose is None or self._slow_zones is None:
             return None
         if not self._slow_zones:
@@ -219,7 +219,7 @@ class RobotMonitorNode:
         reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
         return limit_around(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
 
-    # ------------------------------------------------------------- to the spot
+    # ------------------------------------------------------------- dispatching
     def _on_spot(self, sighting: Sighting) -> None:
         with self._deciding:
             self._dispatcher.sightings.add(sighting)
@@ -227,14 +227,14 @@ class RobotMonitorNode:
     def _on_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
         seed = array_from_points([message.seed])[0] if message.has_seed else None
-        drawn = DrawingState(points[-1] if len(points) else None, chain, closed=message.closed, seed=seed)
+        drawing = DrawingState(points[-1] if len(points) else None, chain, closed=message.closed, seed=seed)
         with self._deciding:
-            self._dispatcher.set_progress(message.interaction_id, drawn, message.cameras)
+            self._dispatcher.set_progress(message.interaction_id, drawing, message.cameras)
 
     def _dispatch(self) -> None:
         with self._deciding:
-            wanted = self._dispatcher.sightings.should_dispatch()
-            robots = {name: sent.status(wanted) for name, sent in self._dispatched.items()}
+            robot_wanted = self._dispatcher.sightings.should_dispatch()
+            robots = {name: sent.status(robot_wanted) for name, sent in self._dispatched.items()}
             for name, sent in self._dispatched.items():
                 self._dispatcher.maps[name].update(sent.view, *self._robots[name].driving_maps())
             for name, goal in self._dispatcher.decide(rospy.get_time(), robots).items():
@@ -293,7 +293,7 @@ class RobotMonitorNode:
         self._publish_status()
 
     def _publish_status(self) -> None:
-        """Publishes what is connected, at once when that changes, and the notices."""
+        """Publishes what is connected, at once if that changes, and the notices."""
         with self._lock:
             now = rospy.get_time()
             stops = self._stops.ids if self._params.obey else None
@@ -312,15 +312,15 @@ class RobotMonitorNode:
             self._notices.set([*faults, *notices, *([unseen] if unseen else [])])
 
     def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
-        """Returns the faults that have held for SETTLING_TIME."""
-        before, self._faulty_since = self._faulty_since, {}
+        """Returns the faults that have lasted for SETTLING_TIME."""
+        previous, self._faulty_since = self._faulty_since, {}
         for fault in faults:
             key = (fault.code, fault.robot)
-            self._faulty_since[key] = min(before.get(key, now), now)
+            self._faulty_since[key] = min(previous.get(key, now), now)
         return [fault for fault in faults if now - self._faulty_since[(fault.code, fault.robot)] >= SETTLING_TIME]
 
     def _log(self, now: float) -> None:
-        """Logs what is connected once the lab has started, and later its changes; faults are notices instead."""
+        """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""
         lines = self._offer.lines
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return

@@ -1,7 +1,7 @@
-"""Records the sightings of the spot in an interaction; one rule decides whether driver or dispatcher acts on them.
+"""Records the sightings of the spot in an interaction, and decides whether driver or dispatcher acts on them.
 
-One class decides from the same sightings whether a robot follows the spot or is sent to it, so that driver and
-dispatcher never both act, and never wait for each other.
+Driver and dispatcher use the same class and the same sightings to decide whether a robot follows the spot or is sent to
+it, so that they never both act, and never wait for each other.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 
-WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] of sightings that give the spot's position, and how many it takes
-LOST_TIMEOUT = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
-MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as going straight on
+WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] of sightings that give the spot's position, and their minimum number
+LOST_TIMEOUT = 0.7  # [s] without a sighting after which the spot is lost; cameras miss single images
+MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as straight
 VELOCITY_WINDOW = 0.6  # [s] of sightings that give the direction in which the line continues
-MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that time, so that one wrong spot does not count
-MIN_SPEED = 0.1  # [m/s] a slower spot counts as resting
-RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
-MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
-FOLLOW_DELAY = 1.0  # [s] that stationary cameras have to see the spot too; if none does, the robot follows
+MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that time, so that one false spot has no effect
+MIN_SPEED = 0.1  # [m/s] below which a spot counts as resting
+RUN_GAP = 2.0  # [s] without the spot after which another robot's camera may take over
+MIN_CONFIDENCE = 0.4  # of spots that robots act on; the laser has 0.6 and more, reflections have 0.3
+FOLLOW_DELAY = 1.0  # [s] in which stationary cameras may see the spot too; if none does, the robot follows
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """One spot seen: time [s], (x, y) [m] in the map frame, camera, whether that is on a robot, confidence."""
+    """A sighting of the spot: time [s], (x, y) [m] in the map frame, camera, whether it is on a robot, confidence."""
 
     stamp: float
     position: Tuple[float, float]
@@ -38,10 +38,10 @@ class Sighting:
 
 
 class Sightings:
-    """Collects the sightings of one interaction and decides who acts on them.
+    """Collects the sightings of one interaction, and decides which robot acts on them and how.
 
-    In Guide, only the robot whose camera has seen the spot longest without a pause acts: it follows. In Border and Seed
-    a robot is sent once a stationary camera has seen the spot in this interaction; before that, and without any such
+    In Guide, only the robot whose camera has seen the spot longest without a pause acts, and follows. In Border and
+    Seed, a robot is sent once a stationary camera has seen the spot in this interaction; before, and without any such
     camera, the robot follows.
 
     Args:
@@ -56,7 +56,7 @@ class Sightings:
         self.state = DEFAULT
         self.stationary_seen = False
         self.first_mobile: Optional[float] = None
-        # of each robot's camera in this state: since when, and until when, it has seen the spot without a pause [s]
+        # for each robot's camera: start and end [s] of its last sightings without a pause, in this state
         self._runs: Dict[str, Tuple[float, float]] = {}
         self._follower: Optional[str] = None  # the camera of the robot that followed last in this state
 
@@ -66,7 +66,7 @@ class Sightings:
         return self._interaction, self.state
 
     def set_state(self, state: State, interaction: str, entered: float) -> None:
-        """Adopts the interaction's state."""
+        """Sets the interaction's state."""
         if interaction != self._interaction or state == DEFAULT:
             self.stationary_seen = False
             self.first_mobile = None
@@ -77,7 +77,7 @@ class Sightings:
         self.state, self._interaction, self._entered = state, interaction, entered
 
     def add(self, sighting: Sighting) -> bool:
-        """Adds a sighting; returns whether it counts: certain enough, and from this state, in which robots act."""
+        """Adds a sighting; returns whether it counts: if it is certain, and from this state, in which robots act."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
@@ -90,13 +90,13 @@ class Sightings:
             self.first_mobile = sighting.stamp
         since, until = self._runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
         if abs(sighting.stamp - until) > RUN_GAP:
-            since = until = sighting.stamp  # lost meanwhile, or time has jumped back
+            since = until = sighting.stamp  # the spot was lost, or time has jumped back
         self._runs[sighting.camera] = min(since, sighting.stamp), max(until, sighting.stamp)
         self._update_leader(sighting.stamp)
         return True
 
     def should_dispatch(self) -> bool:
-        """Returns whether to send a robot to where its camera sees the spot."""
+        """Returns whether to send a robot to a position from which its camera sees the spot."""
         return bool(self.state.collects) and self.stationary_seen
 
     def should_follow(self, camera: str, now: float) -> bool:
@@ -108,9 +108,9 @@ class Sightings:
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= FOLLOW_DELAY
 
     def _update_leader(self, now: float) -> Optional[str]:
-        """Updates and returns the robot camera that has seen the spot longest without a pause; else the last that did.
+        """Returns the robot camera that has seen the spot longest without a pause; if none sees it, the last leader.
 
-        The times of the images count, not of their arrival, so that every robot's driver comes to the same answer.
+        The times of the images count, not of their arrival, so that all robots' drivers choose the same camera.
         """
         seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
         if seeing:
@@ -118,12 +118,12 @@ class Sightings:
         return self._follower
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
-        """Learns which cameras contributed to an interaction, also before this program started."""
+        """Adds cameras that contributed to an interaction, also before this program started."""
         if interaction == self._interaction and self.state != DEFAULT and not self._mobile_names.issuperset(cameras):
             self.stationary_seen = True
 
     def forget_after(self, now: float) -> None:
-        """Drops sightings from the future: time has jumped back."""
+        """Removes sightings after time `now` [s], because time has jumped back."""
         self._recent = deque((s for s in self._recent if s.stamp <= now + 1.0), maxlen=self._recent.maxlen)
 
     def newest(self) -> Optional[Sighting]:
@@ -131,7 +131,7 @@ class Sightings:
         return max(self._recent, key=lambda s: s.stamp) if self._recent else None
 
     def seen_by_stationary(self, now: float) -> bool:
-        """Returns whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
+        """Returns whether a stationary camera sees the spot, or in Seed, where it does not move, has seen it once."""
         newest = self.newest()
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
@@ -141,28 +141,28 @@ class Sightings:
         )
 
     def time_since_seen(self, now: float) -> float:
-        """Returns for how long [s] no camera has seen a border's spot; 0 until one has, and for a seed: it is still."""
+        """Returns the time [s] since a camera last saw a border's spot; 0 before, and in Seed, as a seed is still."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self) -> Optional[np.ndarray]:
-        """Returns where the spot was last, (2,) [m]: the median of its last sightings.
+        """Returns the spot's last position (2,) [m], the median of its last sightings.
 
-        Returns None with fewer than MIN_TARGET_SIGHTINGS of them: one false spot sends no robot.
+        Returns None with fewer than MIN_TARGET_SIGHTINGS, so that one false spot does not move a robot.
         """
         newest = self.newest()
         if newest is None:
             return None
-        last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
-        if len(last) < MIN_TARGET_SIGHTINGS:
-            lately = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * WINDOW]
-            last = [s.position for s in sorted(lately, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
-        return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
+        positions = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
+        if len(positions) < MIN_TARGET_SIGHTINGS:
+            recent = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * WINDOW]
+            positions = [s.position for s in sorted(recent, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
+        return np.median(np.array(positions), axis=0) if len(positions) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
         """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW; None if it rests or has just turned.
 
-        Cameras differ by centimetres: only the one that saw the spot last counts.
+        Only the camera that saw the spot last counts, because cameras differ by centimetres.
         """
         newest = self.newest()
         if newest is None:
@@ -172,8 +172,8 @@ class Sightings:
             return None
         samples = np.array(sorted((s.stamp, *s.position) for s in recent))
         thirds = np.array([np.median(third, axis=0) for third in np.array_split(samples, 3)])  # (3, 3): [s], x, y [m]
-        (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
-        if math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
+        (first, second), (seconds, *displacement) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
+        if math.hypot(*displacement) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
             return None
-        straight = np.dot(before, after) >= MIN_STRAIGHTNESS * (np.linalg.norm(before) * np.linalg.norm(after))
-        return np.array(whole) / seconds if straight else None
+        is_straight = np.dot(first, second) >= MIN_STRAIGHTNESS * (np.linalg.norm(first) * np.linalg.norm(second))
+        return np.array(displacement) / seconds if is_straight else None

@@ -1,4 +1,4 @@
-"""Inputs that several nodes share: maps, borders, spots, contact sensors."""
+"""Inputs of several nodes: maps, borders, spots, contact sensors."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from vb_robot.spot_sightings import Sighting
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)  # of navigation's goals
 
 
-def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:
-    """Passes every map of a topic to `take`; refuses and logs malformed ones."""
+def subscribe_map(topic: str, on_map: Callable[[GridMap], None]) -> rospy.Subscriber:
+    """Passes every map of a topic to `on_map`; logs and refuses malformed ones."""
 
-    def on_map(message: OccupancyGridArray) -> None:
+    def on_message(message: OccupancyGridArray) -> None:
         try:
             grid = grid_from_message(message)
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
         else:
-            take(grid)
+            on_map(grid)
 
-    return rospy.Subscriber(topic, OccupancyGridArray, on_map, queue_size=1, buff_size=2**24)
+    return rospy.Subscriber(topic, OccupancyGridArray, on_message, queue_size=1, buff_size=2**24)
 
 
 def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
-    """Returns the borders in force that a robot must not enter; the others never keep it out."""
+    """Returns the borders in force that a robot must not enter."""
     return [
         KnownBorder(
             border.name or border.id,
@@ -54,10 +54,10 @@ def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownB
     ]
 
 
-def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
-    """Passes every spot with a position in the map to `take`; rejects and logs the others."""
+def subscribe_spots(on_spot: Callable[[Sighting], None]) -> rospy.Subscriber:
+    """Passes every spot with a position in the map to `on_spot`; logs and rejects the others."""
 
-    def on_spot(message: LaserSpot) -> None:
+    def on_message(message: LaserSpot) -> None:
         position = (message.position.x, message.position.y)
         if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
             rospy.logwarn_throttle(
@@ -67,13 +67,17 @@ def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
             )
         else:
             stamp = message.header.stamp.to_sec()
-            take(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
+            on_spot(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
 
-    return rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=100)
+    return rospy.Subscriber(names.SPOTS, LaserSpot, on_message, queue_size=100)
 
 
 def message_class(contact: Contact) -> Any:
-    """Returns a contact sensor's message class. A robot with an unheard bumper must not drive as if it had none."""
+    """Returns a contact sensor's message class.
+
+    Raises:
+        ParameterError: if the sensor cannot be read. A robot with an unheard bumper must not drive as if it had none.
+    """
     kind = get_message_class(contact.type)
     if kind is None:
         raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")

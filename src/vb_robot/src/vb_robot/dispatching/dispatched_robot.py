@@ -1,4 +1,4 @@
-"""One robot that is sent to where its camera sees the spot: its view, and its goal's state. Nothing here blocks."""
+"""One robot that is sent to positions from which its camera sees the spot. Nothing here blocks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_robot.dispatching.viewpoint import FloorView, Viewpoint
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_wiring import within
 
-MARK = "-looks-"  # in the ids of goals, so that those of a process that died are recognised
+MARK = "-looks-"  # in the ids of goals, by which those of a process that died are recognised
 OUTCOMES = {
     GoalStatus.PENDING: SentGoalState.SENT,
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
@@ -30,7 +30,7 @@ OUTCOMES = {
 
 
 def follow(state: SentGoalState, status: Optional[int]) -> SentGoalState:
-    """Returns a goal's new state, from the status that navigation gives it; None: navigation does not know the goal."""
+    """Returns a goal's new state, from its status in navigation, which is None if navigation does not know the goal."""
     if not state.under_way:
         return state
     if status is None:  # the goal has not arrived yet, or navigation was started again
@@ -39,21 +39,21 @@ def follow(state: SentGoalState, status: Optional[int]) -> SentGoalState:
 
 
 class DispatchedRobot:
-    """Sends a watched robot to one goal at a time; its navigation may be absent, die and come back.
+    """Sends a watched robot to one goal at a time. Its navigation may be absent, die and come back.
 
     Attributes:
-        view: what its camera sees of the floor, once that is known.
+        view: its camera's view of the floor; None until it is known.
     """
 
     def __init__(self, robot: WatchedRobot, profile: RobotProfile, transforms: TransformLookup) -> None:
         self._robot, self._transforms = robot, transforms
         self._max_range = profile.camera.max_range
         self.view: Optional[FloorView] = None
-        self._lens: Optional[Tuple[Tuple[float, ...], str]] = None  # of the view: K and frame
+        self._lens: Optional[Tuple[Tuple[float, ...], str]] = None  # K and frame of the view's camera
         self._goal: Optional[Viewpoint] = None
         self._state = SentGoalState.NONE
-        self._ids: Set[str] = set()  # of goals that were sent
-        self._id = ""  # of the last one
+        self._ids: Set[str] = set()  # ids of all goals that were sent
+        self._id = ""  # id of the last goal
         self._camera = rospy.Subscriber(
             within(robot.name, profile.camera.info), CameraInfo, self._on_info, queue_size=1
         )
@@ -66,11 +66,11 @@ class DispatchedRobot:
             T = self._transforms.lookup(self._robot.frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
             self.view, self._lens = FloorView(camera_from_info(message), T, self._max_range), lens
         except CodedError as error:
-            who = f"the camera of {self._robot.frame}"
-            rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: what {who} sees is not known: {error}")
+            camera = f"the camera of {self._robot.frame}"
+            rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: what {camera} sees is not known: {error}")
 
     def set_goal(self, goal: Optional[Viewpoint]) -> None:
-        """Sends it to a new goal, which replaces the previous one; None: cancels the previous one if it still runs."""
+        """Sends it to a new goal, which replaces the previous one. None cancels the previous one if it still runs."""
         if goal is self._goal:
             return
         self._goal = goal
@@ -83,14 +83,14 @@ class DispatchedRobot:
             rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._robot.frame)
 
     def status(self, wanted: bool) -> DispatchStatus:
-        """Returns the robot's status, with its pose only if a robot is wanted. To be called regularly."""
+        """Returns the robot's status, with its pose only if a robot is wanted. Call it regularly."""
         goals = self._robot.goals
         self._state = follow(self._state, goals.get(self._id))
         running = GoalStatus.PENDING, GoalStatus.ACTIVE
         others = {goal for goal, status in goals.items() if status in running} - self._ids
         for goal in others:
             if goal.startswith(rospy.get_name() + MARK):
-                # repeated: while publishers are being connected a message may be lost
+                # repeated, because a message may be lost while publishers are being connected
                 self._robot.cancel_goals(goal)
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: cancels a goal from before a restart: {goal}")
         if wanted:

@@ -1,4 +1,4 @@
-"""Decides where robots go, from spot, drawing, maps and robots; the node only connects it to topics."""
+"""Decides where robots go, from the spot, the drawing, the maps and the robots. No ROS; the node connects it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from vb_core.grid_map import GridMap, Window, crop
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
-from vb_robot.dispatching.dispatch_policy import DispatchStatus, Fleet
+from vb_robot.dispatching.dispatch_policy import DispatchPolicy, DispatchStatus
 from vb_robot.dispatching.viewpoint import DrawingState, FloorView, Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT, Sightings
 
-# [s] after which people are told: spots are confirmed late at the start of a stroke, and choosing a robot takes 1 s
+# [s] after which a notice says so: a stroke's first spots are confirmed late, and choosing a robot takes 1 s
 UNSERVED_TIME = 2.0
 
 
 class RobotMap:
-    """The maps that apply to one robot of a radius [m], and its camera's view of the floor."""
+    """The maps that apply to one robot, and its camera's view of the floor."""
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
@@ -42,74 +42,75 @@ class RobotMap:
             return None
         window = bounding_window(drawing.spot, drawing.chain, [status.pose[:2]])
         if self._clearance_map is None or self._clearance_map[0] != window:
-            seen_through = crop(physical, window) if physical is not None else None
-            self._clearance_map = window, ClearanceMap(crop(borders, window), self._radius, seen_through)
+            view_grid = crop(physical, window) if physical is not None else None
+            self._clearance_map = window, ClearanceMap(crop(borders, window), self._radius, view_grid)
         return ViewpointPlanner(self._clearance_map[1], self._view, drawing, others)
 
 
 class Dispatcher:
-    """Decides where robots go, from an interaction's messages. It must be used by one thread at a time.
+    """Decides where robots go, from an interaction's messages. Only one thread may use it at a time.
 
-    A goal is given only after a stationary camera saw the spot in this interaction: before that, and where there is no
-    such camera, the person guides the robot. From then on the sightings of every camera count.
+    A goal is given only after a stationary camera has seen the spot in this interaction. Before that, and where there
+    is no such camera, the person guides the robot. Afterwards, all cameras' sightings count.
 
     Args:
-        radii: [m] of the robots, by name; "" is the only one, without a namespace.
+        radii: [m] of the robots, by name; "" for a single robot without a namespace.
 
     Attributes:
-        maps: of each robot, by name, with its camera's view.
-        sightings: of the spot in this interaction.
-        notice: the one to show to people now, if any.
+        maps: each robot's maps and its camera's view, by name.
+        sightings: the sightings of the spot in this interaction.
+        notice: the notice to show to people now, if any.
     """
 
     def __init__(self, radii: Mapping[str, float]) -> None:
         self.maps = {name: RobotMap(radius) for name, radius in radii.items()}
         self.sightings = Sightings(mobile_cameras=[name or "robot" for name in radii])
         self.notice: Optional[Notice] = None
-        self._fleet = Fleet(self.maps)
-        self._unserved_since = math.inf  # [s] since when no camera sees the spot and no robot comes
-        self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what
+        self._policy = DispatchPolicy(self.maps)
+        self._unserved_since = math.inf  # [s] time since which no camera sees the spot and no robot comes
+        self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # interaction, and its drawing
 
     def set_progress(self, interaction: str, drawn: DrawingState, cameras: Iterable[str]) -> None:
         """Stores what has been drawn so far in an interaction, and which cameras contributed."""
         self._drawn = interaction, drawn
-        # also before any robot is wanted: one may be wanted because cameras contributed
+        # also before any robot is wanted, because it depends on these cameras whether one is
         self.sightings.add_contributors(interaction, cameras)
 
     def decide(self, now: float, robots: Mapping[str, DispatchStatus]) -> Dict[str, Optional[Viewpoint]]:
-        """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new goal."""
+        """Decides the goal of each robot at time `now` [s], by `DispatchPolicy.step`. A new goal takes some 10 ms."""
         sightings, robot_wanted = self.sightings, self.sightings.should_dispatch()
         sightings.forget_after(now)
         drawing = self._drawing(now) if robot_wanted else None
         time_since_seen = sightings.time_since_seen(now)
         if sightings.newest() is None and drawing is not None and not drawing.seeding:
             time_since_seen = 2.0 * LOST_TIMEOUT  # this program was restarted in the middle of a drawing
-        seeing = {}
+        candidates = {}
         for name, status in robots.items():
-            others = [its.pose[:2] for other, its in robots.items() if other != name and its.pose is not None]
+            others = [s.pose[:2] for other, s in robots.items() if other != name and s.pose is not None]
             planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
-            seeing[name] = (status, planner)
-        goals = self._fleet.step(now, sightings.key if robot_wanted else None, time_since_seen, seeing)
+            candidates[name] = (status, planner)
+        goals = self._policy.step(now, sightings.key if robot_wanted else None, time_since_seen, candidates)
         self._update_notice(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
-        sightings, (interaction, drawn) = self.sightings, self._drawn
+        """Returns the drawing with its spot at time `now` [s]; None while the spot's position is not known."""
+        sightings, (interaction, drawing) = self.sightings, self._drawn
         if interaction != sightings.key[0]:
-            drawn = DrawingState()
-        if sightings.state == SEED and drawn.seed is not None:
-            target = drawn.seed  # a camera that moves sees other bright things once the pointer is off
+            drawing = DrawingState()
+        if sightings.state == SEED and drawing.seed is not None:
+            target = drawing.seed  # because a moving camera sees other bright things once the pointer is off
         elif sightings.newest() is not None:
             target = sightings.target()
         else:
-            # this program was restarted in the middle of a drawing: the line ends where the spot was seen last; the
-            # seed of a closed line is most likely within it, where a robot would hide it
-            within = drawn.inside() if sightings.state == SEED else None
-            target = drawn.spot if within is None else within
+            # this program was restarted in the middle of a drawing: the spot was last at the line's end; the seed of a
+            # closed line is most likely inside it, where a robot would hide it
+            inner_point = drawing.inside() if sightings.state == SEED else None
+            target = drawing.spot if inner_point is None else inner_point
         if target is None:
             return None
         return replace(
-            drawn,
+            drawing,
             spot=target,
             velocity=sightings.velocity(),
             seeding=sightings.state == SEED,
@@ -117,12 +118,12 @@ class Dispatcher:
         )
 
     def _update_notice(self, now: float, lost: bool) -> None:
-        """Chooses the notice while no camera sees the spot: it says whether a robot comes."""
-        comes = self._fleet.goal is not None
-        self._unserved_since = min(self._unserved_since, now) if lost and not comes else math.inf
+        """Updates the notice, which says whether a robot comes while no camera sees the spot."""
+        is_coming = self._policy.goal is not None
+        self._unserved_since = min(self._unserved_since, now) if lost and not is_coming else math.inf
         self.notice = None
-        if lost and comes:
-            who = self._fleet.serving or ""
-            self.notice = Notice.of_robot(who, "spot_not_seen_robot_looks", Severity.INFO)
+        if lost and is_coming:
+            robot = self._policy.serving or ""
+            self.notice = Notice.of_robot(robot, "spot_not_seen_robot_looks", Severity.INFO)
         elif now - self._unserved_since >= UNSERVED_TIME:
             self.notice = Notice("spot_not_seen_no_robot", Severity.WARNING)

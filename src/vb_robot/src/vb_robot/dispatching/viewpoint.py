@@ -1,9 +1,9 @@
 """Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area).
 
-A robot looks a little ahead of the spot, to where the line continues, so that it is there before ceiling cameras lose
-the spot; and it goes nowhere that the border will probably restrict.
-One test decides whether the camera sees what it must from a pose, be it the robot's pose, its goal or a candidate.
-Candidates need some more margin, and the cheapest in metres of path is taken.
+A robot looks a little ahead of the spot, to where the line continues, so that it sees the spot before ceiling cameras
+lose it. It goes nowhere that the border will probably restrict. The same test decides whether the camera sees what it
+must from the robot's pose, from its goal and from candidate poses. Candidates need some more margin, and the cheapest
+in metres of path is chosen.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from vb_core.geometry import Pose
 from vb_core.grid_map import clearance_grid, sample
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 
-# [m] to the point that the camera looks at: nearer, it leaves the image; farther, the spot is small
+# [m] to the point that the camera looks at; a nearer point leaves the image, a farther spot is too small
 MIN_DISTANCE, MAX_DISTANCE = (0.8, 1.5)
 BEST_DISTANCE = 1.1  # [m]
-DISTANCES, BEARINGS = 4, 36  # how many of each are checked
-IMAGE_MARGIN = 0.15  # least fraction of the image between its edge and the point that a new pose looks at ...
-SEEN_MARGIN = 0.06  # ... and all that any pose must see
+DISTANCES, BEARINGS = 4, 36  # number of each that are checked
+IMAGE_MARGIN = 0.15  # minimum fraction of the image between its edge and the point that a new pose looks at ...
+SEEN_MARGIN = 0.06  # ... and the points that any pose must see
 LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and its extrapolation
 # What a pose costs, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing where
 # the line continues, and the expected area: once if the path crosses it, and again if the pose is on it.
 TURN_COST, DISTANCE_COST, UNSEEN_COST, LOCKED_COST = 0.4, 0.5, 0.5, 5.0
 STEP = 0.05  # [m] between points of an extrapolated line
-# A quick hand has moved on by the time a robot arrives: the robot looks at the middle of the way that the hand may have
-# gone until then, as long as the spot stays in view too.
-MIN_LOOKAHEAD, REACTION, MAX_LOOKAHEAD = 0.3, 1.2, 0.6  # [m] at least, [s] of the hand's motion, [m] at most
-LINE_AHEAD = 0.8  # [m] how far the line is extrapolated: a robot should see this part too, and keeps off it
+# A quick hand has moved on when the robot arrives, so the robot looks at the middle of the distance that the hand may
+# have covered until then, as long as it sees the spot too.
+MIN_LOOKAHEAD, REACTION, MAX_LOOKAHEAD = 0.3, 1.2, 0.6  # [m] minimum, [s] of the hand's motion, [m] maximum
+LINE_AHEAD = 0.8  # [m] length of the extrapolated line, which a robot should see too, and keeps off
 MIN_LINE = 0.3  # [m] a shorter line encloses nothing yet
 NO_POINTS = np.zeros((0, 2))
 
@@ -46,13 +46,13 @@ class DrawingState:
     """The drawing so far, map frame.
 
     Attributes:
-        spot: (2,) [m] where the spot is, or was last; None: not known.
-        chain: (M, 2) [m] what has been drawn.
-        velocity: (2,) [m/s] how the spot moves, or None.
+        spot: (2,) [m] the spot's last position; None if it is not known.
+        chain: (M, 2) [m] the line drawn so far.
+        velocity: (2,) [m/s] the spot's velocity, or None.
         closed: whether the chain is a polygon.
-        seeding: the spot marks the side to be restricted, from which robots keep off.
-        seen_by_stationary: a stationary camera sees the spot, so a robot need not.
-        seed: (2,) [m] the one that the border would be saved with now, or None.
+        seeding: whether the spot marks the side to be restricted, from which robots keep off.
+        seen_by_stationary: whether a stationary camera sees the spot, so that a robot need not.
+        seed: (2,) [m] the seed with which the border would be saved now, or None.
     """
 
     spot: Optional[np.ndarray] = None
@@ -64,7 +64,7 @@ class DrawingState:
     seed: Optional[np.ndarray] = None
 
     def inside(self) -> Optional[np.ndarray]:
-        """Returns a point (2,) [m] within a closed line, near its middle; None if the line is open."""
+        """Returns a point (2,) [m] inside a closed line, near its middle; None if the line is open."""
         if not self.closed or len(self.chain) < 3:
             return None
         return np.array(Polygon(self.chain).representative_point().coords[0])
@@ -86,8 +86,8 @@ class DrawingState:
     def expected_area(self, clearance_map: ClearanceMap) -> Optional[np.ndarray]:
         """Predicts which cells (H, W) bool the border will restrict; None if it is too early to tell.
 
-        While the seed is shown, the seed's side; before that, the area between the line and the straight line joining
-        its ends, since a half-drawn polygon looks like a curve.
+        While the seed is shown, this is the seed's side. Before that, it is the area between the line and the straight
+        line that joins its ends, because a half-drawn polygon looks like a curve.
         """
         if self.seeding:
             return clearance_map.side_of(self.spot, self.chain, self.closed)
@@ -102,9 +102,9 @@ class FloorView:
     """Projects floor points, given in the frame of a robot's base, into the image of its camera.
 
     Args:
-        camera: the lens, from camera_info.
-        T_base_camera: (4, 4) the mount, from tf.
-        max_range: [m] farther from the base a spot is too small to be detected.
+        camera: the camera's model, from camera_info.
+        T_base_camera: (4, 4) the camera's mount, from tf.
+        max_range: [m] distance from the base beyond which a spot is too small to be detected.
     """
 
     def __init__(self, camera: CameraModel, T_base_camera: np.ndarray, max_range: float = 3.0) -> None:
@@ -121,7 +121,7 @@ class FloorView:
         )
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside of the image."""
+        """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside the image."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         points = geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
         ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
@@ -133,8 +133,8 @@ class FloorView:
         """Returns (N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
 
         Args:
-            margin: how far from the image's edges, as a fraction of its width and height, or (2,) of each; 0.5 leaves
-                the middle only.
+            margin: minimum distance from the image's edges, as a fraction of its width and height, or (2,) of each;
+                0.5 leaves only the middle.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         width, height = self.camera.width, self.camera.height
@@ -147,7 +147,7 @@ class FloorView:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pose, and its cost [m]. `sees_spot`: False for a pose that only leaves the side to be restricted."""
+    """A pose, and its cost [m]. `sees_spot` is False for a pose that only leaves the side to be restricted."""
 
     pose: Pose
     cost: float
@@ -155,7 +155,7 @@ class Viewpoint:
 
 
 class ViewpointPlanner:
-    """Computes what one robot can see of a drawing, from where it is and from where it could go.
+    """Computes what one robot can see of a drawing, from its pose and from the poses that it can reach.
 
     Args:
         others: (K, 2) [m] positions of other robots.
@@ -169,10 +169,10 @@ class ViewpointPlanner:
         self._ahead = drawing.line_ahead(clearance_map)
         self.look_at = drawing.look_at(self._ahead)
         area = drawing.expected_area(clearance_map)
-        # the future border would lock a robot in: it stands clear of the border's area, and does not drive over it
-        apart = None if area is None else clearance_grid(area, clearance_map.grid.resolution)
-        self._outside = None if apart is None else apart >= clearance_map.radius + STOP_MARGIN
-        self._touching = None if apart is None else apart < clearance_map.radius
+        # so that the future border does not lock the robot in, it stands and drives clear of the border's area
+        area_distance = None if area is None else clearance_grid(area, clearance_map.grid.resolution)
+        self._outside = None if area_distance is None else area_distance >= clearance_map.radius + STOP_MARGIN
+        self._touching = None if area_distance is None else area_distance < clearance_map.radius
         drawn = geometry.resample_chain(drawing.chain, 0.1, drawing.closed) if len(drawing.chain) > 1 else drawing.chain
         self._line = np.vstack([self._ahead, drawn])
 
@@ -188,34 +188,34 @@ class ViewpointPlanner:
         """Finds the cheapest reachable pose that shows the target; None if there is none.
 
         The pose is clear of obstacles and borders by radius and margin, off the drawn line and its extrapolation, and
-        always off the side that the seed marks. If possible, pose and path avoid the area that the border will probably
-        restrict. The robot's own position is a candidate too: it then only turns. If there is no such pose and the
-        robot is on the seed's side, returns the nearest pose off it.
+        never on the side that the seed marks. If possible, pose and path avoid the area that the border will probably
+        restrict. The robot's own position is a candidate too, at which it only turns. If there is no such pose, and the
+        robot is on the seed's side, returns the nearest pose off that side.
 
         Args:
-            avoid: (x, y, radius) [m] around positions that failed.
+            avoid: circles (x, y, radius) [m] around positions that failed.
         """
-        places, yaws, distances = _poses_round(self.look_at, robot)
+        places, yaws, distances = _poses_around(self.look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
         keep &= self.clearance_map.has_room_at(places)
-        apart = 2.0 * self.clearance_map.radius + STOP_MARGIN
-        for x, y, radius in [*((*other, apart) for other in self._others), *avoid]:
+        min_gap = 2.0 * self.clearance_map.radius + STOP_MARGIN
+        for x, y, radius in [*((*other, min_gap) for other in self._others), *avoid]:
             keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
         keep[keep] = self._shows(places[keep], yaws[keep])
         places, yaws, distances = places[keep], yaws[keep], distances[keep]
         if not len(places):
             return self._retreat(robot)
-        off = places - robot[:2]
-        moves = np.hypot(*off.T)
+        offsets = places - robot[:2]
+        moves = np.hypot(*offsets.T)
         lengths = self.clearance_map.path_lengths(robot[:2], places, self._others)
         crossing = self._cross_area(robot, places, lengths)
         lengths[moves < 1e-6] = 0.0
-        # the robot turns towards the position and there to the yaw, or only to the yaw if it is there already
-        heading = np.where(moves < 0.1, robot[2], np.arctan2(off[:, 1], off[:, 0]))
+        # the robot first turns towards the position, and there to the yaw; if it is there already, only to the yaw
+        heading = np.where(moves < 0.1, robot[2], np.arctan2(offsets[:, 1], offsets[:, 0]))
         turns = np.abs([np.arctan2(np.sin(turn), np.cos(turn)) for turn in (heading - robot[2], yaws - heading)])
         cost = lengths + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
         cost += UNSEEN_COST * (1.0 - self._seen(self._ahead, places, yaws).mean(axis=1))
-        # while the seed is shown the border may be saved at any moment: a robot that need not come waits
+        # while the seed is shown, the border may be saved at any moment, so a robot that need not come waits
         waits = self.drawing.seeding and self.drawing.seen_by_stationary
         cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(places)
         best = int(np.argmin(cost))
@@ -226,7 +226,7 @@ class ViewpointPlanner:
     def _cross_area(self, robot: Pose, places: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: whether the shortest path to each place, of these lengths [m], crosses the expected area.
 
-        Navigation does not yet know the border being drawn. A robot that is on the area has to leave it in any case.
+        Navigation does not know the border before it is saved. A robot that is on the area must leave it in any case.
         """
         touching, grid = self._touching, self.clearance_map.grid
         if touching is None or sample(grid, touching, np.array([robot[:2]]), outside=0.0)[0]:
@@ -247,7 +247,7 @@ class ViewpointPlanner:
         return keep
 
     def _is_outside(self, places: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: which places (N, 2) [m] the border will probably not restrict."""
+        """Returns (N,) bool: which places (N, 2) [m] are probably outside the area that the border will restrict."""
         if self._outside is None:
             return np.ones(len(places), dtype=bool)
         return sample(self.clearance_map.grid, self._outside, places, outside=1.0) > 0
@@ -275,14 +275,14 @@ class ViewpointPlanner:
         return Viewpoint((*places[best].tolist(), yaw), float(lengths[best]), sees_spot=False)
 
 
-def _poses_round(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point; the robot's place too."""
-    own = look_at - robot[:2]
-    home = float(np.hypot(*own)), math.atan2(own[1], own[0])
-    # starting at the robot's own bearing, so that a robot that only has to come nearer need not drive round
-    yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + home[1]
+def _poses_around(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point, also at the robot."""
+    x, y = look_at - robot[:2]
+    robot_distance, robot_yaw = float(np.hypot(x, y)), math.atan2(y, x)
+    # starts at the robot's own bearing, so that a robot that only has to come nearer need not drive around the point
+    yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + robot_yaw
     distance, yaw = (values.ravel() for values in np.meshgrid(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), yaw))
-    if 0.8 * MIN_DISTANCE <= home[0] <= 1.3 * MAX_DISTANCE:
+    if 0.8 * MIN_DISTANCE <= robot_distance <= 1.3 * MAX_DISTANCE:
         # turning is quicker than driving to a slightly better position
-        distance, yaw = np.append(distance, home[0]), np.append(yaw, home[1])
+        distance, yaw = np.append(distance, robot_distance), np.append(yaw, robot_yaw)
     return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance

@@ -1,10 +1,8 @@
-"""The arbiter between the sources that want to drive one robot.
+"""Arbitrates between the sources that request motion of one robot.
 
-Several sources may request motion (a joystick, the spot, the escape, navigation); exactly one drives at a time, and
-every command passes one gate (gate.py). In doubt the robot stops, and a code says why.
-
-The sources, in order of priority: stop (it holds until resume), teleoperation, following the spot, escape from
-a border or obstacle that is too near, navigation.
+Exactly one source drives at a time, and every command passes one gate (gate.py). In doubt the robot stops, and a code
+says why. The sources, in order of priority, are: stop (in force until resume), teleoperation, following the spot,
+escape from a border or obstacle that is too near, navigation.
 """
 
 from __future__ import annotations
@@ -25,22 +23,22 @@ from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.spot_sightings import Sighting, Sightings
 
-# [s] for which each new listener is sent zeros: a base may still hold the last command of a driver that died
+# [s] for which a new subscriber is sent zero commands, as a base may still execute the last one of a crashed driver
 START_ZEROS = 3.0
-GOAL_TIMEOUT = 1.0  # [s] after navigation last reported a goal, the goal counts as gone; five reports come a second
+GOAL_TIMEOUT = 1.0  # [s] without a report of a goal after which it counts as ended; navigation sends five a second
 CANCEL_PERIOD = 1.0  # [s] between cancellations of navigation's goals while the robot follows the spot
-STILL = 0.1  # [rad/s] a robot that turns more slowly counts as standing: navigation's slowest turn is twice as fast
+STILL = 0.1  # [rad/s] turn rate below which a robot counts as standing; navigation's slowest turn is twice as fast
 
 
 @dataclass(frozen=True)
 class DriveCommand:
-    """The command that goes to the wheels now.
+    """The current command to the wheels.
 
     Attributes:
         v, w: [m/s, rad/s]
-        source: who drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
-        code: "driving", or what stops or slows the robot.
-        publish: whether to publish it; a robot that no source drives is left alone.
+        source: the source that drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
+        code: "driving", or the reason why the robot stops or slows down.
+        publish: whether to publish the command; nothing is published while no source drives.
         cancel: whether to cancel navigation's goals.
     """
 
@@ -53,18 +51,18 @@ class DriveCommand:
 
 
 class Arbiter:
-    """Chooses which source drives a robot, and passes its requests through the gate.
+    """Chooses the source that drives a robot, and passes its requests through the gate.
 
-    Several threads may feed it; only one may call `step`.
+    Several threads may provide inputs; only one may call `step`.
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
-        stops: the stops that the robot holds from before this program started.
+        stops: the stops in force from before this program started.
 
     Attributes:
-        gate: limits every command; takes the inputs that decide how fast the robot may drive.
+        gate: limits every command; receives the inputs that determine how fast the robot may drive.
         follower: requests the motion that follows the spot.
-        stops: the stops in force; while there is one, no other source drives.
+        stops: the stops in force, during which no other source drives.
     """
 
     def __init__(
@@ -80,7 +78,7 @@ class Arbiter:
         self.follower, self._escape = SpotFollower(), Escape(profile.radius)
         self._rotation_shim = RotationShim()
         self._goal_at = -math.inf  # [s] when navigation last reported a goal
-        self._zeros_until = -math.inf  # [s] until when a new listener is sent zeros
+        self._zeros_until = -math.inf  # [s] until which new subscribers are sent zero commands
         self._listeners = 0
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self.stops = stops or HeldStops()
@@ -90,7 +88,7 @@ class Arbiter:
 
     # ------------------------------------------------------------- inputs
     def set_state(self, state: State, interaction: str, entered: float, stamp: float) -> None:
-        """Stores the interaction's state, published at a time [s]."""
+        """Stores the interaction's state, which was published at time `stamp` [s]."""
         with self._lock:
             self._spots.set_state(state, interaction, entered)
             self.gate.record_input("state", stamp)
@@ -99,21 +97,21 @@ class Arbiter:
         """Adds a spot of any camera."""
         with self._lock:
             counts = self._spots.add(sighting)
-            # in the order of this camera alone: spots of other cameras may arrive sooner
+            # only this camera's spots, because spots of other cameras may arrive in another order
             if counts and sighting.mobile and sighting.camera == self._camera:
                 self.follower.spot, self.gate.stamps["spot"] = sighting.position, sighting.stamp
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
-        """Learns which cameras contributed to an interaction, for instance before this program started."""
+        """Adds cameras that contributed to an interaction, for instance before this program started."""
         with self._lock:
             self._spots.add_contributors(interaction, cameras)
 
     def set_goal(self, active: bool, now: float) -> None:
-        """Stores whether navigation has a goal, according to its status at a time [s]."""
+        """Stores whether navigation has a goal, according to its status at time `now` [s]."""
         self._goal_at = now if active else -math.inf
 
     def recover(self, now: float) -> None:
-        """Notes that navigation began a recovery."""
+        """Records that navigation began a recovery."""
         with self._lock:
             self._rotation_shim.recover(now)
 
@@ -126,15 +124,15 @@ class Arbiter:
         """Stores a command of navigation or teleoperation [m/s, rad/s]."""
         self._commands[source], self.gate.stamps[source] = VelocityRequest(v, w), now
 
-    # ------------------------------------------------------------- who drives
+    # ------------------------------------------------------------- commands
     def halt(self, code: str) -> DriveCommand:
-        """Stops the robot, whatever is requested, because the program has a fault."""
+        """Stops the robot despite any request, because the program has a fault."""
         with self._lock:
             self._last = DriveCommand(0.0, 0.0, self._last.source, code, True)
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Decides the command for a time [s]; called RATE times a second. `listeners`: subscribers to the commands."""
+        """Computes the command for time `now` [s], RATE times a second; `listeners`: number of its subscribers."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS
@@ -149,7 +147,8 @@ class Arbiter:
                 self._cancelled_at = now
             if source != NONE:
                 self._zeros_until = now
-            # when no source drives any more, one stop is published; while a stop is in force, it is repeated
+            # when the last source stops driving, one zero command is published; while a stop is in force, it is
+            # repeated
             publish = source != NONE or self._last.source != NONE or now < self._zeros_until or code != request.code
             self._last = DriveCommand(v, w, source, code, publish, cancel)
             return self._last
@@ -161,7 +160,7 @@ class Arbiter:
         teleop = self._command(TELEOP, now)
         if teleop is not None:
             return TELEOP, teleop
-        # a robot that a person guides does not change its source when the state is lost: the gate then stops it
+        # if the state is lost while a person guides the robot, the source stays the same and the gate stops the robot
         if self._spots.should_follow(self._camera, now):
             return FOLLOW, self.follower.compute_request(self.gate.pose(now))
         request = self._compute_escape(now, goal)
@@ -181,7 +180,7 @@ class Arbiter:
         pose, workspace = self.gate.pose(now), self.gate.workspace
         if pose is None or workspace is None:
             return None
-        # a command that the gate stopped, at a border or a wall, does not move the robot, whatever navigation believes
+        # a command that the gate stopped, at a border or a wall, does not move the robot
         granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = granted and self._command(NAVIGATION, now) is not None
         return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)

@@ -1,7 +1,8 @@
 """Drives a robot away from a border or obstacle that is too near, so that navigation finds a path again.
 
-Navigation's planner keeps PATH_MARGIN more clearance than its controller, so the controller may stop the robot where no
-path can start. The robot then drives straight to the nearest position with enough clearance, while its goal waits.
+Navigation's planner requires PATH_MARGIN more clearance than its controller, so the controller may stop the robot at a
+position from which no path can start. The robot then drives straight to the nearest position with enough clearance, and
+continues to its goal.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ from vb_core.geometry import Pose
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 
-NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: escape starts, ends (cells flicker)
-ROOM = FREE + 0.05  # [m] beyond the radius at the target: a robot that stops a few centimetres short is still free
-REACH = 0.5  # [m] to the farthest target: a robot without one is trapped, not pinched
+NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: start and end (cells flicker)
+ROOM = FREE + 0.05  # [m] beyond the radius at the target, so that a robot that stops a few centimetres short is free
+REACH = 0.5  # [m] to the farthest target; a robot without a target is trapped, not pinched
 PINCHED_AFTER = 1.5  # [s] for which navigation must have a goal without moving the robot
-TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s] until it gives up, and until it tries again: the obstacle may be gone
+TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s] until it gives up, and then until it tries again, as the obstacle may move
 
 
 class Escape:
-    """Helps a pinched robot, which has a goal, is not moved by navigation, and stands too near to something.
+    """Frees a pinched robot: it has a goal, navigation does not move it, and a border or obstacle is too near.
 
-    A robot whose centre is inside a border is not pinched: somebody drew the border there, or drove the robot into it.
+    A robot whose centre is inside a border is not pinched, because a person drew the border there or drove it in.
 
     Args:
         radius: [m] of the robot.
@@ -39,7 +40,7 @@ class Escape:
         self._target: Optional[np.ndarray] = None  # (2,) [m]; None if the robot needs no help
 
     def interrupt(self, now: float) -> None:
-        """Drops the target when a person stops or drives the robot, which may be elsewhere afterwards."""
+        """Resets the escape when a person stops or drives the robot, which may be elsewhere afterwards."""
         self._target, self._started, self._idle_since = None, -math.inf, now
 
     def compute_request(

@@ -48,7 +48,7 @@ MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther in the future comes from another c
 USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] an input with a longer period may be older by the excess, up to MAX_SLACK
 JUMP_WINDOW = 1.0  # [s] over which the localisation is compared with the odometry
 POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation, during which the borders' positions count as unknown
-OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command, no command passes: only one node may drive a base
+OTHER_PUBLISHER_HOLD = 1.0  # [s] for which no command passes after another node's, as one node may drive a base
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 
 OTHER_PUBLISHER = "other_cmd_vel_publisher"  # the code while another node can command the base
@@ -69,7 +69,7 @@ class Gate:
         speed_limits: the map of the slow zones' limits, if there is one.
         contacts: for each (topic, sensor), the motion that its contact forbids: "forward" or "all".
         pose_uncertain: whether the localisation reports that the robot may be anywhere.
-        registered: other nodes that can command this robot's base now.
+        other_commanders: other nodes that can command this robot's base now.
         clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
@@ -80,7 +80,7 @@ class Gate:
         self.speed_limits: Optional[GridMap] = None
         self.contacts: Dict[Tuple[str, int], str] = {}
         self.pose_uncertain = False
-        self.registered: Tuple[str, ...] = ()
+        self.other_commanders: Tuple[str, ...] = ()
         self.clock_age = 0.0
         self.stamps: Dict[str, float] = {}
         self._lock = threading.RLock()
@@ -150,11 +150,13 @@ class Gate:
         """Records that another node has commanded this robot's base."""
         self._other_publishers[name] = now
 
-    # ------------------------------------------------------------- what is known
+    # ------------------------------------------------------------- state
     def other_publishers(self, now: float) -> str:
         """Returns the other nodes that can command the robot, or did in the last second."""
-        recent = [name for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_PUBLISHER_HOLD]
-        return ", ".join(sorted({*recent, *self.registered}))
+        recent = [
+            name for name, stamp in list(self._other_publishers.items()) if 0.0 <= now - stamp <= OTHER_PUBLISHER_HOLD
+        ]
+        return ", ".join(sorted({*recent, *self.other_commanders}))
 
     def pose(self, now: float) -> Optional[Pose]:
         """Returns the robot's pose; None if it is unknown, or has just jumped."""
@@ -163,7 +165,7 @@ class Gate:
         unknown = not self._pose_known or self.pose_uncertain or now < self._jump_hold_until
         return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._recent_fixes[-1].pose
 
-    # ------------------------------------------------------------- what it lets through
+    # ------------------------------------------------------------- commands
     def limit(self, now: float, source: str, request: VelocityRequest) -> Tuple[float, float, str]:
         """Limits a source's request at time `now` [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
         with self._lock:
@@ -225,9 +227,9 @@ class Gate:
         if not unscanned:
             assert self._scan is not None
             # the scan's age counts instead of the reaction time if it is longer
-            late = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
-            speeds.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, late), "obstacle"))
-            unscanned = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, late))
+            latency = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
+            speeds.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, latency), "obstacle"))
+            unscanned = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, latency))
             if unscanned and source != TELEOP:
                 speeds.append((0.0, "floor_not_scanned"))
         if unscanned:

@@ -1,7 +1,7 @@
-"""Finds which border a robot is in, and why a goal cannot be reached, before navigation has found out. No ROS.
+"""Finds which border a robot is in, and why a goal cannot be reached, before navigation gives up. No ROS.
 
 Navigation gives up after its recoveries, half a minute later, and does not say why. The maps show at once whether there
-is no room at the goal, or no free floor from the robot to it; the map without borders shows whether borders are why.
+is no room at the goal, or no free floor from the robot to it. The map without borders shows whether borders are why.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from vb_robot.clearance_map import START_TOLERANCE, ShortestPaths
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
 
 NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps
-SEARCH_CELLS = 200  # along the map's longer side: the path is searched only for the border's name
+SEARCH_CELLS = 200  # maximum along the map's longer side; the path is searched only for the border's name
 
 
 @dataclass(frozen=True)
 class KnownBorder:
-    """A border by name: its chain (N, 2) [m], seed (2,) [m], and kind."""
+    """A border: its name, chain (N, 2) [m], seed (2,) [m], and whether it is a polygon."""
 
     name: str
     points: np.ndarray
@@ -30,29 +30,32 @@ class KnownBorder:
     polygon: bool
 
     def may_restrict(self, point) -> bool:
-        """Returns whether a point is on the seed's side of a polygon; always true for a curve, which has no inside."""
+        """Returns whether a point is on the seed's side of a polygon; true for a curve, as it has no inside."""
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
         inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (point, self.seed)]
         return not self.polygon or inside[0] == inside[1]
 
 
-def name_of(known: Sequence[KnownBorder], point) -> str:
-    """Returns the name of the border that restricts a point (2,) [m]; "" if none is known.
+def name_of(borders: Sequence[KnownBorder], point) -> str:
+    """Returns the name of the border that restricts a point (2,) [m]; "" if there are no borders.
 
-    Polygons that may restrict it go before curves, nearer ones first: the maps do not say which border a cell is from.
+    The maps do not say which border a cell is from. Polygons that may restrict the point come before curves, and nearer
+    borders before farther ones.
     """
 
     def order(border: KnownBorder) -> tuple:
         distance = float(np.linalg.norm(border.points - point, axis=1).min())
         return not border.may_restrict(point), not border.polygon, distance
 
-    return min(known, key=order).name if known else ""
+    return min(borders, key=order).name if borders else ""
 
 
 def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
     """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
-    there, without = (sample(grid, grid.data, np.reshape(point, (1, 2)), -1.0)[0] for grid in (borders, physical))
-    return bool(there >= LETHAL_THRESHOLD and there > without)
+    with_borders, without = (
+        sample(grid, grid.data, np.reshape(point, (1, 2)), -1.0)[0] for grid in (borders, physical)
+    )
+    return bool(with_borders >= LETHAL_THRESHOLD and with_borders > without)
 
 
 def quoted(name: str) -> str:
@@ -64,67 +67,68 @@ class GoalChecker:
     """Checks goals on one pair of maps.
 
     Args:
-        borders: the map with borders, to plan on; physical: the map without, of the same geometry.
+        borders: the map with borders, on which navigation plans; physical: the map without them, of the same geometry.
         radius: [m] of the robot's inscribed circle.
-        known: the borders that are in force for this robot, for their names.
+        known: the borders that are in force for this robot, which give the names.
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
         self.borders, self.physical, self._known = borders, physical, known
         self._barred = forbidden(borders, physical)
-        # only what is certain is called out of reach: navigation may round differently by a cell
+        # a cell smaller, because navigation may round differently, and a goal is refused only for certain reasons
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
-        self._parts = {which: self._connected(grid) for which, grid in (("borders", borders), ("physical", physical))}
+        self._parts = {layer: self._connected(grid) for layer, grid in (("borders", borders), ("physical", physical))}
 
     def name_at(self, point) -> str:
-        """Returns the name of the border that a point (2,) [m] is in, or that leaves no room there."""
+        """Returns the name of the border that contains a point (2,) [m], or that leaves no room at it."""
         return name_of(self._known, nearest_cell(self.borders, self._barred, point, 2.0 * self._radius + NEAR)[1])
 
     def check(self, start, goal) -> Optional[Tuple[str, str]]:
-        """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m] or None: (code, border's name).
+        """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m]: a code, and the border's name.
 
-        Codes: "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border", "goal_out_of_reach". None if
-        nothing is known against the goal.
+        The codes are "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border" and
+        "goal_out_of_reach". Returns None if nothing is known against the goal. The start may be None, not known.
         """
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
             return "goal_off_map", ""
-        there = {which: self._room_at(which, goal, 0.0) for which in self._parts}
-        if not there["physical"]:
+        goal_parts = {layer: self._part_at(layer, goal, 0.0) for layer in self._parts}
+        if not goal_parts["physical"]:
             return "goal_in_obstacle", ""
-        if not there["borders"]:
+        if not goal_parts["borders"]:
             return "goal_in_border", self.name_at(goal)
         if start is None:
             return None
-        here = {which: self._room_at(which, start, START_TOLERANCE) for which in self._parts}
-        if not here["physical"] or there["physical"] != here["physical"]:
-            return ("goal_out_of_reach", "") if here["physical"] else None
-        if not here["borders"] or there["borders"] != here["borders"]:
+        start_parts = {layer: self._part_at(layer, start, START_TOLERANCE) for layer in self._parts}
+        if not start_parts["physical"] or goal_parts["physical"] != start_parts["physical"]:
+            return ("goal_out_of_reach", "") if start_parts["physical"] else None
+        if not start_parts["borders"] or goal_parts["borders"] != start_parts["borders"]:
             return "goal_behind_border", self._crossed(start, goal)
         return None
 
     def _connected(self, grid: GridMap) -> np.ndarray:
-        """Labels the connected parts of the floor (H, W) with room for the robot; 0: none. Unknown may be free."""
+        """Labels the connected parts of the floor (H, W) with room for the robot; 0 is no room. Unknown may be free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
-    def _room_at(self, which: str, point, reach: float) -> int:
-        rooms, grid = self._parts[which], self.borders
+    def _part_at(self, layer: str, point, reach: float) -> int:
+        """Returns the label of the part of the floor at a point (2,), or nearest within `reach` [m]; 0 if none."""
+        parts, grid = self._parts[layer], self.borders
         cell = tuple(grid.world_to_cell(point)[0])
-        if grid.contains_cells(np.array([cell]))[0] and rooms[cell]:
-            return int(rooms[cell])
-        cell, _ = nearest_cell(grid, rooms > 0, point, reach)
-        return int(rooms[cell]) if cell is not None else 0
+        if grid.contains_cells(np.array([cell]))[0] and parts[cell]:
+            return int(parts[cell])
+        cell, _ = nearest_cell(grid, parts > 0, point, reach)
+        return int(parts[cell]) if cell is not None else 0
 
     def _crossed(self, start, goal) -> str:
         """Returns the name of the first border on the path that crosses the fewest border cells."""
         if is_inside(self.borders, self.physical, start):
             return self.name_at(start)
         step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
-        allowed, passable = (_any_of(self._parts[which] > 0, step) for which in ("borders", "physical"))
+        allowed, passable = (_any_of(self._parts[layer] > 0, step) for layer in ("borders", "physical"))
         passable |= allowed
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
-        passable[tuple(ends.T)] = True  # even if they lie beside the blocks that have room
+        passable[tuple(ends.T)] = True  # even if they are outside the blocks that have room
         cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
         for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
             if not allowed[row, column]:

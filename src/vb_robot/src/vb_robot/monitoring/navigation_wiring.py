@@ -14,8 +14,8 @@ from vb_core import names
 GRIDS = ("nav_msgs/OccupancyGrid",)
 PATHS = ("nav_msgs/Path",)
 VELOCITIES = ("geometry_msgs/Twist",)
-# local planners whose speed limit can be set while they run, with the values to lower: their limits, and what must
-# stay below these
+# local planners whose speed limit can be set while they run, with the parameters to lower: maximum speeds, and values
+# that must stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
     "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
     "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards", "penalty_epsilon"),
@@ -28,11 +28,11 @@ class Wiring:
     """What a robot's move_base is connected to.
 
     Attributes:
-        move_base: its node; "": none is running.
-        maps: the map topics that it subscribes to; missing_maps: those of them that it waits for in vain.
+        move_base: the name of its node; "" if none is running.
+        maps: the map topics that it subscribes to; missing_maps: those for which it waits in vain.
         unheard, plans_round_borders: see vb_msgs/RobotStatus.
-        path: the topic of its path; planner: the name of its local planner, one of PLANNERS; "": not known.
-        radius: [m] of the robot's inscribed circle, from its costmap; None: not given.
+        path: the topic of its path; planner: the name of its local planner, one of PLANNERS; "" if not known.
+        radius: [m] of the robot's inscribed circle, from its costmap; None if not given.
     """
 
     move_base: str = ""
@@ -51,33 +51,34 @@ def within(robot: str, name: str) -> str:
 
 
 def find_move_base(graph: Any, robot: str) -> str:
-    """Finds the node that plans for a robot, whatever its name, even while it waits for a map; "" if there is none."""
-    serving = graph.publishers.get(within(robot, "move_base/status")) or graph.subscribers.get(
+    """Finds the node that plans for a robot, whatever its name, and even if it waits for a map; "" if there is none."""
+    nodes = graph.publishers.get(within(robot, "move_base/status")) or graph.subscribers.get(
         within(robot, "move_base_simple/goal")
     )
-    return serving[0] if serving else ""
+    return nodes[0] if nodes else ""
 
 
 def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
     """Finds the wiring of a robot's navigation.
 
     Args:
-        graph: a vb_core.node_graph.NodeGraph; parameters: the move_base node's.
+        graph: the vb_core.node_graph.NodeGraph.
+        parameters: the parameters of the move_base node.
     """
     node = find_move_base(graph, robot)
     if not node:
         return Wiring()
     maps = tuple(sorted(graph.subscriptions(node, GRIDS)))
-    serves = bool(graph.publishers.get(within(robot, "move_base/status")))
+    is_serving = bool(graph.publishers.get(within(robot, "move_base/status")))
     planner = next((name for name in PLANNERS if f"{node}/{name}/set_parameters" in graph.services), "")
     return Wiring(
         node,
         maps,
-        # its action server starts once it has all maps: a running one waits for none
-        tuple(topic for topic in maps if not (serves or graph.publishers.get(topic))),
+        # its action server starts once it has all maps, so a running one waits for none
+        tuple(topic for topic in maps if not (is_serving or graph.publishers.get(topic))),
         tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
         _plans_round_borders(robot, maps, parameters),
-        # the global planner's: the local planners call theirs global_plan and local_plan
+        # the global planner's path; local planners call theirs global_plan and local_plan
         next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
         planner,
         _radius(parameters),

@@ -1,8 +1,8 @@
-"""Obeys slow zones without the driver, by requests to a robot's own navigation.
+"""Limits a robot's speed in slow zones without the driver, by requests to its local planner.
 
-A local planner's highest speed is a parameter that can be set while it drives, and a goal can be cancelled. Both are
-only requests: a planner that hangs, a joystick or another program that commands the wheels ignores them. Each planner
-is called in its own thread, so that one that hangs keeps no other robot waiting.
+A local planner's maximum speed is a parameter that can be set while it drives. This is only a request: a planner that
+hangs, a joystick or another program that commands the wheels ignores it. Each planner is called in its own thread, so
+that a planner that hangs does not delay other robots.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 from vb_core.errors import CodedError
 from vb_core.ros import node, services
 
-TIMEOUT = 2.0  # [s] a planner that has not answered by then counts as not obeying
+TIMEOUT = 2.0  # [s] without an answer after which a planner counts as not obeying
 
 
 def limited(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
-    """Returns a planner's values capped by a limit [m/s]: highest speeds at it, all others at half of it."""
+    """Returns a planner's values capped by a limit [m/s]: maximum speeds at the limit, all others at half of it."""
     return {name: min(value, limit if name.startswith("max") else 0.5 * limit) for name, value in usual.items()}
 
 
 class PlannerSpeed:
     """The speed limit of one local planner.
 
-    While it is limited, its usual values are kept on the parameter server, so that they are restored even if this node
-    or the planner restarts meanwhile. A value that a person sets while there is no limit becomes the usual one; while
-    there is a limit, a higher speed that is set, or that a restarted planner has, is limited again.
+    While it is limited, its usual values are on the parameter server, so that they are restored even if this node or
+    the planner restarts. A value that a person sets while there is no limit becomes the usual value. While there is a
+    limit, a higher speed that a person sets, or that a restarted planner has, is limited again.
 
     Args:
-        server: the planner's name, for instance /move_base/DWAPlannerROS; names: of its values.
+        server: the planner's name, for instance /move_base/DWAPlannerROS; names: the names of its speed parameters.
 
     Attributes:
-        obeys: whether the planner has confirmed the last limit that it was asked for.
+        obeys: whether the planner has confirmed the last requested limit.
     """
 
     def __init__(self, server: str, names) -> None:
         self._server, self._names = server, tuple(names)
         self._kept = f"/usual_speed{server}"
-        self._set: Optional[float] = None  # the limit in force; None: not known
-        self._highest: Mapping[str, float] = {}  # the values that it allows
+        self._set: Optional[float] = None  # the limit in force; None if unknown
+        self._highest: Mapping[str, float] = {}  # the maximum values under this limit
         self.obeys = False
         self._requests: node.Mailbox = node.Mailbox()
         self._worker = node.Worker(self._requests, self.apply)
@@ -75,7 +75,7 @@ class PlannerSpeed:
         """Sets the limit [m/s], inf for none; does nothing if it is already in force.
 
         Raises:
-            CodedError: "no_service", "no_response", or "planner_refused" if it keeps a higher speed.
+            CodedError: "no_service", "no_response", or "planner_refused" if its speed remains higher.
         """
         if limit != self._set:
             try:
@@ -94,19 +94,19 @@ class PlannerSpeed:
                 self._set = limit
                 return
             rospy.set_param(self._kept, usual)
-        wanted = limited(usual, limit)
+        values = limited(usual, limit)
         if not math.isinf(limit):
-            self._highest = wanted
-        got = self._set_parameters(wanted)
-        if any(got[name] > value + 1e-6 for name, value in wanted.items()):
+            self._highest = values
+        confirmed = self._set_parameters(values)
+        if any(confirmed[name] > value + 1e-6 for name, value in values.items()):
             raise CodedError("planner_refused", planner=self._server, limit=f"{limit:.2f}")
         if math.isinf(limit):
             rospy.delete_param(self._kept)
         self._set = limit
 
     def _set_parameters(self, values: Mapping[str, float]) -> Dict[str, float]:
-        """Sets parameters of the planner, and returns the values that it then has."""
+        """Sets parameters of the planner, and returns its resulting values."""
         config = Config(doubles=[DoubleParameter(name=name, value=value) for name, value in values.items()])
-        wanted = ReconfigureRequest(config)
-        answer = services.call(f"{self._server}/set_parameters", Reconfigure, wanted, self._server, TIMEOUT, TIMEOUT)
+        request = ReconfigureRequest(config)
+        answer = services.call(f"{self._server}/set_parameters", Reconfigure, request, self._server, TIMEOUT, TIMEOUT)
         return {entry.name: float(entry.value) for entry in answer.config.doubles if entry.name in self._names}

@@ -1,4 +1,4 @@
-"""One robot as robot_monitor watches it: its navigation, driver, goal and pose. Nothing here blocks."""
+"""One robot that robot_monitor watches: its navigation, driver, goal and pose. Nothing here blocks."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside
 from vb_robot.monitoring.planner_speed import PlannerSpeed
 from vb_robot.monitoring.navigation_wiring import Wiring, within
 
-DRIVER_SILENCE = 3.0  # [s] after which a driver counts as gone: it reports twice a second
-NAVIGATION_SILENCE = 2.0  # [s] after which navigation counts as gone: it sends its status five times a second
+DRIVER_SILENCE = 3.0  # [s] after which a driver counts as gone; it reports twice a second
+NAVIGATION_SILENCE = 2.0  # [s] after which navigation counts as gone; it sends its status five times a second
 POSE_SILENCE = 3.0  # [s] without a message from localisation, after which the pose counts as unknown
-MIN_REPORTED = 10.0  # [s] a refusal is reported while navigation works on its goal, and at least for this long
-PATH_POINTS = 100  # of a path, roughly, that are published
+MIN_REPORTED = 10.0  # [s] for which a refusal is reported, or longer if navigation still works on its goal
+PATH_POINTS = 100  # approximate number of a path's points that are published
 DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile gives
 
 
@@ -41,12 +41,13 @@ class WatchedRobot:
     """Collects what is connected to one robot, and sends it to goals through its navigation.
 
     Args:
-        name: its namespace; "" for the only one; frame: of its base.
-        on_goal: called with this robot when its goal has to be checked.
+        name: the robot's namespace; "" for the only robot.
+        frame: its base frame.
+        on_goal: called with this robot when its goal must be checked.
 
     Attributes:
-        goals: status by id of its navigation's goals, from the newest message.
-        refusal: the notice that says why its present goal is refused; None: it is not.
+        goals: the statuses of its navigation's goals, by id, from the newest message.
+        refusal: the notice that says why its present goal is refused; None if it is not.
     """
 
     def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
@@ -73,23 +74,23 @@ class WatchedRobot:
         rospy.Subscriber(within(name, "move_base/goal"), MoveBaseActionGoal, self._take_goal, queue_size=5)
         rospy.Subscriber(within(name, "move_base/status"), GoalStatusArray, self._take_status, queue_size=1)
 
-    # ------------------------------------------------------------- what is heard
+    # ------------------------------------------------------------- inputs
     def hear_driver(self, message: DriverState, now: float) -> None:
-        """Takes what the robot's driver reports at a time [s]."""
+        """Stores the driver's report, which arrived at time `now` [s]."""
         self._driver_heard, self._in_control = now, message.code != OTHER_PUBLISHER
 
     def set_map(self, which: str, grid: GridMap) -> None:
-        """Adopts a map: "physical", "borders", "own" with only this robot's borders, or "keep_out" of its driver."""
+        """Stores a map: "physical", "borders", "own" (with only this robot's borders), or "keep_out" of its driver."""
         self._maps[which] = grid
         self._request_check()
 
-    def set_borders(self, known: Sequence[KnownBorder]) -> None:
-        """Adopts the borders that are in force for it, for their names."""
-        self._known = known
+    def set_borders(self, borders: Sequence[KnownBorder]) -> None:
+        """Stores the borders that are in force for this robot, which give the names."""
+        self._known = borders
         self._request_check()
 
     def _request_check(self) -> None:
-        """Asks for another check of the present goal: a border may now be in its way."""
+        """Requests another check of the present goal, because a border may now be in its way."""
         if self.goal is not None and self._is_reported(rospy.get_time()):
             self._on_goal(self)
 
@@ -100,41 +101,41 @@ class WatchedRobot:
         return self._has_goal() or now - self._goal_at < MIN_REPORTED
 
     def look(self, graph: Any) -> None:
-        """Updates its wiring from the ROS graph and its navigation's parameters."""
+        """Updates the wiring from the ROS graph and the parameters of the robot's navigation."""
         node = navigation_wiring.find_move_base(graph, self.name)
         parameters = rospy.get_param(node, {}) if node else {}
-        seen = navigation_wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
-        if (seen.move_base, seen.planner) != (self.wiring.move_base, self.wiring.planner):
+        wiring = navigation_wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
+        if (wiring.move_base, wiring.planner) != (self.wiring.move_base, self.wiring.planner):
             if self.speed is not None:
                 self.speed.close()
-            names_of = navigation_wiring.PLANNERS.get(seen.planner)
-            self.speed = PlannerSpeed(f"{seen.move_base}/{seen.planner}", names_of) if names_of else None
-        if seen.path != self.wiring.path:
+            limits = navigation_wiring.PLANNERS.get(wiring.planner)
+            self.speed = PlannerSpeed(f"{wiring.move_base}/{wiring.planner}", limits) if limits else None
+        if wiring.path != self.wiring.path:
             if self._path_subscriber is not None:
                 self._path_subscriber.unregister()
-            self._path_subscriber = rospy.Subscriber(seen.path, Path, self._take_path) if seen.path else None
-        self.wiring = seen
+            self._path_subscriber = rospy.Subscriber(wiring.path, Path, self._take_path) if wiring.path else None
+        self.wiring = wiring
 
     def locate(self) -> None:
-        """Looks up its pose."""
+        """Looks up the robot's pose."""
         self.pose = self._transforms.pose_on_map(self.frame, POSE_SILENCE)
 
     def is_driven(self) -> bool:
-        """Returns whether it has a driver that is in control."""
+        """Returns whether the robot has a driver that is in control."""
         return self._has_driver() and self._in_control
 
     def _has_driver(self) -> bool:
         return 0.0 <= rospy.get_time() - self._driver_heard < DRIVER_SILENCE
 
     def _take_goal(self, message: MoveBaseActionGoal) -> None:
-        target = message.goal.target_pose
-        x, y, _ = pose2d_from_message(target.pose)
+        goal = message.goal.target_pose
+        x, y, _ = pose2d_from_message(goal.pose)
         try:
-            frame = target.header.frame_id.lstrip("/")
-            place = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ [x, y, 0.0, 1.0]
+            frame = goal.header.frame_id.lstrip("/")
+            position = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ [x, y, 0.0, 1.0]
         except CodedError:
             return  # navigation cannot transform it either
-        self.goal, self._path, self.refusal = (float(place[0]), float(place[1])), np.zeros((0, 2)), None
+        self.goal, self._path, self.refusal = (float(position[0]), float(position[1])), np.zeros((0, 2)), None
         self._goal_at = rospy.get_time()
         self._on_goal(self)
 
@@ -143,29 +144,29 @@ class WatchedRobot:
         self._status_at = rospy.get_time()
 
     def is_navigating(self) -> bool:
-        """Returns whether its navigation is running: connected, and heard recently."""
-        heard = 0.0 <= rospy.get_time() - self._status_at < NAVIGATION_SILENCE
-        return heard and self._goals.get_num_connections() > 1  # the monitor itself is one
+        """Returns whether the robot's navigation is connected, and has sent its status recently."""
+        is_recent = 0.0 <= rospy.get_time() - self._status_at < NAVIGATION_SILENCE
+        return is_recent and self._goals.get_num_connections() > 1  # one of them is the monitor itself
 
     def _take_path(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             points = array_from_points([entry.pose.position for entry in message.poses]).reshape(-1, 2)
             self._path = points[:: max(1, len(points) // PATH_POINTS)]
 
-    # ------------------------------------------------------------- what follows
+    # ------------------------------------------------------------- status and notices
     def status(self, stops: Optional[Sequence[str]]) -> RobotStatus:
-        """Returns what is connected. `stops`: the stops for which its goals are cancelled; None: they never are."""
-        seen = self.wiring
-        obeys_stop = stops is not None and bool(seen.move_base)
+        """Returns what is connected. `stops` are those for which its goals are cancelled; None if they never are."""
+        wiring = self.wiring
+        obeys_stop = stops is not None and bool(wiring.move_base)
         goal = self.goal if self._has_goal() else None
         return RobotStatus(
             robot=self.name,
             frame=self.frame,
-            move_base=seen.move_base,
-            maps=seen.maps,
-            missing_maps=seen.missing_maps,
-            unheard=seen.unheard,
-            plans_round_borders=seen.plans_round_borders,
+            move_base=wiring.move_base,
+            maps=wiring.maps,
+            missing_maps=wiring.missing_maps,
+            unheard=wiring.unheard,
+            plans_round_borders=wiring.plans_round_borders,
             driver=self.is_driven(),
             obeys_stop=obeys_stop,
             stops=stops if obeys_stop else (),
@@ -177,7 +178,7 @@ class WatchedRobot:
         )
 
     def driving_maps(self) -> Tuple[Optional[GridMap], Optional[GridMap]]:
-        """Returns the map with the borders that are for it, and the map without borders; None: not known yet."""
+        """Returns the map with the borders for this robot, and the map without borders; None for one not known yet."""
         return self._maps.get("own" if self.name else "borders"), self._maps.get("physical")
 
     def _with_borders(self) -> Optional[GridMap]:
@@ -187,29 +188,29 @@ class WatchedRobot:
         """Returns the checker of this robot's goals on the newest maps; None until matching maps arrive."""
         grid, physical = self._with_borders(), self._maps.get("physical")
         if grid is not None and any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
-            grid = self._maps.get("keep_out", grid)  # its plans keep the margin that its driver keeps
+            grid = self._maps.get("keep_out", grid)  # navigation then plans with the driver's margin
         if grid is None or physical is None or not physical.same_geometry(grid):
             return None
         inputs = (grid, physical, self.wiring.radius, self._known)
-        if any(one is not other for one, other in zip(inputs, self._checker_inputs)):
+        if any(new is not old for new, old in zip(inputs, self._checker_inputs)):
             radius = inputs[2] or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
             self._goal_checker, self._checker_inputs = GoalChecker(grid, physical, radius, inputs[3]), inputs
         return self._goal_checker
 
     def check_goal(self, goal) -> Optional[Notice]:
-        """Returns a notice why a goal (2,) [m] will be refused; None if nothing is known against it."""
+        """Returns a notice that says why a goal (2,) [m] will be refused; None if nothing is known against it."""
         checker = self.goal_checker()
         refusal = checker.check(self.pose[:2] if self.pose else None, np.asarray(goal)) if checker else None
         return self.notice(refusal[0], Severity.WARNING, border=quoted(refusal[1])) if refusal else None
 
     def notices(self, now: float) -> List[Notice]:
-        """Returns the notices about its goal and its position at a time [s]."""
+        """Returns the notices about the robot's goal and position at time `now` [s]."""
         notices = []
         if self.refusal is not None and self._is_reported(now):
             notices.append(self.refusal)
         checker, pose = self.goal_checker(), self.pose
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
-            # not on the map that it plans on, whose borders may have a margin
+            # not on the map on which it plans, whose borders may have a margin
             if is_inside(self._with_borders(), self._maps["physical"], pose[:2]):
                 border = quoted(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
@@ -219,14 +220,14 @@ class WatchedRobot:
         """Makes a notice about this robot."""
         return Notice.of_robot(self.name, code, severity, **values)
 
-    # ------------------------------------------------------------- what is asked of navigation
+    # ------------------------------------------------------------- requests to navigation
     def send_to(self, position) -> None:
-        """Sends it to a position (2,) [m], to face there in the direction from its present one."""
+        """Sends the robot to a position (2,) [m], with the yaw of the direction from its present position."""
         x, y = position
         self.send((x, y, math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0))
 
     def send(self, pose: Pose, mark: str = "-") -> str:
-        """Sends it to a pose; returns the goal's id, which contains the mark."""
+        """Sends the robot to a pose; returns the goal's id, which contains the mark."""
         now = rospy.Time.now()
         identity = f"{rospy.get_name()}{mark}{next(self._ids)}-{now.to_nsec()}"
         message = MoveBaseActionGoal(goal_id=GoalID(now, identity))
@@ -238,5 +239,5 @@ class WatchedRobot:
         return identity
 
     def cancel_goals(self, identity: str = "") -> None:
-        """Cancels one goal of its navigation, or all of them."""
+        """Cancels one goal of the robot's navigation, or all if no id is given."""
         self._cancel.publish(GoalID(id=identity))
