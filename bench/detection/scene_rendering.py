@@ -111,7 +111,7 @@ def frames(
         seen, unclear = (places, []) if view.spot_share(snapshot) >= clear else ([], places)
         # depth is rendered with random noise, hence only if needed, and once for all versions
         draw = lru_cache(maxsize=None)(lambda *image: (view.depth(snapshot), view.depth_model))
-        lookups = SimpleNamespace(depth_at=draw, cylinders=lambda stamp: ()) if scene.mobile else None
+        lookups = SimpleNamespace(depth_at=draw, robot_cylinders=lambda stamp: ()) if scene.mobile else None
         frame_geometry = partial(geometry, view, snapshot, lookups)
         yield LabeledFrame(snapshot.stamp, image, seen, unclear, frame_geometry, encoding=view.encoding)
 
