@@ -203,7 +203,7 @@ def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judge
     """Returns whether the border is bad, whether silently, whether there is a warning, and the border's error [m]."""
     extraction, collecting, errors = modules
     scene = make(rng)
-    collector = collecting.Collector()
+    collector = collecting.SpotCollector()
     collector.set_state(collecting.BORDER, "drawing", 0.0)
     for position, stamp, camera in zip(*look(scene, rng)):
         collector.add(collecting.FloorSpot(stamp, *position, str(camera), 1.0, False))
