@@ -1,8 +1,8 @@
-"""Labelled pictures as other cameras would have taken them.
+"""Augments labelled pictures as if other cameras had recorded them.
 
-A picture goes through what real cameras do to a scene: another exposure in linear light, with flicker that rolls
-through the image; another tone curve; noise; denoising; sharpening; and compression, which halves the colours'
-resolution. A saturated spot's light is not in the picture: its profile is continued inwards as a Gaussian.
+The steps simulate a camera: another exposure in linear light, with flicker that rolls through the image; another tone
+curve; noise; denoising; sharpening; and compression, which halves the colours' resolution. As the picture does not
+contain all light of a saturated spot, the spot's profile is continued inwards as a Gaussian.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ import cv2
 import numpy as np
 
 GAMMA, SATURATED = 2.2, 245
-PAINT_EVERY, _SHOWS = 12, 30  # [pictures]; [grey levels] by which a painted spot must stand out to count
+PAINT_EVERY, _SHOWS = 12, 30  # [pictures]; minimum contrast [grey levels] of a painted spot that counts
 _SIGMAS = 0.7, 5.0  # [px] of painted spots
 _LEVELS = 16383  # of linear light
 
 
 class CameraSettings(NamedTuple):
-    """How a camera takes pictures.
+    """The settings of a camera.
 
     Attributes:
-        exposure: times that of the picture, in linear light.
-        spot_widths: radius of the saturated core, in the spot's sigmas: 1.5 makes a peak of 3 times white, 2 of 7.
+        exposure: as a multiple of the picture's, in linear light.
+        spot_widths: radius of the saturated core [sigmas of the spot]; 1.5 gives a peak of 3 times white, 2 of 7.
         bands: amplitude of the rolling bands of mains flicker, as a share of the light.
         noise: [grey levels]
-        denoised: whether a median filter is applied, and the last picture blended in where little changed.
-        gamma: of the tone curve, times the usual one's.
-        sharpening: share of the difference to the blurred picture that is added.
+        denoised: whether a median filter is applied, and the last picture is blended in where little has changed.
+        gamma: of the tone curve, as a multiple of the usual one.
+        sharpening: share of the difference from the blurred picture that is added.
         quality: of the JPEG.
     """
 
@@ -43,7 +43,7 @@ class CameraSettings(NamedTuple):
 
     @staticmethod
     def draw(random: np.random.Generator, exposure: Tuple[float, float]) -> "CameraSettings":
-        """Draws a camera, with an exposure between two limits [stops]."""
+        """Draws random settings, with an exposure between two limits [stops]."""
         return CameraSettings(
             exposure=float(2.0 ** random.uniform(*exposure)),
             spot_widths=float(random.uniform(1.3, 2.1)),
@@ -57,7 +57,7 @@ class CameraSettings(NamedTuple):
 
 
 class PaintedSpot(NamedTuple):
-    """A spot at (u, v) [px]: its sigma [px], its peak in units of white, its share in blue, green and red."""
+    """A spot at (u, v) [px], with its sigma [px], its peak in units of white, and its shares of blue, green and red."""
 
     u: float
     v: float
@@ -67,7 +67,7 @@ class PaintedSpot(NamedTuple):
 
     @staticmethod
     def draw(random: np.random.Generator, width: int, height: int) -> "PaintedSpot":
-        """Draws a spot within an image, barely visible to saturated, in the sizes seen from a ceiling to close by."""
+        """Draws a random spot in an image, from barely visible to saturated, in the sizes at all camera distances."""
         u, v = random.uniform((24, 24), (width - 24, height - 24))
         strong, leak = int(random.integers(1, 3)), random.uniform(0.05, 0.6, 3)
         color = tuple(1.0 if channel == strong else float(leak[channel]) for channel in range(3))
@@ -84,10 +84,10 @@ class PaintedSpot(NamedTuple):
 
 
 class OtherCamera:
-    """Takes the pictures of a clip again, one after the other.
+    """Converts a clip's pictures, in order, to those that another camera would record.
 
     Args:
-        taken: how it takes them.
+        taken: the camera's settings.
         seed: of its noise.
     """
 
@@ -96,7 +96,7 @@ class OtherCamera:
         self._last: Optional[np.ndarray] = None
         self._painted: Optional[PaintedSpot] = None
         self._curve = (np.arange(256) / 255.0).astype(np.float32) ** GAMMA
-        # lookup tables, and one noise image shifted about: powers and draws for each pixel would take most of the time
+        # uses lookup tables, and shifts one noise image, as powers and random numbers for each pixel would be slow
         levels = 255.0 * (np.arange(_LEVELS + 1) / _LEVELS) ** (1.0 / (GAMMA * taken.gamma))
         self._shown = levels.astype(np.float32)
         self._noise = self._random.normal(0.0, taken.noise, (512, 2048, 3)).astype(np.float32)
@@ -104,24 +104,24 @@ class OtherCamera:
     def take(
         self, image: np.ndarray, spots: Sequence[Tuple[float, float]], paint: bool = False
     ) -> Tuple[np.ndarray, List[Tuple[float, float]], List[Tuple[float, float]]]:
-        """Returns a bgr picture (H, W, 3) as this camera takes it, and the positions of spots painted into it.
+        """Returns a bgr picture (H, W, 3) as this camera records it, and the positions of spots painted into it.
 
-        The visible ones are the first list, the hardly visible ones the second.
+        The first list contains the visible spots, the second the hardly visible ones.
 
         Args:
-            spots: (u, v) [px] of the spots in it.
-            paint: whether spots may be added; they are, for three pictures of each twelve.
+            spots: (u, v) [px] of the picture's spots.
+            paint: whether a spot may be added, which happens in three of every twelve pictures.
         """
         painted = []
         if paint and self._count % PAINT_EVERY < 3:
             if self._count % PAINT_EVERY == 0 or self._painted is None:
                 self._painted = PaintedSpot.draw(self._random, image.shape[1], image.shape[0])
             painted = [self._painted]
-        shown = self._take(image, spots, painted)
-        seen, unseen = [], []
-        for one in painted:
-            (seen if one.shows_in(shown) else unseen).append((one.u, one.v))
-        return shown, seen, unseen
+        frame = self._take(image, spots, painted)
+        seen, hidden = [], []
+        for spot in painted:
+            (seen if spot.shows_in(frame) else hidden).append((spot.u, spot.v))
+        return frame, seen, hidden
 
     def _take(
         self, image: np.ndarray, spots: Sequence[Tuple[float, float]], painted: Sequence[PaintedSpot]
@@ -131,33 +131,33 @@ class OtherCamera:
         for u, v in spots:
             _continue_inwards(image, light, u, v, taken.spot_widths)
         light *= taken.exposure
-        for one in painted:
-            columns = np.exp(-((np.arange(light.shape[1]) - one.u) ** 2) / (2.0 * one.sigma**2))
-            rows = np.exp(-((np.arange(light.shape[0]) - one.v) ** 2) / (2.0 * one.sigma**2))
-            near = slice(int(one.v) - 20, int(one.v) + 21), slice(int(one.u) - 20, int(one.u) + 21)
-            light[near] += (one.peak * np.outer(rows[near[0]], columns[near[1]]))[:, :, None] * np.array(one.color)
+        for spot in painted:
+            columns = np.exp(-((np.arange(light.shape[1]) - spot.u) ** 2) / (2.0 * spot.sigma**2))
+            rows = np.exp(-((np.arange(light.shape[0]) - spot.v) ** 2) / (2.0 * spot.sigma**2))
+            near = slice(int(spot.v) - 20, int(spot.v) + 21), slice(int(spot.u) - 20, int(spot.u) + 21)
+            light[near] += (spot.peak * np.outer(rows[near[0]], columns[near[1]]))[:, :, None] * np.array(spot.color)
         if taken.bands:
             rows = np.arange(len(image), dtype=np.float32)[:, None, None]
             light *= 1.0 + taken.bands * np.sin(2 * np.pi * (rows / (0.35 * len(image)) + 0.13 * self._count))
-        shown = self._shown[cv2.multiply(np.minimum(light, 1.0), (_LEVELS,) * 4, dtype=cv2.CV_16U)]
+        frame = self._shown[cv2.multiply(np.minimum(light, 1.0), (_LEVELS,) * 4, dtype=cv2.CV_16U)]
         top, left = self._random.integers(0, 32), self._random.integers(0, 700)
-        for row in range(0, len(shown), 480):
-            part = shown[row : row + 480]
+        for row in range(0, len(frame), 480):
+            part = frame[row : row + 480]
             part += self._noise[top : top + len(part), left : left + part.shape[1]]
         if taken.denoised:
-            shown = cv2.medianBlur(np.clip(shown, 0, 255).astype(np.uint8), 3).astype(np.float32) * 0.5 + shown * 0.5
+            frame = cv2.medianBlur(np.clip(frame, 0, 255).astype(np.uint8), 3).astype(np.float32) * 0.5 + frame * 0.5
             if self._last is not None:
-                still = np.abs(shown - self._last) < 12.0
-                shown = np.where(still, 0.4 * shown + 0.6 * self._last, shown)
-            self._last = shown
+                unchanged = np.abs(frame - self._last) < 12.0
+                frame = np.where(unchanged, 0.4 * frame + 0.6 * self._last, frame)
+            self._last = frame
         if taken.sharpening:
-            shown = shown + taken.sharpening * (shown - cv2.GaussianBlur(shown, (0, 0), 1.2))
-        done = np.clip(shown + 0.5, 0, 255).astype(np.uint8)
+            frame = frame + taken.sharpening * (frame - cv2.GaussianBlur(frame, (0, 0), 1.2))
+        done = np.clip(frame + 0.5, 0, 255).astype(np.uint8)
         return cv2.imdecode(cv2.imencode(".jpg", done, [cv2.IMWRITE_JPEG_QUALITY, taken.quality])[1], cv2.IMREAD_COLOR)
 
 
 def _continue_inwards(image: np.ndarray, light: np.ndarray, u: float, v: float, widths: float) -> None:
-    """Gives a spot's saturated core the light that a Gaussian with the same outline has there."""
+    """Replaces the light in a spot's saturated core by that of a Gaussian with the same outline."""
     reach = 40
     top, left = max(0, int(v) - reach), max(0, int(u) - reach)
     part = slice(top, int(v) + reach + 1), slice(left, int(u) + reach + 1)
@@ -181,7 +181,7 @@ def _continue_inwards(image: np.ndarray, light: np.ndarray, u: float, v: float, 
 
 
 def takes(name: str, random: np.random.Generator) -> List[Tuple[str, CameraSettings]]:
-    """Returns the ways in which a clip is taken again for training: about as bright as it is, and set dark."""
+    """Returns the augmentations of a clip for training: as another camera would record it, and with a dark exposure."""
     return [
         (f"taken again: {name}", CameraSettings.draw(random, (-1.0, 0.5))),
         (f"set dark: {name}", CameraSettings.draw(random, (-4.5, -1.5))),

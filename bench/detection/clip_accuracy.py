@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""Measures the spot detector's accuracy on labelled clips, in each role that a camera can have.
+"""Measures the spot detector's accuracy on labelled clips, in each role of a camera.
 
     python3 bench/detection/clip_accuracy.py DIR [--roles stationary mobile window] [--left-out EXAMPLES]
                                      [--other REVISION|SRC] [--csv FILE]
 
-DIR holds labels.json and clips/. Roles: stationary, a camera that stands still; mobile, a robot's camera that sees the
-same pictures while it stands; window, a robot's camera that looks around: a window pans, tilts and rolls over the
-pictures by a few pixels per image. Detectors know neither focal length nor pose.
+DIR contains labels.json and clips/. Roles are stationary, a fixed camera; mobile, a robot's camera that sees the same
+pictures while the robot stands; and window, a robot's camera that looks around, simulated by a window that pans, tilts
+and rolls over the pictures by a few pixels per image. Detectors know neither focal length nor pose.
 
-All versions see the same pictures in turn, without confirming spots: the detector as it comes; with `--left-out`
-(examples that training.py kept), one whose classifier was fitted without the clips of the same camera or room.
+All versions see the same pictures in turns, without confirming spots: the packaged detector, and with `--left-out`
+(examples stored by training.py), a detector whose classifier was fitted without clips of the same camera or room.
 
-A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and *off fringe*:
-without those close to a label up to 2 frames earlier or later, where a pulse's first or last light is seen, and without
-those in frames with pulses that nobody labelled. Frames are not independent: Wilson's intervals are too narrow.
+A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and *off fringe*,
+without spots near a label up to 2 frames earlier or later, where a pulse's first or last light is seen, and without
+frames with unlabelled pulses. Frames are not independent, so Wilson's intervals are too narrow.
 """
 
 from __future__ import annotations
@@ -34,29 +34,29 @@ def main() -> None:
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("--roles", nargs="+", default=list(ROLES), choices=ROLES)
     parser.add_argument("--left-out", type=Path, metavar="EXAMPLES")
-    given = parser.parse_args()
+    options = parser.parse_args()
     cv2.setNumThreads(1)
-    videos = json.loads((given.folder / "labels.json").read_text())["videos"]
-    judges = judges_of_clips(given.left_out) if given.left_out else {}
-    table = Table(given.csv)
-    for role in given.roles:
+    videos = json.loads((options.folder / "labels.json").read_text())["videos"]
+    judges = judges_of_clips(options.left_out) if options.left_out else {}
+    table = Table(options.csv)
+    for role in options.roles:
         preset, counts = "stationary" if role == "stationary" else "mobile", {}
         for name, video in sorted(videos.items()):
             finders = {"as it comes": Finder(preset, confirm_frames=1)}
             if judges:
                 finders["left out"] = Finder(preset, None, judges[name], confirm_frames=1)
-            if given.other:
-                finders["other"] = Finder(preset, given.other, confirm_frames=1)
-            here = {version: Count(one, reach_in(video), recalls=False) for version, one in finders.items()}
-            for frame in frames_of(given.folder / "clips" / name, video, role):
-                for count in here.values():
+            if options.other:
+                finders["other"] = Finder(preset, options.other, confirm_frames=1)
+            clip_counts = {version: Count(f, reach_in(video), recalls=False) for version, f in finders.items()}
+            for frame in frames_of(options.folder / "clips" / name, video, role):
+                for count in clip_counts.values():
                     count.look(frame)
-            for version, count in here.items():
+            for version, count in clip_counts.items():
                 counts.setdefault(version, []).append(count)
                 places = {"false_at": count.false[:12], "missed_at": count.missed()}
                 table.add(role=role, version=version, clip=name, **figures([count]), **places)
-        for version, some in counts.items():
-            table.add(role=role, version=version, clip="all", **figures(some))
+        for version, role_counts in counts.items():
+            table.add(role=role, version=version, clip="all", **figures(role_counts))
 
 
 if __name__ == "__main__":

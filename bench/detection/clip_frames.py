@@ -1,4 +1,4 @@
-"""Frames of the labelled clips with their labels, as cameras of each role see them or other cameras take them."""
+"""Reads the labelled clips' frames as cameras of each role see them, or as other cameras would record them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from bench.detection.detector_under_test import LabeledFrame
 
 REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")
-NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips, frames near a shot and the first ones are enough
-# frames with pulses that nobody labelled, looked at one by one; in 115 and 116 on a wall that is white already
+NEAR_FRAMES, FIRST_FRAMES = 8, 60  # in long clips, only frames near a shot and the first frames are used
+# frames with unlabelled pulses, found by eye; in 115 and 116 on a wall that is white anyway
 UNLABELED = {"logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)}
-# as the clips' names tell
+# parts of the clips' names
 CAMERAS, ROOMS = (
     ("highres", "lifecam", "logitech", "no_interference"),
     ("indoor", "outdoor", "safari", "motion", "nobg"),
@@ -26,35 +26,35 @@ CAMERAS, ROOMS = (
 
 
 def camera_and_room(group: str) -> Tuple[str, str]:
-    """Returns a clip's camera and room, however it was taken again; one of its own where its name tells neither."""
+    """Returns a clip's camera and room, also for an augmented clip; unique ones if its name contains neither."""
     camera = next((name for name in CAMERAS if name in group), group.split(": ")[-1])
     return camera, next((name for name in ROOMS if name in group), f"{camera}'s")
 
 
 def is_clip(group: str) -> bool:
-    """Returns whether examples are a clip's, and not a rendered scene's."""
+    """Returns whether examples are from a clip, not from a rendered scene."""
     return not group.startswith(("ceiling: ", "robot: "))
 
 
 def reach_in(video: dict) -> float:
-    """Returns how near [px] to a label a spot in a clip must be to be right."""
+    """Returns the distance [px] from a label below which a spot in a clip is right."""
     return REACH_PX * max(1.0, video["width"] / 640.0)
 
 
 def left_out_with(groups: Sequence[str]) -> Dict[str, List[str]]:
-    """Returns what is left out with each group: with a clip all of its camera or room, with a scene a fifth of all."""
+    """Returns the groups left out with each: with a clip those of its camera or room, with a scene a fifth of all."""
     parts = np.random.default_rng(1).permutation(np.arange(len(groups)) % 5)
-    kin = {group: set(camera_and_room(group)) for group in groups if is_clip(group)}
+    traits = {group: set(camera_and_room(group)) for group in groups if is_clip(group)}
     return {
-        group: [other for other in kin if kin[other] & kin[group]]
-        if group in kin
-        else [other for other, one in zip(groups, parts) if one == part and other not in kin]
+        group: [other for other in traits if traits[other] & traits[group]]
+        if group in traits
+        else [other for other, fold in zip(groups, parts) if fold == part and other not in traits]
         for group, part in zip(groups, parts)
     }
 
 
 def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
-    """Returns the transform (2, 3) from the picture to a window of four fifths of it, in the frame of this number.
+    """Returns the transform (2, 3) from the picture to a window of four fifths of its size, in frame `index`.
 
     Pan and tilt swing by 7 % of the picture, at up to 4 px per frame (of 640 x 480); roll swings by 2.5 degrees.
     """
@@ -62,59 +62,59 @@ def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
     phases, periods = random.uniform(0, 2 * math.pi, 3), random.uniform((90, 90, 70), (140, 140, 160))
     swing = np.sin(2 * math.pi * index / periods + phases)
     angle = math.radians(2.5 * swing[2])
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    middle = np.array([0.5 * width, 0.5 * height]) + swing[:2] * 0.07 * np.array([width, height])
-    return np.column_stack([turn, np.array([0.4 * width, 0.4 * height]) - turn @ middle])
+    rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    center = np.array([0.5 * width, 0.5 * height]) + swing[:2] * 0.07 * np.array([width, height])
+    return np.column_stack([rotation, np.array([0.4 * width, 0.4 * height]) - rotation @ center])
 
 
 def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
-    """Yields all frames of a clip; spots labelled in frames shortly before and after are unclear."""
+    """Yields all frames of a clip; spots labelled in the frames shortly before or after are unclear."""
     by_frame: Dict[int, List[dict]] = {}
     for label in video["labels"]:
         by_frame.setdefault(label["frame"], []).append(label)
     capture = cv2.VideoCapture(str(clip))
     rate, seed, index = capture.get(cv2.CAP_PROP_FPS) or 25.0, zlib.crc32(clip.name.encode()), -1
     while True:
-        got, image = capture.read()
+        success, image = capture.read()
         index += 1
-        if not got:
+        if not success:
             return
-        moved = np.eye(2, 3)
+        transform = np.eye(2, 3)
         height, width = image.shape[:2]
         if role == "window":
-            moved = window_at(index, width, height, seed)
+            transform = window_at(index, width, height, seed)
             width, height = int(0.8 * width), int(0.8 * height)
-            image = cv2.warpAffine(image, moved, (width, height), flags=cv2.INTER_CUBIC)
-            # a sensor's noise does not move with the scene; it depends on the frame alone, not on earlier clips
+            image = cv2.warpAffine(image, transform, (width, height), flags=cv2.INTER_CUBIC)
+            # adds noise that does not move with the scene, and depends only on the frame, not on earlier clips
             cv2.setRNGSeed(seed % 2**31 + index)
             image = cv2.add(image, cv2.randn(np.empty(image.shape, np.int8), 0, 1.5), dtype=cv2.CV_8U)
         spots, unclear, shots = [], [], []
         if index in UNLABELED.get(clip.name, ()):
             unclear += [(u, v) for u in range(0, width, 8) for v in range(0, height, 8)]
-        for near in range(-FRINGE, FRINGE + 1):
-            for label in by_frame.get(index + near, []):
-                x, y = moved @ (label["x"], label["y"], 1.0)
-                # a spot cut off by the window's edge is neither required nor wrong
+        for offset in range(-FRINGE, FRINGE + 1):
+            for label in by_frame.get(index + offset, []):
+                x, y = transform @ (label["x"], label["y"], 1.0)
+                # a spot at the window's edge is neither required nor wrong
                 inside = 4.0 < x < width - 5.0 and 4.0 < y < height - 5.0 or role != "window"
-                (spots if near == 0 and inside else unclear).append((x, y))
-                shots += [label["event"]] if near == 0 and inside else []
+                (spots if offset == 0 and inside else unclear).append((x, y))
+                shots += [label["event"]] if offset == 0 and inside else []
         yield LabeledFrame(index / rate, image, spots, unclear, shots=shots)
 
 
 def frames_near_shots(
     folder: Path, name: str, video: dict, group: str, taken: Optional[CameraSettings] = None
 ) -> Iterator[LabeledFrame]:
-    """Yields the informative frames of one clip, seen by a camera that stands still: near a shot, and the first ones.
+    """Yields the informative frames of one clip for a stationary camera: those near a shot, and the first frames.
 
     Args:
-        group: its name, and how it was taken.
-        taken: how another camera takes the same pictures; spots are then painted into them.
+        group: the clip's name and augmentation.
+        taken: settings of another camera that records the same pictures, into which spots are then painted.
     """
-    labelled = np.array([one["frame"] for one in video["labels"]])
+    labeled_frames = np.array([label["frame"] for label in video["labels"]])
     other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
     for number, frame in enumerate(frames_of(folder / "clips" / name, video, "stationary")):
-        far = not len(labelled) or np.abs(labelled - number).min() > NEAR_FRAMES
-        if far and len(labelled) and number > FIRST_FRAMES:
+        far = not len(labeled_frames) or np.abs(labeled_frames - number).min() > NEAR_FRAMES
+        if far and len(labeled_frames) and number > FIRST_FRAMES:
             continue
         if other is not None:
             image, seen, unseen = other.take(frame.image, frame.spots, paint=far and number > PAINT_EVERY)

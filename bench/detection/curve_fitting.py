@@ -1,7 +1,7 @@
-"""Learns the classifier's curves from examples.
+"""Fits the classifier's curves to examples.
 
-Each feature is cut into ramps between knots, a logistic regression finds the height of each ramp, and the ramps add up to
-the curve. Examples are as training.py collects them.
+Each feature is divided into ramps between knots. A logistic regression fits the height of each ramp, and the sum of the
+ramps is the curve. training.py collects the examples.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from scipy.optimize import minimize
 from bench.detection.clip_frames import is_clip, left_out_with
 from vb_laser_detect.detection.features import SpotClassifier
 
-_QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
+_QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others; a curve may bend there
 _WEIGHT = 1500.0  # total weight of the spots of a kind
-_FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
-_STRENGTH = 0.3  # inverse strength of the regularisation, which keeps ramps low
-# features that speak for a spot; those that do up to a value, and then against it; all others speak against it
+_FALSE_COSTS = 3.0  # cost of a false spot; that of a missed spot is 1, as the next image shows it again
+_STRENGTH = 0.3  # inverse strength of the regularisation, which limits the ramps
+# high values of these features indicate a spot, and of these only up to a value; those of all others indicate no spot
 _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
 def load_examples(files: Iterable[Path]) -> pandas.DataFrame:
-    """Loads the examples of several clips and scenes, as training.py collects those of each."""
+    """Loads the examples of several clips and scenes, each collected by training.py."""
     parts = [pandas.read_csv(file, index_col=0, float_precision="round_trip") for file in files]
     return pandas.concat([part for part in parts if len(part)])
 
 
 def fit(examples: pandas.DataFrame) -> SpotClassifier:
-    """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
+    """Fits the curves by logistic regression over ramps with fixed signs, a convex problem with one solution.
 
-    Within a kind (clips; each kind of rendered scene, "kind: name") each example counts alike, a false spot
-    as three missed ones; the spots of each kind have the same total weight. Classes must not be balanced within a kind:
-    one with few other bright things would weigh each like dozens of spots, and shift its limits into the spots.
+    Within a kind (clips; each kind of rendered scene, "kind: name") all examples have the same weight, except that a
+    false spot counts as three missed ones; the spots of each kind have the same total weight. Classes are not balanced
+    within a kind, because in a kind with few other bright objects each would weigh as much as dozens of spots.
     """
     names, truth = examples.columns[:-1], examples.truth.to_numpy()
     columns = examples[names].to_numpy().T
@@ -47,31 +47,31 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     for kind in np.unique(kinds):
         of_kind = kinds == kind
         weights[of_kind] *= _WEIGHT / (np.count_nonzero(of_kind & truth) or np.count_nonzero(of_kind))
-    # an unknown feature counts as a usual spot's
-    known = [column[truth & ~np.isnan(column)] for column in columns]
-    usual = np.array([np.median(column) if len(column) else np.nan for column in known])
-    values = np.where(np.isnan(columns.T), usual, columns.T)
-    # a feature against a spot counts only beyond a usual spot's value: less of it does not speak for a spot
+    # an unknown feature has the value of a usual spot
+    known_values = [column[truth & ~np.isnan(column)] for column in columns]
+    usual_values = np.array([np.median(column) if len(column) else np.nan for column in known_values])
+    values = np.where(np.isnan(columns.T), usual_values, columns.T)
+    # a feature that indicates no spot counts only above a usual spot's value, as lower values do not indicate a spot
     against = np.array([name not in _FOR and name not in _UP_TO for name in names])
-    values = np.where(against, np.maximum(values, usual), values)
-    knots = [_knots(np.where(np.isnan(given), np.nan, x), truth) for given, x in zip(columns, values.T)]
+    values = np.where(against, np.maximum(values, usual_values), values)
+    knots = [_knots(np.where(np.isnan(column), np.nan, x), truth) for column, x in zip(columns, values.T)]
     signs = np.concatenate([_signs(name, x) for name, x in zip(names, knots)] + [[1.0]])
     ramps = [_ramps(column, x) for column, x in zip(values.T, knots)]
     design = np.hstack(ramps + [np.ones((len(truth), 1))]) * signs * np.where(truth, 1.0, -1.0)[:, None]
-    pull = np.full(len(signs), 1.0 / _STRENGTH)
-    pull[-1] = 0.0
+    penalty = np.full(len(signs), 1.0 / _STRENGTH)
+    penalty[-1] = 0.0
 
     def loss(heights: np.ndarray) -> Tuple[float, np.ndarray]:
         margins = design @ heights
         slopes = -weights * np.exp(-np.logaddexp(0.0, margins))
         return (
-            float(weights @ np.logaddexp(0.0, -margins) + 0.5 * pull @ heights**2),
-            design.T @ slopes + pull * heights,
+            float(weights @ np.logaddexp(0.0, -margins) + 0.5 * penalty @ heights**2),
+            design.T @ slopes + penalty * heights,
         )
 
-    # a ramp that would go the wrong way, by accident of these examples, stays level
+    # a ramp that would have the wrong sign, by chance in these examples, is flat
     bounds = [(0.0, None)] * (len(signs) - 1) + [(None, None)]
-    found = minimize(
+    solution = minimize(
         loss,
         np.zeros(len(signs)),
         jac=True,
@@ -79,36 +79,36 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
         bounds=bounds,
         options={"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6},
     )
-    heights = found.x * signs
+    heights = solution.x * signs
     intercept, curves, first = float(heights[-1]), {}, 0
-    for name, x, middle in zip(names, knots, usual):
-        part = heights[first : first + max(0, len(x) - 1)]
-        first += len(part)
-        if np.abs(part).sum() < 0.01:
+    for name, x, usual_value in zip(names, knots, usual_values):
+        ramp_heights = heights[first : first + max(0, len(x) - 1)]
+        first += len(ramp_heights)
+        if np.abs(ramp_heights).sum() < 0.01:
             continue
-        y = np.concatenate([[0.0], np.cumsum(part)])
-        level = float(np.interp(middle, x, y))
+        y = np.concatenate([[0.0], np.cumsum(ramp_heights)])
+        level = float(np.interp(usual_value, x, y))
         curves[name] = (x, y - level)
         intercept += level
     return SpotClassifier(curves, intercept)
 
 
 def kind_of(group: str) -> str:
-    """Returns what a clip or scene is by its name: a clip, a clip taken again, or a kind of scene."""
+    """Returns the kind of a group by its name: a clip, an augmented clip, or a kind of scene."""
     return group.split(":")[0] if ":" in group else "clip"
 
 
 def logits(classifier: SpotClassifier, examples: pandas.DataFrame) -> np.ndarray:
-    """Returns the classifier's logits (N,) of the examples, from all features."""
+    """Returns the classifier's logits (N,) for the examples, from all features."""
     parts = [np.nan_to_num(np.interp(examples[name], *curve)) for name, curve in classifier.curves.items()]
     return classifier.intercept + np.sum(parts, axis=0)
 
 
 class LeftOut(NamedTuple):
-    """A classifier fitted without a clip or scene and all that is left out with it, and its logits for these examples.
+    """A classifier fitted without a clip or scene and the groups left out with it.
 
     Attributes:
-        truth, logits: (N,) of its examples.
+        truth, logits: (N,) of the clip's or scene's examples.
     """
 
     judge: SpotClassifier
@@ -117,26 +117,26 @@ class LeftOut(NamedTuple):
 
 
 def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str, LeftOut]:
-    """Fits a classifier without each clip or scene and what is left out with it: see `left_out_with`."""
+    """Fits a classifier without each clip or scene and the groups left out with it; see `left_out_with`."""
     judges: Dict[Tuple[str, ...], SpotClassifier] = {}
-    found = {}
-    for group, out in sorted(left_out_with(sorted(set(examples.index))).items()):
+    result = {}
+    for group, names in sorted(left_out_with(sorted(set(examples.index))).items()):
         if only_clips and not is_clip(group):
             continue
-        kin = tuple(sorted(out))
-        if kin not in judges:
-            judges[kin] = fit(examples[~examples.index.isin(kin)])
-        own = examples[examples.index == group]
-        found[group] = LeftOut(judges[kin], own.truth.to_numpy(), logits(judges[kin], own))
-    return found
+        excluded = tuple(sorted(names))
+        if excluded not in judges:
+            judges[excluded] = fit(examples[~examples.index.isin(excluded)])
+        rows = examples[examples.index == group]
+        result[group] = LeftOut(judges[excluded], rows.truth.to_numpy(), logits(judges[excluded], rows))
+    return result
 
 
 def calibrate(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
-    """Makes a classifier's probabilities right on average for unseen cameras and rooms (Platt scaling)."""
-    truth, judged = (np.concatenate(arrays) for arrays in zip(*((one.truth, one.logits) for one in left_out)))
+    """Calibrates a classifier's probabilities for unseen cameras and rooms (Platt scaling)."""
+    truth, scores = (np.concatenate(arrays) for arrays in zip(*((result.truth, result.logits) for result in left_out)))
 
     def loss(scaling: np.ndarray) -> float:
-        margins = scaling[0] * judged + scaling[1]
+        margins = scaling[0] * scores + scaling[1]
         return float(np.sum(np.logaddexp(0.0, margins) - truth * margins))
 
     scale, shift = minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead").x
@@ -145,13 +145,13 @@ def calibrate(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotCl
 
 
 def judges_of_clips(folder: Path) -> Dict[str, SpotClassifier]:
-    """Fits a calibrated classifier for each clip, to the examples of a folder without its camera and its room."""
+    """Fits a calibrated classifier for each clip, to a folder's examples without the clip's camera and room."""
     left_out = leave_out(load_examples(sorted(folder.glob("*.csv"))), only_clips=True)
-    return {group: calibrate(one.judge, left_out.values()) for group, one in left_out.items()}
+    return {group: calibrate(result.judge, left_out.values()) for group, result in left_out.items()}
 
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
-    """Writes a classifier, as `features.packaged_classifier` reads it."""
+    """Writes a classifier in the format of `features.packaged_classifier`."""
     curves = [
         f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'
         f'    "values": {json.dumps([round(float(v), 2) for v in y])}}}'
@@ -165,7 +165,7 @@ def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
 
 
 def _signs(name: str, knots: np.ndarray) -> np.ndarray:
-    """Returns which way each ramp between a feature's knots may go, (K - 1,)."""
+    """Returns the permitted sign of each ramp between a feature's knots, (K - 1,)."""
     middles = 0.5 * (knots[1:] + knots[:-1])
     if name in _UP_TO:
         return np.where(middles < _UP_TO[name], 1.0, -1.0)
@@ -176,7 +176,7 @@ def _knots(column: np.ndarray, truth: np.ndarray) -> np.ndarray:
     known = ~np.isnan(column)
     if not known.any():
         return np.zeros(0)
-    # most values of some features are 0: the quantiles of the others matter too
+    # adds the quantiles of the other values, because most values of some features are 0
     parts = [
         np.quantile(column[rows], _QUANTILES)
         for kind in (True, False)
@@ -184,16 +184,16 @@ def _knots(column: np.ndarray, truth: np.ndarray) -> np.ndarray:
         if rows.any()
     ]
     x = np.unique(np.round(np.concatenate(parts), 3))
-    least = 0.03 * (x[-1] - x[0])
-    kept = [x[0]]
+    min_distance = 0.03 * (x[-1] - x[0])
+    knots = [x[0]]
     for value in x[1:]:
-        if value - kept[-1] > max(least, 1e-3):
-            kept.append(value)
-    return np.array(kept)
+        if value - knots[-1] > max(min_distance, 1e-3):
+            knots.append(value)
+    return np.array(knots)
 
 
 def _ramps(column: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Returns how far each value is up the ramp between two knots, (N, K - 1) 0 ... 1; 0 where nothing is known."""
+    """Returns each value's position on the ramp between two knots, (N, K - 1) from 0 to 1; 0 if it is unknown."""
     if len(knots) < 2:
         return np.zeros((len(column), 0))
     part = (column[:, None] - knots[None, :-1]) / np.diff(knots)[None]

@@ -1,6 +1,6 @@
-"""A spot detector of this or another version, wired as in the node, and its score on labelled frames.
+"""Runs a spot detector of this or another version as the node does, and scores it on labelled frames.
 
-Only this module knows the detector's interface, and only this one decides which of its spots are right.
+Only this module uses the detector's interface, and decides which of its spots are right.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ class LabeledFrame(NamedTuple):
     """One image of a clip or scene.
 
     Attributes:
-        image: as a driver sends it, in `encoding`.
-        spots: positions of the spots in it, (u, v) [px] unless stated otherwise.
-        unclear: positions that count neither way: a pulse's first or last light, unlabelled pulses, half-hidden spots.
-        geometry: makes its `ImageGeometry` with a version's module `projection`; None if it is unknown.
-        shots: in a clip, the shot that each of the spots belongs to.
+        image: as from a camera driver, in `encoding`.
+        spots: positions of its spots, (u, v) [px] unless stated otherwise.
+        unclear: positions that are not scored: a pulse's first or last light, unlabelled pulses, half-hidden spots.
+        geometry: returns the `ImageGeometry` for a version's module `projection`; None if it is unknown.
+        shots: in a clip, the shot to which each spot belongs.
     """
 
     stamp: float
@@ -42,9 +42,9 @@ class Finder:
 
     Args:
         role: "stationary" or "mobile".
-        source: folder `src` of another version; None: this one.
-        judge: a classifier instead of the one that comes with the package.
-        changes: parameters that differ from the role's.
+        source: folder `src` of another version; None for this one.
+        judge: a classifier to use instead of the package's.
+        changes: parameters that differ from those of the role.
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
@@ -59,7 +59,7 @@ class Finder:
         self._reader = images.PixelReader()
 
     def find(self, frame: LabeledFrame) -> List[Any]:
-        """Searches an image; returns spots, also those of earlier images that are confirmed only now."""
+        """Searches an image; returns its spots, and those of earlier images that are confirmed only now."""
         geometry = frame.geometry(self._projection) if frame.geometry else None
         return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry).spots
 
@@ -68,14 +68,14 @@ class Count:
     """Scores a detector on the frames of one clip or scene.
 
     Args:
-        reach: a spot nearer than this to one of the frame's is right.
+        reach: distance from a labelled spot below which a detected spot is right.
         place_of: returns a detected spot's position in the frames' coordinates.
-        recalls: whether spots of earlier images, confirmed only now, count too.
+        recalls: whether spots of earlier images that are confirmed only now count too.
 
     Attributes:
-        found: (stamp, index) of each of the frames' spots that was found.
-        errors: distances of the right spots from the frames'.
-        false: (frame number, u, v [px]) of the others; `fringe` of them are at unclear positions.
+        found: (stamp, index) of each labelled spot that was found.
+        errors: distances of right spots from the labelled ones.
+        false: (frame number, u, v [px]) of the other spots, of which `fringe` are at unclear positions.
     """
 
     def __init__(
@@ -92,49 +92,49 @@ class Count:
         self.fringe, self.errors = 0, []
 
     def look(self, frame: LabeledFrame) -> None:
-        """Searches a frame and counts."""
+        """Searches a frame and scores the spots."""
         self._frames[frame.stamp] = len(self._frames), frame._replace(image=None, geometry=None)
         for spot in self._finder.find(frame):
             if spot.stamp != frame.stamp and not self._recalls:
                 continue
             (number, truth), place = self._frames[spot.stamp], self._place_of(spot)
-            apart, near = ([math.dist(place, one) for one in some] for some in (truth.spots, truth.unclear))
-            if min(apart, default=math.inf) < self._reach:
-                self.found.add((spot.stamp, int(np.argmin(apart))))
-                self.errors.append(min(apart))
+            to_spots, to_unclear = ([math.dist(place, p) for p in points] for points in (truth.spots, truth.unclear))
+            if min(to_spots, default=math.inf) < self._reach:
+                self.found.add((spot.stamp, int(np.argmin(to_spots))))
+                self.errors.append(min(to_spots))
             else:
                 self.false.append((number, round(spot.u, 1), round(spot.v, 1)))
-                self.fringe += min(near, default=math.inf) < self._reach
+                self.fringe += min(to_unclear, default=math.inf) < self._reach
 
     def missed(self) -> List[Tuple[int, int, int]]:
-        """Lists frame number and position of each spot that was not found."""
+        """Lists frame number and position of each labelled spot that was not found."""
         return [
             (number, round(place[0]), round(place[1]))
             for stamp, (number, frame) in self._frames.items()
-            for which, place in enumerate(frame.spots)
-            if (stamp, which) not in self.found
+            for index, place in enumerate(frame.spots)
+            if (stamp, index) not in self.found
         ]
 
     def sums(self) -> Dict[str, int]:
-        """Returns the counts that can be added up over clips."""
+        """Returns the counts that can be summed over clips."""
         frames = [frame for _, frame in self._frames.values()]
-        of_found = ((self._frames[stamp][1].shots, which) for stamp, which in self.found)
+        of_found = ((self._frames[stamp][1].shots, index) for stamp, index in self.found)
         return {
             "frames": len(frames),
             "labels": sum(len(frame.spots) for frame in frames),
             "found": len(self.found),
             "shots": len({shot for frame in frames for shot in frame.shots}),
-            "shots_found": len({shots[which] for shots, which in of_found if shots}),
+            "shots_found": len({shots[index] for shots, index in of_found if shots}),
             "false": len(self.false),
             "false_off_fringe": len(self.false) - self.fringe,
         }
 
 
 def figures(counts: Sequence[Count], unit: str = "px") -> Dict[str, Any]:
-    """Computes the figures of one count, or of several together."""
-    sums: Dict[str, int] = {key: sum(one.sums()[key] for one in counts) for key in counts[0].sums()}
-    errors = [error for one in counts for error in one.errors] or [math.nan]
-    wrong = sum(len({number for number, *_ in one.false}) for one in counts)  # images with a false spot
+    """Computes the figures of one or several counts."""
+    sums: Dict[str, int] = {key: sum(count.sums()[key] for count in counts) for key in counts[0].sums()}
+    errors = [error for count in counts for error in count.errors] or [math.nan]
+    wrong = sum(len({number for number, *_ in count.false}) for count in counts)  # images with a false spot
     recall, false = proportion(sums["found"], sums["labels"]), proportion(wrong, sums["frames"]).scaled(1e3)
     return {
         **sums,

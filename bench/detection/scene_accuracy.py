@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Measures the spot detector's accuracy in the rendered scenes, every hard case of scene_list.py (for clips: clip_accuracy.py).
+"""Measures the spot detector's accuracy in the rendered scenes of scene_list.py (for clips: clip_accuracy.py).
 
     python3 bench/detection/scene_accuracy.py [WORD ...] [--share PART] [--other REVISION|SRC] [--csv FILE]
 
-Runs only scenes with a WORD in their name, and this PART of each one's time; other versions see the same images.
+Runs only scenes with a WORD in their name, and this PART of each scene's time; other versions see the same images.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ def main() -> None:
     parser = arguments(__doc__, seed=1, other=True)
     parser.add_argument("scenes", nargs="*", default=[""], metavar="WORD")
     parser.add_argument("--share", type=float, default=1.0)
-    given = parser.parse_args()
+    options = parser.parse_args()
     cv2.setNumThreads(1)
-    table, room, rooms, everything = Table(given.csv, given.seed), lab(), Rooms(given.seed), {}
+    table, room, rooms, counts_by_version = Table(options.csv, options.seed), lab(), Rooms(options.seed), {}
     for scene in ceiling_scenes(room) + mobile_scenes(room):
-        if any(word in scene.title for word in given.scenes):
-            finders = {version: Finder(scene.role, source) for version, source in versions(given).items()}
+        if any(word in scene.title for word in options.scenes):
+            finders = {version: Finder(scene.role, source) for version, source in versions(options).items()}
             counts = {version: Count(finder, NEAR_MM, floor_place) for version, finder in finders.items()}
-            for frame in frames(scene, rooms, given.share):
+            for frame in frames(scene, rooms, options.share):
                 for count in counts.values():
                     count.look(frame)
             for version, count in counts.items():
-                found = {**figures([count], "mm"), "false_at": count.false[:12]}
-                table.add(scene=scene.title, version=version, share=given.share, **found)
-                everything.setdefault(version, []).append(count)
-    for version, counted in everything.items():
-        table.add(scene="all", version=version, share=given.share, **figures(counted, "mm"))
+                result = {**figures([count], "mm"), "false_at": count.false[:12]}
+                table.add(scene=scene.title, version=version, share=options.share, **result)
+                counts_by_version.setdefault(version, []).append(count)
+    for version, all_counts in counts_by_version.items():
+        table.add(scene="all", version=version, share=options.share, **figures(all_counts, "mm"))
 
 
 if __name__ == "__main__":

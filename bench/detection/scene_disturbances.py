@@ -1,6 +1,6 @@
-"""Rooms in which more changes than robots, participant and laser: light, sun, reflections, other people.
+"""Adds disturbances to the simulated cameras' views: changes of light, sun, reflections, other people.
 
-`disturbed` makes a simulated camera's view show a `DisturbedSnapshot` with all that changes in it.
+`disturbed` derives a view that shows a `DisturbedSnapshot`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SHIFT = 4
 
 @dataclass(frozen=True)
 class Bystander:
-    """A person who stands or walks in the room without a laser pointer.
+    """A person in the room without a laser pointer.
 
     Attributes:
         pose: (x, y, yaw) [m, m, rad].
@@ -36,7 +36,7 @@ class Bystander:
     shoes: Tuple[int, int, int] = SHOES
 
     def pieces(self) -> BodyParts:
-        """Builds this person's pieces; clothes differ by colour."""
+        """Builds this person's pieces, with the colours of the clothes."""
         pieces = person_pieces(self.pose, None, 0.0)
         colors = pieces.colors.copy()
         tints = np.mean(colors / SHIRT, axis=1, keepdims=True)
@@ -46,18 +46,18 @@ class Bystander:
         return replace(pieces, colors=colors)
 
     def key(self) -> Tuple:
-        """Returns the same key for people who look the same."""
+        """Returns a key that is the same for people who look the same."""
         return (self.shirt, self.shoes, *person_key(self.pose, None))
 
 
 @dataclass(frozen=True)
 class Glint:
-    """The reflection of a lamp on something shiny: white, small, and as bright as the sensor can measure.
+    """The small white reflection of a lamp on a shiny object, which may saturate the sensor.
 
     Attributes:
         position: (x, y, z) [m], map frame.
-        diameter: [m] over which it falls to 1/e^2.
-        brightness: [grey levels] of its middle at the reference exposure, may exceed 255.
+        diameter: [m] at which the brightness falls to 1/e^2.
+        brightness: [grey levels] of the centre at the reference exposure; may exceed 255.
     """
 
     position: Tuple[float, float, float]
@@ -67,13 +67,13 @@ class Glint:
 
 @dataclass(frozen=True)
 class SceneConditions:
-    """The state of a room at one time; by default nothing is unusual.
+    """The conditions in a room at one time, by default without disturbances.
 
     Attributes:
-        light: of the room's lamps, as a multiple of what the world is drawn with; a laser stays as it is.
-        exposure: of the camera, as a multiple of the drawn one; it brightens a laser too.
-        sun: (x, y) [m] corners of the sun's patch on the floor, none without sun.
-        sun_gain: how much brighter the floor is in the sun.
+        light: of the lamps, as a multiple of the rendered light; does not change a laser's.
+        exposure: of the camera, as a multiple of the rendered exposure; brightens a laser too.
+        sun: (x, y) [m] corners of the sun patch on the floor; empty without sun.
+        sun_gain: factor of the floor's brightness in the sun.
     """
 
     light: float = 1.0
@@ -86,13 +86,13 @@ class SceneConditions:
 
 @dataclass(frozen=True)
 class DisturbedSnapshot(Snapshot):
-    """A snapshot, and what else changes in the room."""
+    """A snapshot with the conditions in the room."""
 
     around: SceneConditions = SceneConditions()
 
 
 def disturbed(kind: Type[Any]) -> Type[Any]:
-    """Derives, from a class of views, one that also shows disturbances."""
+    """Derives a class from a class of views that also shows disturbances."""
 
     class Disturbed(kind):
         def _bodies(self, snapshot: DisturbedSnapshot) -> List[Body]:
@@ -117,9 +117,9 @@ def relight(image: np.ndarray, around: SceneConditions, camera: CameraModel, T_m
     """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
     if around.sun:
         outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
-        seen = pixels_of(camera, T_map_optical, np.column_stack([outline, np.zeros(len(outline))]))
-        # a lens model is meaningless far outside the image
-        _brighten(image, np.clip(seen, -2.0 * camera.width, 3.0 * camera.width), around.sun_gain)
+        pixels = pixels_of(camera, T_map_optical, np.column_stack([outline, np.zeros(len(outline))]))
+        # the lens model is invalid far outside the image
+        _brighten(image, np.clip(pixels, -2.0 * camera.width, 3.0 * camera.width), around.sun_gain)
     gain = around.light * around.exposure
     if gain != 1.0:
         cv2.convertScaleAbs(image, image, alpha=gain)
@@ -136,7 +136,7 @@ def _brighten(image: np.ndarray, outline: np.ndarray, gain: float) -> None:
         return
     mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.float32)
     cv2.fillPoly(mask, [np.round((outline - low) * (1 << _SHIFT)).astype(np.int32)], gain - 1.0, cv2.LINE_8, _SHIFT)
-    # the sun is not a point: its shadows have soft edges
+    # the edges are soft, because the sun is not a point
     mask = 1.0 + cv2.GaussianBlur(mask, (0, 0), 1.5)
     part = image[low[1] : high[1], low[0] : high[0]]
     part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
@@ -150,13 +150,13 @@ def add_glint(
     in_camera = T[:3, :3] @ np.array(glint.position) + T[:3, 3]
     if in_camera[2] < 0.1:
         return
-    middle = camera.project(in_camera[None])[0]
+    center = camera.project(in_camera[None])[0]
     sigma = math.hypot(0.25 * glint.diameter * camera.focal_px / in_camera[2], 0.75)
-    low = np.maximum(np.floor(middle - 4.0 * sigma).astype(int), 0)
-    high = np.minimum(np.ceil(middle + 4.0 * sigma).astype(int) + 1, (camera.width, camera.height))
+    low = np.maximum(np.floor(center - 4.0 * sigma).astype(int), 0)
+    high = np.minimum(np.ceil(center + 4.0 * sigma).astype(int) + 1, (camera.width, camera.height))
     if (high <= low).any():
         return
-    u, v = (np.arange(low[axis], high[axis]) - middle[axis] for axis in (0, 1))
+    u, v = (np.arange(low[axis], high[axis]) - center[axis] for axis in (0, 1))
     light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
     part = image[low[1] : high[1], low[0] : high[0]]
     part[...] = np.minimum(part + apply_color_filters(light, np.ones(3), encoding, low[0], low[1]) + 0.5, 255.0)

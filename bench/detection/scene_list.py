@@ -1,4 +1,4 @@
-"""Every hard case that a room has, with and without a laser, as scenes of scene_rendering.py."""
+"""Lists the hard cases for a spot detector, with and without a laser, as scenes of scene_rendering.py."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from vb_sim.room.world import Light, World
 
 RED, GREEN, PAPER = (235, 30, 40), (40, 230, 60), (250, 250, 250)  # paint
 CARPET = np.array([[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]])
-START = (6.9, 1.0, math.pi)  # of the robot: looks along the free floor beside the carpet
+START = (6.9, 1.0, math.pi)  # of the robot, which faces the free floor beside the carpet
 
 
 def ceiling_scenes(room: World) -> List[Scene]:
-    """Lists every hard case under a ceiling camera."""
-    border, usual = along(CARPET, 0.4), SceneConditions
+    """Lists the hard cases for a ceiling camera."""
+    border, conditions = along(CARPET, 0.4), SceneConditions
     chair = next(thing for thing in room.furniture if thing.name == "chair")
     moved = lab(furniture=tuple(replace(t, x=3.6, y=3.2, yaw=30.0) if t is chair else t for t in room.furniture))
     places = ((3.5, 2.4), (4.6, 2.3), (5.3, 1.2))
     dotted, whites = printed(room, places, (RED, GREEN, RED)), printed(room, places, (PAPER,) * 3)
     walkers = [Walk(room, 3, WHITE, DARK), Walk(room, 4, MAROON, WHITE)]
     shiny = [Walk(room, 5, DARK, DARK, glint=400.0), Walk(room, 6, (70, 90, 150), DARK, glint=250.0)]
-    lamp, dim = usual(glints=(Glint((3.7, 2.3, 0.0), 0.03, 350.0),)), usual(light=0.4)
+    lamp, dim = conditions(glints=(Glint((3.7, 2.3, 0.0), 0.03, 350.0),)), conditions(light=0.4)
     floors = {"bright": ((195, 192, 186), 0.06), "overexposed": ((228, 226, 220), 0.06)}
     floors.update({"dark": ((38, 34, 32), 0.2), "black": ((16, 15, 15), 0.2)})
 
     def sun(t: float) -> SceneConditions:
         edge = 2.9 + 0.05 * t
-        return usual(sun=((edge, 1.0), (edge + 1.2, 1.1), (edge + 1.3, 2.3), (edge + 0.1, 2.2)))
+        return conditions(sun=((edge, 1.0), (edge + 1.2, 1.1), (edge + 1.3, 2.3), (edge + 0.1, 2.2)))
 
-    exposures = every(3.0, usual(), usual(exposure=1.5), usual(exposure=0.7))
+    exposures = every(3.0, conditions(), conditions(exposure=1.5), conditions(exposure=0.7))
     scenes = [
         Scene("nothing else", border, (room,)),
         Scene("moved chair", border, (room, moved), every(4.0, 0, 1), walking(walkers[0])),
-        Scene("light switched", border, (room,), around_at=every(3.0, usual(), dim)),
+        Scene("light switched", border, (room,), around_at=every(3.0, conditions(), dim)),
         Scene("exposure step", border, (room,), around_at=exposures),
         Scene("sun patch, moving edge", border, (room,), around_at=sun),
         Scene("walking people", border, (room,), around_at=walking(*walkers)),
@@ -48,24 +48,24 @@ def ceiling_scenes(room: World) -> List[Scene]:
         Scene("printed dots, laid down and taken away", border, (room, dotted), every(4.0, 1, 0)),
         Scene("white dots, laid down and taken away", border, (room, whites), every(4.0, 1, 0)),
         Scene("shiny shoes", border, (room,), around_at=walking(*shiny)),
-        Scene("lamp's reflection, comes and goes", border, (room,), around_at=every(1.5, usual(), lamp)),
+        Scene("lamp's reflection, comes and goes", border, (room,), around_at=every(1.5, conditions(), lamp)),
         Scene("held still", still(3.6, 2.2), (room,)),
         Scene("held in a hand", still(3.6, 2.2, 0.007), (room,)),
     ]
     scenes += [Scene(f"drawn at {speed} m/s", along(CARPET, speed), (room,)) for speed in (0.2, 0.5, 1.0, 1.5)]
-    for name, look in floors.items():
-        world = tiles(room, *look)
+    for name, appearance in floors.items():
+        world = tiles(room, *appearance)
         scenes += [Scene(f"{name} floor, {color}", border, (world,), color=color) for color in ("red", "green")]
-    other = {f"camera {height} m high": {"height": height} for height in (2.2, 4.0)}
-    other.update({f"{encoding} images": {"encoding": encoding} for encoding in ("bgr8", "mono8")})
-    other["strong distortion"] = {"distortion": (-0.28, 0.08, 0.0, 0.0, 0.0)}
-    return scenes + [Scene(name, border, (with_camera(room, **changes),)) for name, changes in other.items()]
+    camera_changes = {f"camera {height} m high": {"height": height} for height in (2.2, 4.0)}
+    camera_changes.update({f"{encoding} images": {"encoding": encoding} for encoding in ("bgr8", "mono8")})
+    camera_changes["strong distortion"] = {"distortion": (-0.28, 0.08, 0.0, 0.0, 0.0)}
+    return scenes + [Scene(name, border, (with_camera(room, **changes),)) for name, changes in camera_changes.items()]
 
 
 def training_scenes(room: World) -> List[Scene]:
     """Lists scenes for training only: printed dots of other colours and sizes on other floors, under both cameras.
 
-    The dots of the other scenes thus remain a test of whether paint is told from light.
+    Therefore, the dots of the other scenes still test whether the detector distinguishes paint from light.
     """
     colors = ((40, 60, 220), (240, 220, 40), (240, 120, 200), (250, 130, 30), (30, 200, 210))
     ceiling = ((3.3, 2.3), (4.4, 2.5), (5.2, 1.6), (3.9, 1.4), (4.8, 1.1))
@@ -76,14 +76,14 @@ def training_scenes(room: World) -> List[Scene]:
         bare = lab(floor=floor, patches=())
         for mobile, places, laser in ((False, ceiling, still(4.0, 3.0)), (True, ahead, still(5.8, 0.9))):
             worlds = bare, printed(bare, places, colors, size)
-            # dots appear twice in the time that is learnt from; the robot stands still, so that they are new to it
+            # dots appear twice in the time used for training; the robot stands still, so that they are new to it
             more = {"mobile": mobile, "person": False, "robot_at": lambda t: START}
             scenes.append(Scene(f"dots on a {name} floor", laser, worlds, every(1.0, 1, 0), **more))
     return scenes
 
 
 def mobile_scenes(room: World) -> List[Scene]:
-    """Lists the scenes of the robot's camera: distances, motion, and things that are no spot."""
+    """Lists the scenes for the robot's camera: distances, motion, and objects that resemble spots."""
     dark = lab(floor=replace(room.floor, color=(38, 34, 32)), patches=())
     bright = lab(floor=replace(room.floor, kind="tiles", color=(195, 192, 186), contrast=0.06), patches=())
     dotted = printed(room, ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1)), (RED, GREEN, PAPER))
@@ -92,7 +92,7 @@ def mobile_scenes(room: World) -> List[Scene]:
     line = np.array([[5.6, 0.7], [5.6, 1.3]])
 
     def ahead(distance: float) -> Callable[[float], Place]:
-        """Returns a motion to and fro across the view at about 0.2 m/s, at a distance [m] from the camera's foot."""
+        """Returns a motion back and forth across the view at about 0.2 m/s, at a distance [m] from the camera."""
         return lambda t: (START[0] - 0.1 - distance, START[1] + 0.15 * math.sin(1.3 * t))
 
     def drive(t: float) -> Tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""How spots and people move in rendered scenes, as functions of time [s]."""
+"""Motions of spots and people in rendered scenes, as functions of time [s]."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from vb_sim.simulated_lab import DistanceField
 from vb_sim.room.world import World
 
 WHITE, DARK, MAROON = (238, 236, 230), (40, 40, 44), (150, 40, 40)  # clothes
-WALK_S = 60.0  # [s] for which people have somewhere to go
+WALK_S = 60.0  # [s] for which people walk
 Place = Tuple[float, float]
 
 
 def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], Place]:
-    """Returns the motion of a spot round a chain (N, 2) [m], or to and fro, at a speed [m/s], with a hand's tremor of 1 cm."""
+    """Returns a spot's motion round a chain (N, 2) [m], or back and forth, at a speed [m/s], with a tremor of 1 cm."""
     points = np.vstack([chain, chain[:1]]) if closed else np.vstack([chain, chain[-2::-1]])
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
@@ -30,15 +30,15 @@ def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[flo
 
 
 def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], Place]:
-    """Returns the motion of a spot that is held at one point, with a tremor [m]."""
+    """Returns the motion of a spot held at one point, with a tremor [m]."""
     return lambda t: (x + tremor * math.sin(5.0 * t), y + tremor * math.sin(7.3 * t + 0.5))
 
 
 class Walk:
-    """Somebody who walks from place to place at 1 m/s, where the floor is free.
+    """A person who walks between random points at 1 m/s on free floor.
 
     Args:
-        glint: [grey levels] brightness of what shines on the right shoe; 0: nothing does.
+        glint: [grey levels] brightness of the reflection on the right shoe; 0 for none.
     """
 
     def __init__(self, world: World, seed: int, shirt: Any = DARK, shoes: Any = DARK, glint: float = 0.0) -> None:
@@ -63,18 +63,18 @@ class Walk:
         self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._stations, axis=0), axis=1))])
 
     def at(self, t: float) -> Tuple[Bystander, Tuple[Glint, ...]]:
-        """Returns the person, and what shines on the shoes, at a time [s]."""
+        """Returns the person, and the reflections on the shoes, at time `t` [s]."""
         s = min(t, self._arc[-1] - 1e-6)
         leg = int(np.searchsorted(self._arc, s, side="right")) - 1
         a, b = self._stations[leg], self._stations[leg + 1]
         x, y = a + (s - self._arc[leg]) / (self._arc[leg + 1] - self._arc[leg]) * (b - a)
         yaw = math.atan2(b[1] - a[1], b[0] - a[0])
-        who = Bystander((float(x), float(y), yaw), self._shirt, self._shoes)
-        # a shoe turns its shine to the camera in a part of each step
+        person = Bystander((float(x), float(y), yaw), self._shirt, self._shoes)
+        # a shoe reflects into the camera during a part of each step
         if not self._glint or (1.8 * t) % 1.0 > 0.4:
-            return who, ()
+            return person, ()
         toe = (x + 0.15 * math.cos(yaw) + 0.1 * math.sin(yaw), y + 0.15 * math.sin(yaw) - 0.1 * math.cos(yaw), 0.07)
-        return who, (Glint(toe, 0.012, self._glint),)
+        return person, (Glint(toe, 0.012, self._glint),)
 
 
 def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
@@ -88,11 +88,11 @@ def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
 
 
 def every(period: float, *values: Any) -> Callable[[float], Any]:
-    """Returns a function of time that takes one value after the other, each for a period [s]."""
+    """Returns a function of time with one value after another, each for a period [s]."""
     return lambda t: values[int(t / period) % len(values)]
 
 
 def place_and_velocity(laser_at: Callable[[float], Place], t: float) -> Tuple[Place, Tuple[float, float]]:
-    """Returns where a spot is [m] at a time [s], and how fast it goes [m/s]."""
+    """Returns a spot's position [m] and velocity [m/s] at time `t` [s]."""
     (x, y), (later_x, later_y) = laser_at(t), laser_at(t + 0.01)
     return (x, y), ((later_x - x) / 0.01, (later_y - y) / 0.01)

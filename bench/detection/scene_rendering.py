@@ -1,4 +1,4 @@
-"""Rendered scenes for the spot detector (scene_list.py): a scene says what is where at a time; `frames` renders it."""
+"""Renders scenes for the spot detector (scene_list.py): `frames` renders a `Scene`."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import World
 
 RATE = 25.0
-LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0  # [s] the empty room, the disturbance alone, then with the laser
-NEAR_MM = 100.0  # a spot further from the laser is a false one
-SEEN = 0.5  # a camera sees the spot if this share of its light arrives
+LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0  # [s] with the empty room, with the disturbance, and also with the laser
+NEAR_MM = 100.0  # [mm] from the laser, beyond which a spot is false
+SEEN = 0.5  # share of its light at which a camera sees a spot
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One case.
+    """One case; its functions take a time [s].
 
     Attributes:
-        worlds: the rooms; `world_at` says which of them is there at a time [s], for things that are moved.
-        laser_at: (x, y) [m] of the spot at a time [s].
-        around_at: what else changes at a time [s].
-        robot_at: (x, y, yaw) of the robot at a time [s]; its camera is used if `mobile`, else the ceiling's.
+        worlds: the rooms, between which objects are moved; `world_at` returns the index of the current one.
+        laser_at: returns (x, y) [m] of the spot.
+        around_at: returns the conditions in the room.
+        robot_at: returns (x, y, yaw) of the robot, whose camera is used if `mobile`; otherwise the ceiling camera is.
     """
 
     name: str
@@ -54,20 +54,20 @@ class Scene:
 
     @property
     def title(self) -> str:
-        """The name, prefixed with the camera that is used."""
+        """The name, prefixed with the kind of camera."""
         return ("robot: " if self.mobile else "ceiling: ") + self.name
 
 
 def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterator[Tuple[int, DisturbedSnapshot]]:
-    """Yields (world's index, snapshot) of a share of a scene: the empty room, the disturbance alone, the laser too."""
-    before = learn_s + share * QUIET_S
-    for k in range(int(RATE * (before + share * DRAW_S))):
+    """Yields (index of the world, snapshot) of a share of a scene: first the empty room, later the laser too."""
+    laser_start = learn_s + share * QUIET_S
+    for k in range(int(RATE * (laser_start + share * DRAW_S))):
         t = k / RATE
         laser, velocity, person = None, (0.0, 0.0), None
-        if t >= before:
-            laser, velocity = place_and_velocity(scene.laser_at, t - before)
+        if t >= laser_start:
+            laser, velocity = place_and_velocity(scene.laser_at, t - laser_start)
         if scene.person:
-            # beside what is drawn, so that neither the body nor its shadow is always in the way
+            # the person stands beside the drawing, so that neither body nor shadow always hides it
             target = laser or scene.laser_at(0.0)
             person = (4.6, 2.9, math.atan2(target[1] - 2.9, target[0] - 4.6))
         around = scene.around_at(t) if t >= learn_s else SceneConditions()
@@ -81,8 +81,8 @@ def frames(
     """Renders a share of one scene's time.
 
     Args:
-        clear: share of a spot's light below which the spot is unclear.
-        on_floor: whether spots are given on the floor [mm], as `floor_place` gives detected ones, or in the image [px].
+        clear: share of a spot's light below which it counts as unclear.
+        on_floor: whether spots' positions are on the floor [mm], as those of `floor_place`, or in the image [px].
     """
     config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{scene.role}.yaml").read_text())["projection"]
     floor = physical_map(scene.worlds[0])
@@ -97,7 +97,7 @@ def frames(
     views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
     first = next(course(scene))[1]
     for view in views:
-        # a scene's noise depends on the scene alone, not on those played before in the same room
+        # a scene's noise depends only on the scene, not on earlier ones in the same room
         view.set_noise_generator(make_generator(rooms.seed, f"scene {scene.name}"))
         if not scene.mobile:
             view.frame(first)
@@ -109,13 +109,13 @@ def frames(
         elif view.spot(snapshot) is not None:
             places = [tuple(view.spot(snapshot).center)]
         seen, unclear = (places, []) if view.spot_share(snapshot) >= clear else ([], places)
-        # drawn with noise, so only if it is needed, and once for all versions
+        # depth is rendered with random noise, hence only if needed, and once for all versions
         draw = lru_cache(maxsize=None)(lambda *image: (view.depth(snapshot), view.depth_model))
-        lookups = SimpleNamespace(depth_at=draw, cylinders=lambda stamp: ()) if scene.mobile else None
-        here = partial(geometry, view, snapshot, lookups)
-        yield LabeledFrame(snapshot.stamp, image, seen, unclear, here, encoding=view.encoding)
+        lookups = SimpleNamespace(depth_at=draw, robot_cylinders=lambda stamp: ()) if scene.mobile else None
+        frame_geometry = partial(geometry, view, snapshot, lookups)
+        yield LabeledFrame(snapshot.stamp, image, seen, unclear, frame_geometry, encoding=view.encoding)
 
 
 def floor_place(spot: Any) -> np.ndarray:
-    """Returns where a spot was found on the floor, (2,) [mm]."""
+    """Returns the position (2,) [mm] of a detected spot on the floor."""
     return 1e3 * spot.floor_point.position[:2]

@@ -1,4 +1,4 @@
-"""Rooms of rendered scenes: variants of the simulated lab, each drawn once."""
+"""Rooms of rendered scenes, which are variants of the simulated lab."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ def lab(**changes: Any) -> World:
 
 
 def tiles(room: World, color: Sequence[int], contrast: float = 0.06) -> World:
-    """Returns the lab with another floor and nothing on it."""
+    """Returns the lab with another, empty floor."""
     return lab(floor=replace(room.floor, kind="tiles", color=color, contrast=contrast), patches=(), lights=())
 
 
 def with_camera(world: World, **changes: Any) -> World:
-    """Returns the world with changes to the ceiling camera that is used."""
+    """Returns the world with changes to the ceiling camera that the scenes use."""
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == "green" else c for c in world.cameras))
 
 
 def printed(world: World, places: Sequence[Place], colors: Sequence[Sequence[int]], size: float = 0.018) -> World:
-    """Returns a room with printed dots [m] on the floor."""
+    """Returns a world with printed dots of a size [m] on the floor."""
     dots = (
         {"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0}
         for (x, y), color in zip(places, colors)
@@ -41,7 +41,7 @@ def printed(world: World, places: Sequence[Place], colors: Sequence[Sequence[int
 
 
 class Rooms:
-    """Draws each room once: most scenes play in the same one."""
+    """Draws each room once, since most scenes share a room."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -49,17 +49,17 @@ class Rooms:
         self._floors: List[Tuple[World, FloorTexture]] = []
 
     def view(self, world: World, camera: str) -> Any:
-        """Returns a ceiling camera's view, or with an empty name that of the robot's camera."""
-        for known, name, view in self._views:
-            if known is world and name == camera:
+        """Returns the view of a ceiling camera, or, if the name is empty, of the robot's camera."""
+        for cached, name, view in self._views:
+            if cached is world and name == camera:
                 return view
-        floor = next((floor for known, floor in self._floors if _same_floor(known, world)), None)
+        floor = next((floor for cached, floor in self._floors if _same_floor(cached, world)), None)
         if floor is None:
             floor = render_floor(world, self.seed)
             self._floors.append((world, floor))
         mesh, radii = world_mesh(world), world.robot_radii()
-        kind, whose = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
-        view = disturbed(kind)(whose, radii, floor, mesh, Models(), self.seed)
+        kind, owner = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
+        view = disturbed(kind)(owner, radii, floor, mesh, Models(), self.seed)
         self._views.append((world, camera, view))
         return view
 

@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Judges border extraction on people's strokes and generated ones, beside the paper's mode and another version.
+"""Measures border extraction on people's and generated strokes, beside the paper's mode and another version.
 
-    python3 bench/extraction/accuracy.py --judge              people's strokes and the generator on judging data, about an hour
-    python3 bench/extraction/accuracy.py --other 3655b17      also the code of another revision, on the same strokes
-    python3 bench/extraction/accuracy.py --judge --seed 300000 unseen seeds: a range is fresh only once
+    python3 bench/extraction/accuracy.py --judge               people's and generated strokes for judging, about an hour
+    python3 bench/extraction/accuracy.py --other 3655b17       also the code of another revision, on the same strokes
+    python3 bench/extraction/accuracy.py --judge --seed 300000 other seeds, which are unseen only the first time
 
-Without --judge the development half of people's strokes and seeds below 1,000 are used; with it the other half and
-seeds from 100,000 or --seed. A generated stroke is bad if its chain is more than 0.25 m (Hausdorff distance)
-from the intended one, or if there is none. A person's stroke is bad if the line lies more than 0.25 m from what was
-drawn; where a polygon was meant, the distance is that from the extracted line to the drawn one, and a Jaccard index
-below 0.8 is bad too. Times are processor time.
+By default, the development half of people's strokes and seeds below 1,000 are used; with --judge, the other half and
+seeds from 100,000 or --seed. A generated stroke is bad if its chain is more than 0.25 m (Hausdorff distance) from the
+intended chain, or if extraction fails. A person's stroke is bad if the extracted line is more than 0.25 m from the
+drawn one; for a polygon, only the distance of the extracted line from the drawn one counts, and a Jaccard index below
+0.8 is bad too. Times are processor time.
 """
 
 from __future__ import annotations
@@ -58,35 +58,35 @@ PEOPLE = {
     f"{ROBOT}, off by 5 cm, 3 deg": people_strokes.Seen(robot=people_strokes.Localization(0.05, 0.05)),
     f"{ROBOT}, off by 5 cm, 3 deg, every 3 s": people_strokes.Seen(robot=people_strokes.Localization(0.05, 0.05, 3.0)),
 }
-Group = Tuple[str, Iterator[Stroke]]  # name of a cell, and its strokes
+Group = Tuple[str, Iterator[Stroke]]  # a cell's name and strokes
 
 
-def strokes_of_people(which: str, draws: int, base: int) -> Iterator[Group]:
-    """Yields one half of people's strokes, each seen several times; a cell for each way of seeing."""
-    drawings = [one for one in enumerate(people_strokes.drawings()) if which == people_strokes.half(one[1])]
-    for name, seen in PEOPLE.items():
+def strokes_of_people(half: str, draws: int, base: int) -> Iterator[Group]:
+    """Yields cells with one half of people's strokes, one cell for each way in which cameras see them."""
+    drawings = [item for item in enumerate(people_strokes.drawings()) if half == people_strokes.half(item[1])]
+    for name, viewing in PEOPLE.items():
         rngs = (
             (drawing, np.random.default_rng([base + k, number])) for number, drawing in drawings for k in range(draws)
         )
-        yield name, (people_strokes.see(drawing, seen, rng) for drawing, rng in rngs)
+        yield name, (people_strokes.see(drawing, viewing, rng) for drawing, rng in rngs)
 
 
 def generated(name: str, count: int, base: int) -> Iterator[Group]:
-    """Yields strokes of all shapes in one setting."""
+    """Yields cells with strokes of all shapes in one setting."""
     for shape in (shape for shape in SHAPES if shape != "circle"):
         if SHAPES[shape][1] or not name.startswith(CLOSED_ONLY):
-            which = sorted(SHAPES).index(shape)
-            seeds = (np.random.default_rng([base + k, which]) for k in range(count))
+            shape_index = sorted(SHAPES).index(shape)
+            seeds = (np.random.default_rng([base + k, shape_index]) for k in range(count))
             yield f"{name}, {shape}", (draw(shape, SETTINGS[name], seed) for seed in seeds)
 
 
 def disturbed(count: int, base: int) -> Iterator[Group]:
-    """Yields strokes with a disturbance: a spot held still, false spots at one place."""
+    """Yields cells with disturbed strokes: a spot held still, or false spots at one position."""
     share = max(1, count // 9)
     for spots, cameras in ((250, 1), (750, 3)):
-        for where, when in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
+        for location, when in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
             yield (
-                f"held still 10 s at the {where}, {spots} spots",
+                f"held still 10 s at the {location}, {spots} spots",
                 (
                     held(timed(shape, base + k), when, spots, cameras, base + k)
                     for shape in ("corner", "doorway", "rectangle")
@@ -107,12 +107,12 @@ def disturbed(count: int, base: int) -> Iterator[Group]:
             )
 
 
-def extracting(module: Any, mode: str, known: bool) -> Extract:
-    """Returns a version's extraction; `known`: it gets stamps and cameras."""
+def extracting(module: Any, mode: str, with_stamps: bool) -> Extract:
+    """Returns a version's extraction, which uses stamps and cameras if `with_stamps`."""
 
     def extract(stroke: Stroke) -> Any:
-        extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
-        if known and stroke.mobile is not None:
+        extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if with_stamps else {}
+        if with_stamps and stroke.mobile is not None:
             extra["mobile"] = stroke.mobile
         return module.extract_border(stroke.points, module.ExtractionParams(mode=mode), **extra)
 
@@ -120,15 +120,15 @@ def extracting(module: Any, mode: str, known: bool) -> Extract:
 
 
 def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Dict[str, float]:
-    """Measures one extraction against the truth."""
+    """Compares one extraction with the truth."""
     started = time.process_time()
     try:
         chain = extract(stroke)
-    except Exception as refused:  # also another version's class
+    except Exception as refused:  # may be another version's class
         if type(refused).__name__ != "CodedError":
             raise
         return {"bad": 1.0, "kind": 0.0, "distance": np.inf, "jaccard": 0.0, "ms": np.nan}
-    took = 1e3 * (time.process_time() - started)
+    duration_ms = 1e3 * (time.process_time() - started)
     index = jaccard(chain.points, stroke.truth) if stroke.closed else np.nan
     if of_people:
         drawn = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
@@ -141,16 +141,16 @@ def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Dict[str, floa
         distance = hausdorff(chain.points, stroke.truth, stroke.closed)
         bad = distance > BAD_M
     kind = float(chain.closed == stroke.closed)
-    return {"bad": float(bad), "kind": kind, "distance": distance, "jaccard": index, "ms": took}
+    return {"bad": float(bad), "kind": kind, "distance": distance, "jaccard": index, "ms": duration_ms}
 
 
 def add_rows(table: Table, group: str, cell: str, strokes: Iterator[Stroke], tools: Dict[str, Extract]) -> None:
-    """Adds one row of the table for each method, on the same strokes."""
-    found: Dict[str, List[Dict[str, float]]] = {method: [] for method in tools}
+    """Adds a row for each method, measured on the same strokes."""
+    results_by_method: Dict[str, List[Dict[str, float]]] = {method: [] for method in tools}
     for stroke in strokes:
         for method, extract in tools.items():
-            found[method].append(measure(stroke, extract, group == "people"))
-    for method, results in found.items():
+            results_by_method[method].append(measure(stroke, extract, group == "people"))
+    for method, results in results_by_method.items():
         index, distances = np.array([r["jaccard"] for r in results]), [r["distance"] for r in results]
         table.add(
             group=group,
@@ -168,26 +168,26 @@ def add_rows(table: Table, group: str, cell: str, strokes: Iterator[Stroke], too
 def main() -> None:
     groups = ["people", *SETTINGS, "disturbances"]
     parser = arguments(__doc__, other=True)
-    parser.add_argument("--strokes", type=int, default=20, help="of the generator per cell")
-    parser.add_argument("--draws", type=int, default=3, help="how often each person's stroke is seen")
-    parser.add_argument("--judge", action="store_true", help="data that the code was not developed with")
-    parser.add_argument("--seed", type=int, help="the first one; 0, or 100000 with --judge")
-    parser.add_argument("--methods", nargs="*", help="only these")
+    parser.add_argument("--strokes", type=int, default=20, help="generated strokes per cell")
+    parser.add_argument("--draws", type=int, default=3, help="random views of each person's stroke")
+    parser.add_argument("--judge", action="store_true", help="use data that were not used for development")
+    parser.add_argument("--seed", type=int, help="first seed (default: 0, or 100000 with --judge)")
+    parser.add_argument("--methods", nargs="*", help="measure only these")
     parser.add_argument("--only", nargs="*", choices=groups, default=groups)
-    given = parser.parse_args()
+    options = parser.parse_args()
     tools = {"robust": extracting(extraction, "robust", True), "paper": extracting(extraction, "paper", False)}
-    if given.other:
-        tools["other"] = extracting(import_from(given.other, "vb_fusion.extraction")[0], "robust", True)
-    tools = {name: tools[name] for name in (given.methods or tools)}
-    which, base = ("judge", 100_000) if given.judge else ("develop", 0)
-    base = base if given.seed is None else given.seed
-    table = Table(given.csv, base)
-    for group in given.only:
+    if options.other:
+        tools["other"] = extracting(import_from(options.other, "vb_fusion.extraction")[0], "robust", True)
+    tools = {name: tools[name] for name in (options.methods or tools)}
+    half, base = ("judge", 100_000) if options.judge else ("develop", 0)
+    base = base if options.seed is None else options.seed
+    table = Table(options.csv, base)
+    for group in options.only:
         if group == "people":
-            cells = strokes_of_people(which, given.draws, base)
+            cells = strokes_of_people(half, options.draws, base)
         else:
             make = disturbed if group == "disturbances" else lambda count, base: generated(group, count, base)
-            cells = make(given.strokes, base)
+            cells = make(options.strokes, base)
         for cell, strokes in cells:
             add_rows(table, group if group in ("people", "disturbances") else "generator", cell, strokes, tools)
 

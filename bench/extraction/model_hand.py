@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Judges the border that a hand moving by published models draws.
+"""Measures border extraction on strokes of a hand that moves by published models.
 
-    python3 bench/extraction/model_hand.py --other REVISION    beside another version, on the same strokes
-    python3 bench/extraction/model_hand.py --seed 500000       below 1,000 for development; a range is fresh only once
+    python3 bench/extraction/model_hand.py --other REVISION    also another version, on the same strokes python3
+    bench/extraction/model_hand.py --seed 500000       seeds below 1,000 are for development; unseen only once
 
 Sides are minimum-jerk movements (Flash and Hogan, J. Neurosci. 5, 1985); the speed on curves is proportional to
 curvature^(-1/3) (Lacquaniti, Terzuolo and Viviani, Acta Psychol. 54, 1983). Corners are missed by 0.75 % of the figure
-and 5 mm, sides bend by 1 % of their length (assumed). Two cameras at 25 and 30 images/s are off by 3 cm each; the hand
-trembles by 1.2 cm; 20 % of the images and bursts of 0.2 s are dropped; 3 % of the spots are strays near the drawing.
+and 5 mm, sides bend by 1 % of their length (assumed). Two cameras at 25 and 30 images/s have errors of 3 cm each; the
+hand's tremor is 1.2 cm; 20 % of the images and bursts of 0.2 s are dropped; 3 % of the spots are nearby strays.
 
-A border is bad if it is more than 0.25 m (Hausdorff distance) from what was drawn, its kind is wrong, or there is none;
-a bad one is silent if nothing tells that something was left out or not seen; *told* is how often that was told at all.
+A border is bad if it is more than 0.25 m (Hausdorff distance) from the drawn line, its kind is wrong, or extraction
+fails. A bad border is silent if no warning says that spots were left out or not seen; *told* counts these warnings.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from vb_core import geometry  # noqa: E402
 
 MODULES = "vb_fusion.extraction", "vb_fusion.spot_collector", "vb_core.errors"
 BAD_M = 0.25
-Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and how far off [m]
-MARGIN = 0.5  # [m] around the drawing in which strays are seen
-SLOW = 0.1  # [m/s] a slower hand moves at an even speed
-STEP = 0.005  # [s] of the hand's movement
-BEND = 0.01  # of a side's length
+Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and error [m]
+MARGIN = 0.5  # [m] around the drawing, in which strays appear
+SLOW = 0.1  # [m/s] below which a hand moves at constant speed
+STEP = 0.005  # [s] between samples of the hand's movement
+BEND = 0.01  # [share of a side's length]
 BOX = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2]])
-# how the pointer is seen
+# errors of the cameras and the hand
 RATES = (25.0, 30.0)  # [1/s] of the cameras
 BIAS, NOISE, TREMOR = 0.03, 0.005, 0.012  # [m]
 DROPPED, BURSTS, STRAYS = 0.2, 0.3, 0.03  # share, [1/s], share
@@ -45,7 +45,7 @@ DROPPED, BURSTS, STRAYS = 0.2, 0.3, 0.03  # share, [1/s], share
 
 @dataclass
 class Scene:
-    """A drawn line, the moving pointer in steps of time, and whether its light is on the floor and seen."""
+    """A drawn line, the pointer's path in steps of time, and whether cameras see the spot at each step."""
 
     truth: np.ndarray
     closed: bool
@@ -55,52 +55,52 @@ class Scene:
 
 
 def side(start, end, speed: float, rng: np.random.Generator) -> np.ndarray:
-    """Moves from one point to another with minimum jerk; a slow hand in so many small ones that its speed is even."""
-    along = np.subtract(end, start)
-    length = float(np.hypot(*along))
+    """Returns a movement between two points with minimum jerk, or at constant speed if the hand is slow."""
+    offset = np.subtract(end, start)
+    length = float(np.hypot(*offset))
     u = np.linspace(0.0, 1.0, max(2, int(length / speed / STEP)))
-    done = u**3 * (10.0 - 15.0 * u + 6.0 * u * u) if speed > SLOW else u
-    bow = rng.normal(0.0, BEND) * np.sin(np.pi * done)
-    return start + done[:, None] * along + bow[:, None] * np.array([-along[1], along[0]])
+    progress = u**3 * (10.0 - 15.0 * u + 6.0 * u * u) if speed > SLOW else u
+    lateral = rng.normal(0.0, BEND) * np.sin(np.pi * progress)
+    return start + progress[:, None] * offset + lateral[:, None] * np.array([-offset[1], offset[0]])
 
 
 def curve(line: np.ndarray, speed: float) -> np.ndarray:
-    """Moves along a smooth dense line by the power law, starting and ending at rest."""
+    """Returns a movement along a smooth dense line by the power law, which starts and ends at rest."""
     d, dd = np.gradient(line, axis=0), np.gradient(np.gradient(line, axis=0), axis=0)
     ds = np.hypot(*d.T)
-    bent = np.abs(d[:, 0] * dd[:, 1] - d[:, 1] * dd[:, 0]) / ds**3
-    pace = np.cumsum(ds * np.maximum(bent, 0.2) ** (1.0 / 3.0))
+    curvature = np.abs(d[:, 0] * dd[:, 1] - d[:, 1] * dd[:, 0]) / ds**3
+    progress = np.cumsum(ds * np.maximum(curvature, 0.2) ** (1.0 / 3.0))
     u = np.linspace(0.0, 1.0, int(ds.sum() / speed / STEP))
     eased = np.clip((u - 0.1 * np.sin(2.0 * np.pi * u) / (2.0 * np.pi) * 8.0), 0.0, 1.0)
-    return np.column_stack([np.interp(eased, (pace - pace[0]) / np.ptp(pace), axis) for axis in line.T])
+    return np.column_stack([np.interp(eased, (progress - progress[0]) / np.ptp(progress), axis) for axis in line.T])
 
 
-def missed(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def missed(targets: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Returns the points that a hand aiming at points (N, 2) hits."""
-    return at + rng.normal(0.0, 1.0, at.shape) * (0.005 + 0.0075 * np.hypot(*np.ptp(at, axis=0)))
+    return targets + rng.normal(0.0, 1.0, targets.shape) * (0.005 + 0.0075 * np.hypot(*np.ptp(targets, axis=0)))
 
 
 def polygon(corners: np.ndarray, closed: bool, rng: np.random.Generator, speed=(0.2, 0.5)) -> Scene:
-    """Draws sides one after the other, with a short rest at each corner."""
-    at = missed(np.vstack([corners, corners[:1]]) if closed else corners, rng)
+    """Draws one side after another, with a short rest at each corner."""
+    corners_hit = missed(np.vstack([corners, corners[:1]]) if closed else corners, rng)
     pace, parts = rng.uniform(*speed), []
-    for one, other in zip(at, at[1:]):
-        parts += [side(one, other, pace, rng), np.repeat([other], int(rng.uniform(0.0, 0.4) / STEP), axis=0)]
-    way = np.vstack(parts)
-    return Scene(way, closed, way, np.ones(len(way), bool))
+    for start, end in zip(corners_hit, corners_hit[1:]):
+        parts += [side(start, end, pace, rng), np.repeat([end], int(rng.uniform(0.0, 0.4) / STEP), axis=0)]
+    path = np.vstack(parts)
+    return Scene(path, closed, path, np.ones(len(path), bool))
 
 
 def ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat=(0.85, 1.0)) -> Scene:
-    """Draws (a part of) an ellipse; a whole one's end misses its start as a corner is missed."""
+    """Draws an ellipse or a part of it; the end of a whole ellipse misses its start."""
     angle = rng.uniform(0.0, 2.0 * np.pi) + np.linspace(0.0, sweep, 800)
     line = 0.5 * size * np.column_stack([np.cos(angle), rng.uniform(*flat) * np.sin(angle)])
     line += np.linspace(0.0, 1.0, 800)[:, None] * rng.normal(0.0, 0.005 + 0.015 * size, 2)
-    way = curve(line, rng.uniform(0.2, 0.5) * min(1.0, (size / 0.6) ** 0.5))
-    return Scene(way, sweep > 6.0, way, np.ones(len(way), bool))
+    path = curve(line, rng.uniform(0.2, 0.5) * min(1.0, (size / 0.6) ** 0.5))
+    return Scene(path, sweep > 6.0, path, np.ones(len(path), bool))
 
 
 def hidden(width: float, rng: np.random.Generator) -> Scene:
-    """Draws a box, a piece of which no camera sees."""
+    """Draws a box, of which no camera sees a piece."""
     scene = polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
     arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(scene.way, axis=0).T)))
     scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
@@ -108,48 +108,48 @@ def hidden(width: float, rng: np.random.Generator) -> Scene:
 
 
 def lifted(rng: np.random.Generator) -> Scene:
-    """Draws a box and switches the pointer off once, going on some centimetres before or after that point."""
+    """Draws a box and switches the pointer off once, and continues some centimetres before or after that point."""
     scene = polygon(BOX, True, rng)
-    at = int(rng.uniform(0.2, 0.8) * len(scene.way))
+    off = int(rng.uniform(0.2, 0.8) * len(scene.way))
     pause = int(rng.uniform(0.5, 3.0) / STEP)
-    again = max(0, at + int(rng.uniform(-0.4, 0.4) / STEP))
-    scene.way = np.vstack([scene.way[:at], np.repeat(scene.way[at : at + 1], pause, axis=0), scene.way[again:]])
+    on = max(0, off + int(rng.uniform(-0.4, 0.4) / STEP))
+    scene.way = np.vstack([scene.way[:off], np.repeat(scene.way[off : off + 1], pause, axis=0), scene.way[on:]])
     scene.shown = np.ones(len(scene.way), bool)
-    scene.shown[at : at + pause] = False
+    scene.shown[off : off + pause] = False
     return scene
 
 
 def sides_apart(rng: np.random.Generator) -> Scene:
-    """Draws the sides of a box one by one in the order 1-3-2-4, the pointer off between them."""
-    pace, parts, shown, drawn = rng.uniform(0.2, 0.5), [], [], {}
+    """Draws the sides of a box in the order 1-3-2-4, with the pointer off between them."""
+    speed, parts, shown, drawn = rng.uniform(0.2, 0.5), [], [], {}
     for number in (0, 2, 1, 3):
         ends = missed(BOX[[number, (number + 1) % 4]], rng)
         if parts:
             parts.append(side(parts[-1][-1], ends[0], 1.2, rng))
             shown.append(np.zeros(len(parts[-1]), bool))
-        drawn[number] = side(ends[0], ends[1], pace, rng)
+        drawn[number] = side(ends[0], ends[1], speed, rng)
         parts.append(drawn[number])
         shown.append(np.ones(len(drawn[number]), bool))
     return Scene(np.vstack([drawn[number] for number in range(4)]), True, np.vstack(parts), np.concatenate(shown))
 
 
 def look(scene: Scene, rng: np.random.Generator):
-    """Simulates how cameras see a scene; returns points, stamps and cameras, in order of arrival."""
+    """Simulates the cameras' observation of a scene; returns points, stamps and cameras, in order of arrival."""
     end = len(scene.way) * STEP
-    keep = np.exp(-STEP / 0.25)
-    hand = lfilter([1.0], [1.0, -keep], rng.normal(0.0, TREMOR * np.sqrt(1 - keep**2), scene.way.shape), axis=0)
+    decay = np.exp(-STEP / 0.25)
+    hand = lfilter([1.0], [1.0, -decay], rng.normal(0.0, TREMOR * np.sqrt(1 - decay**2), scene.way.shape), axis=0)
     rows = []
     for camera, rate in enumerate(RATES):
         t = np.arange(rng.uniform(0.0, 1.0 / rate), end, 1.0 / rate)
-        for begin in rng.uniform(0.0, end, rng.poisson(BURSTS * end)):
-            t = t[(t < begin) | (t > begin + rng.exponential(0.2))]
-        step = np.minimum((t / STEP).astype(int), len(scene.way) - 1)
-        seen = scene.shown[step] & (rng.random(len(t)) >= DROPPED)
-        t, step = t[seen], step[seen]
+        for burst_start in rng.uniform(0.0, end, rng.poisson(BURSTS * end)):
+            t = t[(t < burst_start) | (t > burst_start + rng.exponential(0.2))]
+        index = np.minimum((t / STEP).astype(int), len(scene.way) - 1)
+        seen = scene.shown[index] & (rng.random(len(t)) >= DROPPED)
+        t, index = t[seen], index[seen]
         angle = rng.uniform(0.0, 2.0 * np.pi)
-        off = BIAS * np.array([np.cos(angle), np.sin(angle)])
-        at = scene.way[step] + hand[step] + off + rng.normal(0.0, NOISE, (len(t), 2))
-        rows.append(np.column_stack([t, at, np.full(len(t), camera)]))
+        bias = BIAS * np.array([np.cos(angle), np.sin(angle)])
+        positions = scene.way[index] + hand[index] + bias + rng.normal(0.0, NOISE, (len(t), 2))
+        rows.append(np.column_stack([t, positions, np.full(len(t), camera)]))
     count = int(round(STRAYS * sum(map(len, rows))))
     low, high = scene.way.min(axis=0) - MARGIN, scene.way.max(axis=0) + MARGIN
     strays = np.column_stack([rng.uniform(0.0, end, count), rng.uniform(low, high, (count, 2))])
@@ -161,7 +161,7 @@ def look(scene: Scene, rng: np.random.Generator):
 
 
 def shapes(rng: np.random.Generator) -> Scene:
-    """Draws one of the figures and lines that people draw; ends that stay apart are at least half of the figure apart."""
+    """Draws a figure or line as people do; the ends of a line are at least half of the figure apart."""
     figures = [BOX, BOX[:3] * [0.6, 1.2], 0.7 * BOX @ [[0.8, 0.6], [-0.6, 0.8]]]
     kind = rng.integers(6)
     if kind < 3:
@@ -178,45 +178,45 @@ def slow(rng: np.random.Generator) -> Scene:
 
 
 def held(rng: np.random.Generator) -> Scene:
-    """Holds the pointer at a wrong point, and then, for a shorter time, at the intended one; on or off in between."""
+    """Holds the pointer at a wrong point, then shorter at the intended one, switched on or off in between."""
     seconds = ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0))[rng.integers(3)]
-    wrong, angle = rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 2.0 * np.pi)
-    right = wrong + rng.uniform(0.4, 1.6) * np.array([np.cos(angle), np.sin(angle)])
-    parts = [np.repeat([at], int(time / STEP), axis=0) for at, time in zip((wrong, right), seconds)]
-    parts.insert(1, side(wrong, right, rng.uniform(0.3, 1.0), rng))
+    wrong_point, angle = rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 2.0 * np.pi)
+    right_point = wrong_point + rng.uniform(0.4, 1.6) * np.array([np.cos(angle), np.sin(angle)])
+    parts = [np.repeat([point], int(time / STEP), axis=0) for point, time in zip((wrong_point, right_point), seconds)]
+    parts.insert(1, side(wrong_point, right_point, rng.uniform(0.3, 1.0), rng))
     shown = [np.ones(len(part), bool) for part in parts]
     shown[1][:] = rng.random() < 0.5
-    return Scene(right[None], False, np.vstack(parts), np.concatenate(shown))
+    return Scene(right_point[None], False, np.vstack(parts), np.concatenate(shown))
 
 
 def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
-    """Judges the seed as `judge` does a border; it is bad more than 15 cm from the intended point."""
+    """Judges the seed as `judge` judges a border; it is bad if it is more than 15 cm from the intended point."""
     scene, extraction = make(rng), modules[0]
     points, stamps, cameras = look(scene, rng)
     drawn = extraction.DrawnBorder(dwells=extraction.find_dwells(points, stamps=stamps, cameras=cameras))
-    off = float(np.hypot(*(scene.truth[0] - drawn.seed)))
-    told = drawn.other_dwell is not None
-    return off > 0.15, off > 0.15 and not told, told, off
+    error = float(np.hypot(*(scene.truth[0] - drawn.seed)))
+    reported = drawn.other_dwell is not None
+    return error > 0.15, error > 0.15 and not reported, reported, error
 
 
 def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
-    """Returns whether the border is bad, whether silently, whether something is told, and how far off it is [m]."""
+    """Returns whether the border is bad, whether silently, whether there is a warning, and the border's error [m]."""
     extraction, collecting, errors = modules
     scene = make(rng)
-    collector = collecting.Collector()
+    collector = collecting.SpotCollector()
     collector.set_state(collecting.BORDER, "drawing", 0.0)
-    for at, stamp, camera in zip(*look(scene, rng)):
-        collector.add(collecting.FloorSpot(stamp, *at, str(camera), 1.0, False))
+    for position, stamp, camera in zip(*look(scene, rng)):
+        collector.add(collecting.FloorSpot(stamp, *position, str(camera), 1.0, False))
     rows = collector.collection().border
     try:
         chain = extraction.extract_border(rows[:, 1:3], stamps=rows[:, 0], cameras=rows[:, 4].astype(int))
     except errors.CodedError:
         return True, False, True, np.nan
     truth = scene.truth[np.append(True, np.hypot(*np.diff(scene.truth, axis=0).T) > 1e-9)]
-    off = hausdorff(chain.points, geometry.resample_chain(truth, 0.01), scene.closed)
-    bad = off > BAD_M or chain.closed != scene.closed
-    told = bool(chain.left_out_spots) or getattr(chain, "unseen", 0.0) > 0.5 * extraction.ExtractionParams().eps
-    return bad, bad and not told, told, off
+    error = hausdorff(chain.points, geometry.resample_chain(truth, 0.01), scene.closed)
+    bad = error > BAD_M or chain.closed != scene.closed
+    reported = bool(chain.left_out_spots) or getattr(chain, "unseen", 0.0) > 0.5 * extraction.ExtractionParams().eps
+    return bad, bad and not reported, reported, error
 
 
 ROWS: Dict[str, Tuple[Callable, int]] = {
@@ -232,23 +232,23 @@ ROWS: Dict[str, Tuple[Callable, int]] = {
 
 
 def main() -> None:
-    """Measures row by row."""
+    """Measures all rows."""
     parser = arguments(__doc__, seed=0, other=True)
-    parser.add_argument("--times", type=float, default=1.0, help="of each row's number of strokes")
-    given = parser.parse_args()
-    table = Table(given.csv, given.seed)
+    parser.add_argument("--times", type=float, default=1.0, help="factor for each row's number of strokes")
+    options = parser.parse_args()
+    table = Table(options.csv, options.seed)
     for number, (name, (make, count)) in enumerate(ROWS.items()):
-        for version, source in versions(given).items():
-            modules, seeds = import_from(source, *MODULES), range(max(1, int(count * given.times)))
-            look_at = judge_seed if make is held else judge
-            found = [look_at(make, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]
-            bad, silent, told, off = np.array(found, float).T
+        for version, source in versions(options).items():
+            modules, seeds = import_from(source, *MODULES), range(max(1, int(count * options.times)))
+            judge_stroke = judge_seed if make is held else judge
+            judgements = [judge_stroke(make, modules, np.random.default_rng([options.seed + k, number])) for k in seeds]
+            bad, silent, reported, errors = np.array(judgements, float).T
             counts = {
-                "bad": share(int(bad.sum()), len(found)),
-                "silent": share(int(silent.sum()), len(found)),
-                "told": int(told.sum()),
+                "bad": share(int(bad.sum()), len(judgements)),
+                "silent": share(int(silent.sum()), len(judgements)),
+                "told": int(reported.sum()),
             }
-            table.add(row=name, version=version, **counts, median_m=float(np.nanmedian(off)))
+            table.add(row=name, version=version, **counts, median_m=float(np.nanmedian(errors)))
 
 
 if __name__ == "__main__":

@@ -336,11 +336,11 @@ def test_neighbouring_tips_passed_shortly_after_each_other_are_kept(beside):
     for seed in range(4):
         at, parts = 0.0, []
         tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0]]
-        for number, (one, other) in enumerate(zip(tips, tips[1:])):
-            parts.append(line_spots([one, other], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
-            at += float(np.linalg.norm(np.subtract(other, one))) / 4.0 + 0.04
+        for number, (start, end) in enumerate(zip(tips, tips[1:])):
+            parts.append(line_spots([start, end], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
+            at += float(np.linalg.norm(np.subtract(end, start))) / 4.0 + 0.04
             for camera in (0, 1):
-                places = np.random.default_rng([seed, number, camera]).normal(other, 0.01, (20, 2))
+                places = np.random.default_rng([seed, number, camera]).normal(end, 0.01, (20, 2))
                 parts.append(still(places, at + 0.01 * camera, camera=camera))
             at += 0.84
         assert hausdorff(extract_border(**joined(*parts)).points, np.array(tips), False) < 0.15

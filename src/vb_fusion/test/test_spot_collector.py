@@ -7,7 +7,7 @@ from generated_strokes import Setting, draw
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams, LiveExtractor, extract_border
 from vb_fusion import spot_collector as collecting
-from vb_fusion.spot_collector import Collector, FloorSpot
+from vb_fusion.spot_collector import SpotCollector, FloorSpot
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):
@@ -16,13 +16,13 @@ def spot(stamp, x=0.0, y=0.0, camera="red"):
 
 def in_border(entered=0.0):
     """Returns a collector in the state Border of the interaction a."""
-    collector = Collector()
+    collector = SpotCollector()
     collector.set_state(BORDER, "a", entered)
     return collector
 
 
 def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
-    collector = Collector()
+    collector = SpotCollector()
     assert collector.add(spot(1.0)) == "state"
     assert collector.set_state(BORDER, "a", 2.0)
     assert collector.add(spot(2.1)) == ""
@@ -57,7 +57,7 @@ def test_early_and_non_finite_spots_are_ignored_and_counted():
 @pytest.mark.parametrize("outcome", ["", "saved", "cancelled", "abandoned"])
 def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
     """A restarted manager reports Default without an outcome; a drawing without spots has nothing to lose."""
-    collector = Collector()
+    collector = SpotCollector()
     collector.set_state(DEFAULT, "", 0.0)
     collector.set_state(drawn_in, "a", 1.0)
     assert not collector.lost
@@ -66,11 +66,11 @@ def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
     for _ in range(2):  # the state is repeated
         collector.set_state(DEFAULT, "", 4.0, outcome)
         lost = spots > 0 and not outcome
-        assert (collector.lost, collector.to_forget) == (lost, lost or outcome not in ("", "saved"))
+        assert (collector.lost, collector.can_forget) == (lost, lost or outcome not in ("", "saved"))
     collector.forget()
-    assert (collector.lost, collector.to_forget) == (lost, False)
+    assert (collector.lost, collector.can_forget) == (lost, False)
     collector.set_state(DEFAULT, "", 4.0, outcome)
-    assert not collector.to_forget
+    assert not collector.can_forget
     collector.set_state(BORDER, "b", 5.0, outcome)
     assert not collector.lost
 
@@ -80,9 +80,9 @@ def test_a_drawing_begun_before_the_collector_is_lost():
     collector.set_state(SEED, "a", 1.0)
     assert collector.lost
     collector.set_state(DEFAULT, "", 2.0, "cancelled")
-    assert not collector.lost and collector.to_forget
+    assert not collector.lost and collector.can_forget
     collector.set_state(BORDER, "b", 3.0, "cancelled")
-    assert not collector.lost and not collector.to_forget
+    assert not collector.lost and not collector.can_forget
 
 
 @pytest.mark.parametrize("count", [1000, 2600])
@@ -143,7 +143,7 @@ def test_a_camera_with_wrong_clock_or_frame_is_ignored_and_named():
 
 
 def test_a_camera_sees_the_spot_until_its_last_one_is_too_old():
-    collector = Collector()
+    collector = SpotCollector()
     collector.add(spot(10.0, camera="red"))
     collector.add(spot(12.0, camera="green"))
     assert collector.cameras_seeing(12.1, 0.5) == ["green"]

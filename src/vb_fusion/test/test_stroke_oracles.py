@@ -285,12 +285,12 @@ def test_the_best_track_equals_an_exhaustive_search(places, flick):
                 ways.append((best[before][0] - flick * math.log1p(effort / flick), before))
         gain, before = max(ways)
         best.append((own + gain, before))
-    found, previous = strokes.find_best_steps(points, times, 0.4, gains, flick)
+    found, previous = strokes.find_best_predecessors(points, times, 0.4, gains, flick)
     assert found == pytest.approx([gain for gain, _ in best])
     wanted = [int(np.argmax(found))]
     while previous[wanted[0]] >= 0:
         wanted.insert(0, int(previous[wanted[0]]))
-    assert strokes.trace_track(found, previous).tolist() == wanted
+    assert strokes.backtrack(found, previous).tolist() == wanted
     # of two ways with the same gain, either is right
     steps = [found[b] - found[a] - gains[b] for a, b in zip(wanted[:-1], wanted[1:])]
     assert all(step <= 1e-9 for step in steps) and found[wanted[0]] == gains[wanted[0]]

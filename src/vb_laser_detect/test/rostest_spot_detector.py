@@ -59,7 +59,7 @@ class Observer:
     def told(self, camera, words, severity=Notice.ERROR):
         """Returns whether the camera's detector has a notice with these words."""
         now = self.notices.get(f"/spot_detector_{camera}", ())
-        return any(one.severity == severity and words in one.message for one in now)
+        return any(notice.severity == severity and words in notice.message for notice in now)
 
     def refused(self, camera, code):
         status = self.status.get(camera)

@@ -94,9 +94,9 @@ def distance_between(first, second):
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02)])
 @pytest.mark.parametrize("phase, period", [(0.017, 0.04), (0.009, 0.04), (0.08, 0.18)])
 def test_distance_between_cameras_is_found_whatever_their_phases(offset, phase, period):
-    one, other = draw(seconds=20.0, period=period), draw(offset, phase, 20.0, period=period)
-    assert distance_between(one, other) == pytest.approx(math.hypot(*offset), abs=0.003)
-    assert distance_between(other, one) == pytest.approx(math.hypot(*offset), abs=0.003)
+    first, second = draw(seconds=20.0, period=period), draw(offset, phase, 20.0, period=period)
+    assert distance_between(first, second) == pytest.approx(math.hypot(*offset), abs=0.003)
+    assert distance_between(second, first) == pytest.approx(math.hypot(*offset), abs=0.003)
 
 
 @pytest.mark.parametrize(

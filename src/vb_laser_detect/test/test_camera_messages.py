@@ -88,7 +88,7 @@ def report(monkeypatch):
         def told():
             found._publish()
             (newest,), _ = notices.set.call_args
-            return [(one.code, one.severity, one.camera) for one in newest]
+            return [(notice.code, notice.severity, notice.camera) for notice in newest]
 
         found.told = told
         return found

@@ -71,7 +71,7 @@ def camera(packets):
         def serve(self):
             for line in self.rfile:
                 method = line.split(b" ")[0].decode()
-                fields = dict(one.decode().split(": ", 1) for one in iter(self.rfile.readline, b"\r\n"))
+                fields = dict(line.decode().split(": ", 1) for line in iter(self.rfile.readline, b"\r\n"))
                 body = SDP if method == "DESCRIBE" else ""
                 head = f"RTSP/1.0 200 OK\r\nCSeq: {fields['CSeq'].strip()}\r\nSession: 1\r\nContent-Type: application/sdp\r\n"
                 head += f"Transport: {fields.get('Transport', '').strip()}\r\nContent-Length: {len(body)}\r\n\r\n"

@@ -71,7 +71,7 @@ def test_spots_on_photographs(still):
                     break
             spot = start + (i % 20 - 12) * np.array([1.5, 0.5]) if 12 <= i % 20 < 15 else None
             spots = detector.detect(view.at(i, spot), 0.04 * i)
-            hits = [one for one in spots if spot is not None and np.hypot(one.u - spot[0], one.v - spot[1]) < 3.0]
+            hits = [s for s in spots if spot is not None and np.hypot(s.u - spot[0], s.v - spot[1]) < 3.0]
             asked, found = asked + (spot is not None), found + bool(hits)
             false, images = false + len(spots) - len(hits), images + 1
     assert found >= 0.85 * asked and false <= 0.01 * images, (found, asked, false)

@@ -175,7 +175,7 @@ def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height)
 def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     camera, robots = CameraModel.ideal(1920, 1080, 1100.0), Mock(return_value=[CYLINDER])
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
-    frame = ImageGeometry(camera, FloorProjection(), pose, Mock(cylinders=robots, depth_at=lambda *image: None))
+    frame = ImageGeometry(camera, FloorProjection(), pose, Mock(robot_cylinders=robots, depth_at=lambda *image: None))
     on, beside = (Spot(*place, 8.0) for place in pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])))
     assert frame.locate([Spot(50, 50, 8.0, rejection="peak")])[0].rejection == "peak" and not robots.called
     (beside, hidden), (seen,) = frame.locate([beside, on]), ImageGeometry(camera, FloorProjection(), pose).locate([on])

@@ -53,7 +53,7 @@ def test_robots_are_where_they_were_at_the_images_time(lab):
     for stamp, x in ((5.0, 2.0), (5.1, 2.04), (5.2, 2.2)):
         drive(buffer, "base_link", x, stamp)
         drive(buffer, "second/base_link", 4.0 - x, stamp)
-    first, second = robots.cylinders(rospy.Time(5.05))
+    first, second = robots.robot_cylinders(rospy.Time(5.05))
     assert (first.x, first.y, second.x) == pytest.approx((2.02, 1.0, 1.98)) and not counted
     assert first.height == 0.3 and 0.2 < first.radius < 0.3
 
@@ -61,7 +61,7 @@ def test_robots_are_where_they_were_at_the_images_time(lab):
 def test_a_pose_that_has_not_arrived_makes_a_robot_larger(lab):
     robots, buffer, _ = lab
     drive(buffer, "base_link", 2.0, 5.0)
-    then, later = robots.cylinders(rospy.Time(5.0))[0], robots.cylinders(rospy.Time(5.25))[0]
+    then, later = robots.robot_cylinders(rospy.Time(5.0))[0], robots.robot_cylinders(rospy.Time(5.25))[0]
     assert later.x == then.x and later.radius == pytest.approx(then.radius + 0.25 * 0.4)
 
 
@@ -69,17 +69,17 @@ def test_a_robot_without_a_recent_pose_hides_nothing_and_is_counted(lab):
     robots, buffer, counted = lab
     drive(buffer, "base_link", 2.0, 5.0)
     # the second robot never had a pose
-    assert len(robots.cylinders(rospy.Time(5.0))) == 1 and counted == ["robot_without_pose"]
-    assert robots.cylinders(rospy.Time(7.0)) == [] and counted == ["robot_without_pose"] * 3
-    assert robots.cylinders(rospy.Time(4.0)) == [] and len(counted) == 5  # before the first pose in tf
+    assert len(robots.robot_cylinders(rospy.Time(5.0))) == 1 and counted == ["robot_without_pose"]
+    assert robots.robot_cylinders(rospy.Time(7.0)) == [] and counted == ["robot_without_pose"] * 3
+    assert robots.robot_cylinders(rospy.Time(4.0)) == [] and len(counted) == 5  # before the first pose in tf
 
 
 def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
     robots, buffer, counted = lab
     drive(buffer, "base_link", 2.0, 5.0, static=True)
     drive(buffer, "second/base_link", 3.0, 5.0, static=True)
-    for cylinder, x in zip(robots.cylinders(rospy.Time(900.0)), (2.0, 3.0)):
-        assert cylinder.x == x and math.isclose(cylinder.radius, robots.cylinders(rospy.Time(5.0))[0].radius)
+    for cylinder, x in zip(robots.robot_cylinders(rospy.Time(900.0)), (2.0, 3.0)):
+        assert cylinder.x == x and math.isclose(cylinder.radius, robots.robot_cylinders(rospy.Time(5.0))[0].radius)
     assert not counted
 
 

@@ -30,22 +30,22 @@ def settled(scene, detector, kind="bgr"):
 
 def steps_seen(detector, images, place=None, start=0.4):
     """Returns the numbers of those (number, image) for which a spot is reported, at once or later; each where it was drawn."""
-    found = set()
+    steps = set()
     for number, image in images:
         spots = detector.detect(image, start + PERIOD * number)
         reported = [(round((spot.stamp - start) / PERIOD), (spot.u, spot.v)) for spot in spots + detector.earlier]
-        assert all(np.linalg.norm(np.subtract((place or drawn)(step), at)) < 3.0 for step, at in reported)
-        found |= {step for step, _ in reported}
-    return found
+        assert all(np.linalg.norm(np.subtract((place or drawn)(step), pixel)) < 3.0 for step, pixel in reported)
+        steps |= {step for step, _ in reported}
+    return steps
 
 
 def follow(detector, scene, truths, start=0.4, change=lambda i: {}, kind="", **spot):
     """Returns for each image the errors [px] of its spots; `change` gives further arguments of its rendering."""
-    found, kind = [], kind or ("bayer" if detector.bayer else "bgr")
+    errors, kind = [], kind or ("bayer" if detector.bayer else "bgr")
     for i, (u, v) in enumerate(truths):
         image = shown(scene, kind, [(u, v)], **spot, **change(i))
-        found.append([np.hypot(one.u - u, one.v - v) for one in detector.detect(image, start + PERIOD * i)])
-    return found
+        errors.append([np.hypot(hit.u - u, hit.v - v) for hit in detector.detect(image, start + PERIOD * i)])
+    return errors
 
 
 @pytest.mark.parametrize(
@@ -313,7 +313,7 @@ def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
     for step in range(200, 340):
         detector.detect(image(step), 0.4 + PERIOD * step)
     later = [detector.detect(image(step), 0.4 + PERIOD * step) for step in range(340, 380)]
-    assert not any(later) and any(one.lamps for one in detector.detections)
+    assert not any(later) and any(detection.lamps for detection in detector.detections)
     found = [detector.detect(image(step, drawn(step)), 0.4 + PERIOD * step) for step in range(380, 460)]
     hits = [any(abs(spot.v - 60.0) < 2.0 for spot in spots) for spots in found]
     assert sum(hits) >= 60 and not any(abs(spot.v - 60.0) > 2.0 for spots in found for spot in spots)
@@ -326,7 +326,7 @@ def test_images_that_come_late_are_left_out_and_counted(every):
     for i in range(0, 119, every):
         order[i], order[i + 1] = order[i + 1], order[i]
     found = steps_seen(detector, ((step, scene.render([drawn(step)])) for step in order))
-    assert sum(one.is_late for one in detector.detections) == len(range(0, 119, every)) >= 119 - len(found)
+    assert sum(detection.is_late for detection in detector.detections) == len(range(0, 119, every)) >= 119 - len(found)
 
 
 def test_a_pointer_that_blinks_is_seen_in_grey_images_too():

@@ -27,24 +27,26 @@ class Film:
         self.period, self.now = 1.0 / rate, 0.0
 
     def see(self, *sightings):
+        """Shows the tracker an image with these sightings, and returns the state of each one's track."""
         self.now += self.period
         self.tracker.predict(self.now)
-        found, told = self.tracker.update(sightings, self.image), []
-        earlier = [round(one.stamp / self.period) - 1 for one in found.spots[:-1]]
-        for one in found.candidates:
-            what = {"number": one.track, "confirmed": one.rejection != "unconfirmed", "published": not one.rejection}
-            told.append(SimpleNamespace(**what, backfilled=earlier * what["published"]))
-        return told
+        detection, tracks = self.tracker.update(sightings, self.image), []
+        earlier = [round(spot.stamp / self.period) - 1 for spot in detection.spots[:-1]]
+        for spot in detection.candidates:
+            confirmed, published = spot.rejection != "unconfirmed", not spot.rejection
+            tracks.append(SimpleNamespace(number=spot.track, confirmed=confirmed, published=published))
+            tracks[-1].backfilled = earlier if published else []
+        return tracks
 
 
 @pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 25.0, 60.0])
 def test_a_stroke_is_confirmed_and_keeps_its_number_at_every_rate(rate):
-    film, told = Film(rate), []
+    film, tracks = Film(rate), []
     for i in range(20):
-        told += film.see(sighting(0.4 * i / rate))
-    assert [one.published for one in told] == [False, False] + [True] * 18
-    assert told[2].backfilled == [0, 1] and not any(one.backfilled for one in told[3:])
-    assert len({one.number for one in told}) == 1
+        tracks += film.see(sighting(0.4 * i / rate))
+    assert [track.published for track in tracks] == [False, False] + [True] * 18
+    assert tracks[2].backfilled == [0, 1] and not any(track.backfilled for track in tracks[3:])
+    assert len({track.number for track in tracks}) == 1
 
 
 @pytest.mark.parametrize("rate", [2.0, 25.0])
@@ -63,12 +65,12 @@ def test_a_newcomer_takes_nobodys_place():
     film = Film()
     laser = [film.see(sighting(0.01 * i, confidence=0.5))[0] for i in range(5)][-1]
     for i in range(5, 60):
-        both = film.see(sighting(0.01 * i, 0.5, confidence=0.99), sighting(0.01 * i, confidence=0.5))
-        assert [one.published for one in both] == [False, True] and both[1].number == laser.number
+        tracks = film.see(sighting(0.01 * i, 0.5, confidence=0.99), sighting(0.01 * i, confidence=0.5))
+        assert [track.published for track in tracks] == [False, True] and tracks[1].number == laser.number
     # not even while the laser is hidden; once that is lost, the other one is published, without its earlier sightings
     assert not film.see(sighting(0.6, 0.5))[0].published
-    told = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
-    assert told[-1].published and not any(one.backfilled for one in told)
+    later = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
+    assert later[-1].published and not any(track.backfilled for track in later)
 
 
 def test_jumps_that_no_hand_makes_are_other_spots():
@@ -81,12 +83,9 @@ def test_jumps_that_no_hand_makes_are_other_spots():
 
 def test_two_that_cross_keep_their_numbers():
     film = Film()
-    numbers = []
-    for i in range(41):
-        t = i / 40.0
-        one, other = film.see(sighting(t, t), sighting(t, 1.0 - t + 0.013))
-        numbers.append((one.number, other.number))
-    assert len(set(numbers)) == 1
+    for t in np.linspace(0.0, 1.0, 41):
+        rising, falling = film.see(sighting(t, t), sighting(t, 1.0 - t + 0.013))
+        assert (rising.number, falling.number) == (1, 2)
 
 
 def test_what_is_never_confirmed_waits_for_a_second_only():
@@ -114,16 +113,16 @@ def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():
     for i in range(30):
         film.see(sighting(0.008 * i))
     film.now += film.period
-    (ahead,) = film.tracker.predict(film.now)
-    u = int(ahead.place[0])
-    assert ahead.place[0] == pytest.approx(500 * 0.008 * 30)
-    near, far = (u + 8, 0, u + 24, 8), (u - 48, 0, u - 30, 8)
-    assert ahead.overlaps(near) and not ahead.overlaps(far)
+    (expected,) = film.tracker.predict(film.now)
+    u = int(expected.position[0])
+    assert expected.position[0] == pytest.approx(500 * 0.008 * 30)
+    near_box, far_box = (u + 8, 0, u + 24, 8), (u - 48, 0, u - 30, 8)
+    assert expected.overlaps(near_box) and not expected.overlaps(far_box)
     # the camera turns by 40 px
     film.tracker.update([sighting(0.008 * 30)], film.image)
     film.image.motion = np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]])
-    (ahead,) = film.tracker.predict(film.now + film.period)
-    assert ahead.moved(film.image.motion).place[0] == pytest.approx(500 * 0.008 * 31 + 40.0)
+    (expected,) = film.tracker.predict(film.now + film.period)
+    assert expected.moved(film.image.motion).position[0] == pytest.approx(500 * 0.008 * 31 + 40.0)
     film.tracker.update([], film.image)
-    (ahead,) = film.tracker.predict(film.now + 2 * film.period)
-    assert ahead.place[0] == pytest.approx(500 * 0.008 * 32 + 40.0)
+    (expected,) = film.tracker.predict(film.now + 2 * film.period)
+    assert expected.position[0] == pytest.approx(500 * 0.008 * 32 + 40.0)

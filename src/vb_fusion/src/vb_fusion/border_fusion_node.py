@@ -19,7 +19,7 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
-from vb_fusion.spot_collector import Collection, Collector, FloorSpot
+from vb_fusion.spot_collector import CollectedSpots, SpotCollector, FloorSpot
 from vb_fusion.extraction import DrawnBorder, ExtractionParams, LiveExtractor
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
@@ -58,7 +58,7 @@ class BorderFusionNode:
 
     def __init__(self, params: FusionParams) -> None:
         self._params = params
-        self._collector = Collector()
+        self._collector = SpotCollector()
         self._live = LiveExtractor(params.extraction, params.live_cpu_share)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
@@ -85,13 +85,13 @@ class BorderFusionNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.name}")
             return
         with self._lock:
-            before, entered = self._collector.state, message.entered.to_sec()
-            fresh = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
-            if fresh:
+            state_before, entered = self._collector.state, message.entered.to_sec()
+            is_new = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
+            if is_new:
                 self._live.reset()
                 self._failure = None
                 self._doubts = []
-        if fresh or state != before:
+        if is_new or state != state_before:
             self._changed.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
@@ -104,8 +104,8 @@ class BorderFusionNode:
             with self._lock:
                 self._collector.ignore_frame(message.camera)
             return
-        stamp, at = message.header.stamp.to_sec(), message.position
-        spot = FloorSpot(stamp, at.x, at.y, message.camera, float(message.confidence), bool(message.mobile))
+        stamp, position = message.header.stamp.to_sec(), message.position
+        spot = FloorSpot(stamp, position.x, position.y, message.camera, float(message.confidence), bool(message.mobile))
         with self._lock:
             ignored = self._collector.add(spot, rospy.get_time() or np.inf)
             if not ignored:
@@ -115,8 +115,8 @@ class BorderFusionNode:
     def _work(self) -> None:
         """Publishes progress and notices until the node ends.
 
-        The pace is in wall time, as it limits the load on people and processors and must survive pauses and jumps of
-        simulated time.
+        The rate uses wall time, because it limits the load on processors and must survive pauses and jumps of simulated
+        time.
         """
         while not rospy.is_shutdown():
             state_changed = self._changed.wait(1.0 / RATE)
@@ -131,8 +131,8 @@ class BorderFusionNode:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
-                what = error.message if isinstance(error, CodedError) else repr(error)
-                self._failure = CodedError("extraction_failed", what=what)
+                reason = error.message if isinstance(error, CodedError) else repr(error)
+                self._failure = CodedError("extraction_failed", what=reason)
             try:
                 self._publish_notices()
             except rospy.ROSException:  # topics close before the node has ended
@@ -192,7 +192,7 @@ class BorderFusionNode:
                 self._collector.forget()
         return True
 
-    def _progress_message(self, collection: Collection, drawn: DrawnBorder) -> BorderProgress:
+    def _progress_message(self, collection: CollectedSpots, drawn: DrawnBorder) -> BorderProgress:
         message = BorderProgress()
         message.header.stamp = rospy.get_rostime()
         message.header.frame_id = names.MAP_FRAME

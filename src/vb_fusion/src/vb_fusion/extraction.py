@@ -23,7 +23,7 @@ import numpy as np
 from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_fusion.spot_collector import Collection
+from vb_fusion.spot_collector import CollectedSpots
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
 from vb_fusion.observations import Observations, make_observations, merge_observations, remove_offsets
 from vb_fusion.paper_algorithms import run_algorithms
@@ -54,9 +54,9 @@ class BorderChain:
     Attributes:
         points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
         closed: polygon (True) or separating curve (False).
-        code, values: of the sentence that says why it is closed or open.
-        length: [m] of the chain, with its closing segment if it is closed.
-        gap: [m] between the ends where the drawing left them.
+        code, values: code and values of the sentence that says why it is closed or open.
+        length: [m] length of the chain, with its closing segment if it is closed.
+        gap: [m] distance between the ends where the drawing left them.
         left_out: (L, 2) [m] positions of drawn spots that belong to no part of the chain.
         left_out_spots: number of spots at these positions.
         unseen: [m] length of the longest piece of the chain that no camera saw.
@@ -92,7 +92,7 @@ def extract_border(
     Args:
         points: (N, 2) float [m], map frame, any order. Non-finite points are left out.
         params: `ExtractionParams()` if None.
-        stamps: (N,) [s] when each spot was seen; the paper's mode does not use them.
+        stamps: (N,) [s] time at which each spot was seen; the paper's mode does not use them.
         cameras: (N,) the camera that saw each spot: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
@@ -113,22 +113,22 @@ def extract_border(
         return _describe_chain(vertices, classify_closure(vertices))
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
-    seen = merge_observations(spots)  # stage 0, like make_observations
-    drawn = find_drawn_line(seen, params.eps, params.min_exp, params.min_size)  # stage 1
-    line = remove_offsets(seen.select(drawn.rows))  # stage 2
+    observations = merge_observations(spots)  # stage 0, like make_observations
+    drawn = find_drawn_line(observations, params.eps, params.min_exp, params.min_size)  # stage 1
+    line = remove_offsets(observations.select(drawn.rows))  # stage 2
     vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
     return _describe_chain(
         vertices,
         closure,
         unseen=_longest_unseen_gap(line, closure, drawn.joined, drawn.dropout),
-        left_out=seen.points[drawn.left_out],
-        left_out_spots=int(seen.spots[drawn.left_out].sum()),
+        left_out=observations.points[drawn.left_out],
+        left_out_spots=int(observations.spots[drawn.left_out].sum()),
     )
 
 
-def _describe_chain(vertices: np.ndarray, closure: Closure, **more: Any) -> BorderChain:
+def _describe_chain(vertices: np.ndarray, closure: Closure, **attributes: Any) -> BorderChain:
     length = geometry.chain_length(vertices, closure.closed)
-    return BorderChain(vertices, closure.closed, closure.code, length, closure.gap, closure.values, **more)
+    return BorderChain(vertices, closure.closed, closure.code, length, closure.gap, closure.values, **attributes)
 
 
 def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, dropout: float) -> float:
@@ -156,7 +156,7 @@ class DrawnBorder:
 
     @property
     def seed(self) -> Optional[np.ndarray]:
-        """(2,) [m] the dwell that `choose_seed` takes for the seed point."""
+        """The position (2,) [m] of the dwell that `choose_seed` takes for the seed point."""
         return choose_seed(self.dwells).point if self.dwells else None
 
     @property
@@ -164,13 +164,13 @@ class DrawnBorder:
         """Another place where the pointer dwelt, longer or later, which may have been meant as the seed."""
         if not self.dwells:
             return None
-        seed, after, other = choose_seed(self.dwells), False, None
+        seed, is_later, other_dwell = choose_seed(self.dwells), False, None
         for dwell in self.dwells:
             if dwell is seed:
-                after = True
-            elif not dwell.known and (after or dwell.seconds > seed.seconds):
-                other = dwell
-        return other
+                is_later = True
+            elif not dwell.known and (is_later or dwell.seconds > seed.seconds):
+                other_dwell = dwell
+        return other_dwell
 
 
 class LiveExtractor:
@@ -179,8 +179,8 @@ class LiveExtractor:
     It takes 0.1 s for five minutes of drawing.
 
     Args:
-        params: of the extraction.
-        share: of one core that live extraction may take.
+        params: parameters of the extraction.
+        share: share of one core that live extraction may take.
     """
 
     def __init__(self, params: ExtractionParams, share: float) -> None:
@@ -192,11 +192,11 @@ class LiveExtractor:
     def reset(self) -> None:
         """Forgets everything, for a new interaction."""
         with self._lock:
-            self._not_before = 0.0
+            self._next_extraction_at = 0.0
             self._border_total = self._seed_total = -1
             self.drawn = DrawnBorder()
 
-    def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
+    def update(self, collection: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
         """Returns the border so far, extracted again if there are new spots and it is due. Thread safe.
 
         Args:
@@ -206,27 +206,29 @@ class LiveExtractor:
         with self._lock:
             border_new = collection.border_total != self._border_total
             seed_new = collection.seed_total != self._seed_total
-            if (border_new or seed_new) and (force or clock() >= self._not_before):
+            if (border_new or seed_new) and (force or clock() >= self._next_extraction_at):
                 started = clock()
                 try:
                     self._extract(collection, border_new, seed_new)
                 finally:  # a failed attempt costs as much
                     finished = clock()
-                    self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
+                    self._next_extraction_at = finished + (finished - started) * (1.0 / self._share - 1.0)
             return self.drawn
 
-    def _extract(self, collection: Collection, border_new: bool, seed_new: bool) -> None:
+    def _extract(self, collection: CollectedSpots, border_new: bool, seed_new: bool) -> None:
         changes = {}
         if border_new:
             try:
                 rows = collection.border
-                changes.update(chain=extract_border(rows[:, 1:3], self._params, **_attributes(rows)), chain_error=None)
+                changes.update(
+                    chain=extract_border(rows[:, 1:3], self._params, **_as_arguments(rows)), chain_error=None
+                )
             except CodedError as error:
                 changes.update(chain=None, chain_error=error)
         if seed_new:
             try:
-                rows, before = collection.seed, collection.border[:, 1:3]
-                dwells = find_dwells(rows[:, 1:3], before=before, **_attributes(rows))
+                rows, border_points = collection.seed, collection.border[:, 1:3]
+                dwells = find_dwells(rows[:, 1:3], before=border_points, **_as_arguments(rows))
                 changes.update(dwells=dwells, seed_error=None)
             except CodedError as error:
                 changes.update(dwells=(), seed_error=error)
@@ -234,7 +236,7 @@ class LiveExtractor:
         self._border_total, self._seed_total = collection.border_total, collection.seed_total
 
 
-def _attributes(rows: np.ndarray) -> Dict[str, np.ndarray]:
+def _as_arguments(rows: np.ndarray) -> Dict[str, np.ndarray]:
     """Returns the keyword arguments of `extract_border` and `find_dwells` for a collection's rows (K, 6)."""
     stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
     return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}

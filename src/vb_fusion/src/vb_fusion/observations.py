@@ -17,10 +17,11 @@ from scipy.sparse.linalg import spsolve
 
 TREMOR = 0.05  # [m] a hand held still stays within it, and cameras agree within it
 LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently every second
-BIN_PHASE = 0.031  # of a bin: no bin should begin at a round time, as images come at round intervals
+BIN_PHASE = 0.031  # [bins] shift of the bins: none should begin at a round time, as images come at round intervals
 TIME_BIN = 0.1  # [s] within it a hand moves the pointer by centimetres, and a camera with 10 images/s sees it
 MAX_DROPOUTS = 3.0  # median intervals between occupied time bins, within which a moving pointer is seen again
-ERROR_CORRELATION = math.exp(-0.1)  # of a robot's error with that a second later: it is corrected within metres
+# correlation of a robot's error with the error a second later: it is corrected within metres
+ERROR_CORRELATION = math.exp(-0.1)
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
 
@@ -31,7 +32,7 @@ class Observations:
     Attributes:
         points: (N, 2) [m].
         stamps: (N,) [s] since the drawing began; zeros for bare points.
-        cameras: (N,) int, index of the camera; for merged observations, of one of their cameras.
+        cameras: (N,) int, index of the camera; for merged observations, the index of one of their cameras.
         weights: (N,) > 0, from the number of spots, their confidence and the kind of camera.
         mobile: (N,) bool, whether seen by mobile cameras only.
         spots: (N,) number of spots merged into each.
@@ -50,21 +51,21 @@ class Observations:
         """Returns the observations that `rows` selects: a mask (N,) or indices."""
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
-    def merge(self, group: np.ndarray) -> "Observations":
-        """Merges the observations of each group (N,), numbered from 0, into one at their weighted mean."""
-        weights = np.bincount(group, self.weights)
-        x, y, times = (np.bincount(group, self.weights * one) / weights for one in (*self.points.T, self.stamps))
+    def merge(self, labels: np.ndarray) -> "Observations":
+        """Merges observations with the same label (N,), numbered from 0, into one at their weighted mean."""
+        weights = np.bincount(labels, self.weights)
+        x, y, times = (np.bincount(labels, self.weights * values) / weights for values in (*self.points.T, self.stamps))
         cameras = np.empty(len(weights), dtype=int)
-        cameras[group] = self.cameras
+        cameras[labels] = self.cameras
         span = int(self.cameras.max()) + 1
         return Observations(
             points=np.column_stack([x, y]),
             stamps=times,
             cameras=cameras,
             weights=weights,
-            mobile=np.bincount(group, ~self.mobile) == 0,
-            spots=np.bincount(group, self.spots).astype(int),
-            witnesses=np.bincount(np.unique(group * span + self.cameras) // span),
+            mobile=np.bincount(labels, ~self.mobile) == 0,
+            spots=np.bincount(labels, self.spots).astype(int),
+            witnesses=np.bincount(np.unique(labels * span + self.cameras) // span),
         )
 
 
@@ -86,7 +87,7 @@ def make_observations(
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
 ) -> Observations:
-    """Makes one observation of each spot; rows that are not finite, or beyond MAX_COORDINATE, are left out.
+    """Makes one observation of each spot. Rows that are not finite, or beyond MAX_COORDINATE, are left out.
 
     Stamps are counted from the beginning of the drawing, so that the same drawing gives the same border at any hour.
     """
@@ -109,7 +110,7 @@ def make_observations(
 
 
 def merge_observations(spots: Observations) -> Observations:
-    """Merges spots of one camera, time bin and position into one observation; orders these by time, then position."""
+    """Merges spots of one camera, time bin and position into one observation. The result is in order of time and position."""
     if len(spots.points) == 0:
         return spots
     bins = time_bins(spots.stamps)
@@ -122,8 +123,8 @@ def merge_observations(spots: Observations) -> Observations:
     return merged.select(np.lexsort((*merged.points.T[::-1], merged.stamps)))
 
 
-def remove_offsets(seen: Observations) -> Observations:
-    """Removes the cameras' offsets; an offset common to all cameras cannot be known.
+def remove_offsets(observations: Observations) -> Observations:
+    """Removes the cameras' offsets. An offset common to all cameras cannot be known.
 
     Cameras that see the pointer at the same time disagree, as their poses are known to centimetres only. The
     disagreements are modelled by one offset per stationary camera and, since localisation errors change as a robot
@@ -136,11 +137,11 @@ def remove_offsets(seen: Observations) -> Observations:
     An observation is the pointer's position in its time bin plus the offset of its camera. The positions are
     eliminated, which leaves the differences from the mean of the bin.
     """
-    bins = time_bins(seen.stamps)
+    bins = time_bins(observations.stamps)
     # unknowns exist only where something was seen: second 0 of each stationary camera, some seconds of each robot's
-    second = np.where(seen.mobile, 1 + bins // 10 - bins.min() // 10, 0)
+    second = np.where(observations.mobile, 1 + bins // 10 - bins.min() // 10, 0)
     span = int(second.max()) + 1
-    unknowns, index = np.unique(seen.cameras * span + second, return_inverse=True)
+    unknowns, index = np.unique(observations.cameras * span + second, return_inverse=True)
     # the observations of a time bin are adjacent
     row = np.cumsum(np.append(0, np.diff(bins) != 0))
     in_bin = csr_matrix((np.ones(len(row)), (row, index)), shape=(int(row[-1]) + 1, len(unknowns)))
@@ -148,13 +149,15 @@ def remove_offsets(seen: Observations) -> Observations:
     # each equation is divided by its standard deviation: the hand's tremor for differences, the placement error for a
     # camera's offset, and for a robot only the part of its error that is new since the previous second with a spot
     camera, time = np.divmod(unknowns, span)
-    again = (np.diff(camera) == 0) & (time[:-1] > 0)
-    same = np.where(again, ERROR_CORRELATION ** np.diff(time), 0.0)
+    follows_on = (np.diff(camera) == 0) & (time[:-1] > 0)
+    correlation = np.where(follows_on, ERROR_CORRELATION ** np.diff(time), 0.0)
     prior_precision = np.where(time > 0, (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2, 1.0)
-    prior_precision[1:] /= 1.0 - same**2
-    change = diags([np.ones(len(time)), -same], [0, -1])
+    prior_precision[1:] /= 1.0 - correlation**2
+    change = diags([np.ones(len(time)), -correlation], [0, -1])
     equations = diags(np.bincount(index).astype(float)) + change.T @ diags(prior_precision) @ change - in_bin.T @ share
-    apart = np.column_stack([np.bincount(index, axis) - share.T @ np.bincount(row, axis) for axis in seen.points.T])
+    differences = np.column_stack(
+        [np.bincount(index, axis) - share.T @ np.bincount(row, axis) for axis in observations.points.T]
+    )
     # rounded to 0.1 mm, so that positions found before stay the same while more is seen
-    offsets = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)
-    return replace(seen, points=seen.points - offsets[index])
+    offsets = np.round(spsolve(equations.tocsc(), differences).reshape(-1, 2), 4)
+    return replace(observations, points=observations.points - offsets[index])

@@ -3,13 +3,12 @@
 Stage 3, samples: the observations, in the order in which they were drawn, become samples a tremor apart; a spot held
 still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
 
-Stage 4, polygon or separating curve, as the person means it: people close a line to enclose floor. So the opening
-between the ends is compared with the mean width of the floor that would be enclosed, which is twice its area over the
-line's length. The opening of a U is always wider than that, however deep the U is: parallel ends that far apart were
-drawn on purpose. The less the line would have to turn from its end to its start, the more likely it is that a side was
-left unfinished, and the wider the opening may be, up to half of the figure's size. A wave encloses next to nothing
-however near its ends are. Ends that cross or run past each other are cut there; half of the length cut off counts as
-opening.
+Stage 4, polygon or separating curve, as the person means it: the line is closed if the opening between its ends is
+small compared with the mean width of the floor that it would enclose, twice its area over the line's length. The
+opening of a U is always wider than that, however deep the U is: parallel ends that far apart were drawn on purpose. The
+less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished, and
+the wider the opening may be, up to half of the figure's size. A wave encloses next to nothing however near its ends
+are. Ends that cross or run past each other are cut there; half of the length cut off counts as opening.
 
 Stage 5, the line through the stroke, with the fewest straight sides that explain it: the samples are divided into
 sides, optimally, by dynamic programming: a corner is kept if leaving it out would lose a detail larger than the hand's
@@ -40,7 +39,8 @@ MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
 MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
 MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
-VERTEX_PRIOR = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh it
+# strength with which a vertex is held in place, in tremors of line length; where its sides turn, the samples outweigh it
+VERTEX_PRIOR = 0.3
 MIN_FIGURE_SIZE = 8.0  # tremors across; a smaller line that curls could be open or closed
 MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped; a map cell is ten times as large
 MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
@@ -52,7 +52,7 @@ def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.
     Args:
         line: the observations in the order in which the line runs, without their cameras' offsets.
         joined: whether the line consists of several strokes.
-        widest_gap: [m] between the line's ends that may hide a corner.
+        widest_gap: [m] widest gap between the line's ends that may hide a corner.
 
     Returns:
         The chain's vertices (M, 2) [m], and the decision whether it is closed.
@@ -82,16 +82,16 @@ def estimate_tremor(stroke: Observations) -> float:
     It is three standard deviations of the observations from the straight line between those 0.2 s before and after,
     rounded to half powers of two, so that it seldom changes while a line grows.
     """
-    after = np.searchsorted(stroke.stamps, stroke.stamps + 2.0 * TIME_BIN)
-    before = np.searchsorted(stroke.stamps, stroke.stamps - 2.0 * TIME_BIN) - 1
-    inner = np.flatnonzero((before >= 0) & (after < len(after)))
-    one, other = before[inner], after[inner]
-    share = ((stroke.stamps[inner] - stroke.stamps[one]) / (stroke.stamps[other] - stroke.stamps[one]))[:, None]
-    off = stroke.points[inner] - (1.0 - share) * stroke.points[one] - share * stroke.points[other]
+    next_rows = np.searchsorted(stroke.stamps, stroke.stamps + 2.0 * TIME_BIN)
+    previous_rows = np.searchsorted(stroke.stamps, stroke.stamps - 2.0 * TIME_BIN) - 1
+    inner = np.flatnonzero((previous_rows >= 0) & (next_rows < len(next_rows)))
+    start, end = previous_rows[inner], next_rows[inner]
+    share = ((stroke.stamps[inner] - stroke.stamps[start]) / (stroke.stamps[end] - stroke.stamps[start]))[:, None]
+    deviations = stroke.points[inner] - (1.0 - share) * stroke.points[start] - share * stroke.points[end]
     if len(inner) < 10:
         return TREMOR
     # half of the squares are below 2 ln 2 variances of an axis; the errors of the line's ends add half a variance
-    deviation = np.sqrt(np.median((off**2).sum(axis=1)) / (3.0 * np.log(2.0)))
+    deviation = np.sqrt(np.median((deviations**2).sum(axis=1)) / (3.0 * np.log(2.0)))
     steps = np.round(2.0 * np.log2(max(3.0 * deviation, 1e-6) / TREMOR))
     return float(TREMOR * 2.0 ** (0.5 * np.clip(steps, -2.0, 1.0)))
 
@@ -118,7 +118,7 @@ class ResampledStroke:
 
 
 def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) -> ResampledStroke:
-    """Resamples observations evenly along the stroke; a piece drawn again at the end is merged.
+    """Resamples observations evenly along the stroke, and merges a piece that was drawn again at the end.
 
     Args:
         observations: (N, 2) [m], N >= 3, in order.
@@ -130,11 +130,11 @@ def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) 
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
     sample = np.empty(len(calm), dtype=int)
-    number, seen, x, y = 0, 0, 0.0, 0.0
+    number, count, x, y = 0, 0, 0.0, 0.0
     for row, (px, py) in enumerate(calm.tolist()):
-        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > tremor**2:
-            number, seen, x, y = number + 1, 0, 0.0, 0.0
-        seen, x, y = seen + 1, x + px, y + py
+        if count and (px - x / count) ** 2 + (py - y / count) ** 2 > tremor**2:
+            number, count, x, y = number + 1, 0, 0.0, 0.0
+        count, x, y = count + 1, x + px, y + py
         sample[row] = number
     stroke = _means(observations, trust, sample, tremor)
     # the line ends where the spot was seen first and last
@@ -150,20 +150,22 @@ def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray, tremor: fl
 
 def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
-    at = stroke.points
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
-    earlier, later = cKDTree(at).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
+    points = stroke.points
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    earlier, later = cKDTree(points).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
     # the stroke between them is longer than a mere bend would make it
-    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + stroke.tremor
-    new = np.ones(len(at), dtype=bool)
-    new[later[again]] = False
+    is_repeated = (
+        arc[later] - arc[earlier] > 2.0 * np.linalg.norm(points[later] - points[earlier], axis=1) + stroke.tremor
+    )
+    new = np.ones(len(points), dtype=bool)
+    new[later[is_repeated]] = False
     # two samples beside the line may be an overshoot; three are new floor
     run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
-    kept = int(run[-1]) + 3 if len(run) else len(at)
-    if len(at) - kept < 4:
+    kept = int(run[-1]) + 3 if len(run) else len(points)
+    if len(points) - kept < 4:
         return stroke  # an end that comes back to the start closes a ring
-    nearest = cKDTree(at[:kept]).query(at[kept:])[1]
-    return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]), stroke.tremor)
+    nearest = cKDTree(points[:kept]).query(points[kept:])[1]
+    return _means(points, stroke.trust, np.concatenate([np.arange(kept), nearest]), stroke.tremor)
 
 
 # ------------------------------------------------------------------ 4: closed or open
@@ -174,7 +176,7 @@ class Closure:
     Attributes:
         closed: polygon (True) or separating curve (False).
         code: why; `values` has the values that its sentence names.
-        gap: [m] between the ends.
+        gap: [m] distance between the ends.
         first, last: indices of outermost points that belong to the line, without an overhang past the closing point.
     """
 
@@ -231,8 +233,8 @@ def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, f
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     head = np.flatnonzero(arc <= length / 3.0)
     tail = np.flatnonzero(arc >= 2.0 * length / 3.0)
-    over = arc[head][:, None] + (length - arc[tail])[None, :]
-    cost = cdist(points[head], points[tail]) + 0.5 * over
+    overhang = arc[head][:, None] + (length - arc[tail])[None, :]
+    cost = cdist(points[head], points[tail]) + 0.5 * overhang
     i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return int(head[i]), int(tail[j]), float(cost[i, j])
 
@@ -244,9 +246,11 @@ def _closing_turn(points: np.ndarray, lever: float) -> float:
     """
     line = points @ [1.0, 1.0j]
     arc = np.append(0.0, np.cumsum(np.abs(np.diff(line))))
-    ahead, behind = np.interp([lever, arc[-1] - lever], arc, line)
-    across = line[0] - line[-1]
-    return float(np.degrees(np.abs(np.angle(np.conj([line[-1] - behind, across]) * [across, ahead - line[0]])).sum()))
+    after_start, before_end = np.interp([lever, arc[-1] - lever], arc, line)
+    closing = line[0] - line[-1]
+    return float(
+        np.degrees(np.abs(np.angle(np.conj([line[-1] - before_end, closing]) * [closing, after_start - line[0]])).sum())
+    )
 
 
 # ------------------------------------------------------------------ 5: sides
@@ -268,7 +272,7 @@ def fit_sides(stroke: ResampledStroke, joined: bool) -> np.ndarray:
 
 
 def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
-    """Divides a stroke into sides; returns the first sample of each."""
+    """Divides a stroke into sides, and returns the first sample of each."""
     x, y = stroke.points.T
     count = len(x)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, a smaller
@@ -277,22 +281,22 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    best, before = np.zeros(count + 1), np.zeros(count + 1, dtype=int)
+    best, predecessor = np.zeros(count + 1), np.zeros(count + 1, dtype=int)
     starts = np.arange(0)
     for end in range(1, count + 1):
         starts = np.append(starts, end - 1)
         explained = best[starts] + _misfit(sums[:, end, None] - sums[:, starts])
         # a line that goes back over itself is two sides
         chord = np.hypot(x[starts] - x[end - 1], y[starts] - y[end - 1])
-        back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
-        cost = np.where(back, np.inf, explained)
+        turns_back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
+        cost = np.where(turns_back, np.inf, explained)
         start = int(cost.argmin())
-        best[end], before[end] = cost[start] + corner[end - 1], starts[start]
+        best[end], predecessor[end] = cost[start] + corner[end - 1], starts[start]
         # a start that is worse than a corner here will never be the best one (PELT, Killick et al. 2012)
         starts = starts[explained <= best[end] + 1e-9]
-    firsts = [int(before[count])]
+    firsts = [int(predecessor[count])]
     while firsts[-1] > 0:
-        firsts.append(int(before[firsts[-1]]))
+        firsts.append(int(predecessor[firsts[-1]]))
     return np.array(firsts[::-1])
 
 
@@ -309,27 +313,27 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
 
 def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
     """Moves the vertices to where the sides between them are nearest to the samples, by weighted least squares."""
-    at = stroke.points
-    vertices = 0.5 * (at[starts - 1] + at[starts])
+    points = stroke.points
+    vertices = 0.5 * (points[starts - 1] + points[starts])
     if not joined:
-        vertices = np.vstack([at[:1], vertices[1:], at[-1:]])
+        vertices = np.vstack([points[:1], vertices[1:], points[-1:]])
     count = len(vertices)
     # samples before the first side belong to the last side
-    side = (np.searchsorted(starts, np.arange(len(at)), side="right") - 1) % count
+    side = (np.searchsorted(starts, np.arange(len(points)), side="right") - 1) % count
     ends = np.column_stack([side, (side + 1) % count])
-    along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-    share = np.clip(((at - vertices[ends[:, 0]]) * along).sum(axis=1) / length[:, 0] ** 2, 0.0, 1.0)
-    normal = np.column_stack([-along[:, 1], along[:, 0]]) / length
-    rows = np.zeros((len(at), count, 2))
-    every = np.arange(len(at))
+    directions = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    length = np.maximum(np.linalg.norm(directions, axis=1), 1e-9)[:, None]
+    share = np.clip(((points - vertices[ends[:, 0]]) * directions).sum(axis=1) / length[:, 0] ** 2, 0.0, 1.0)
+    normal = np.column_stack([-directions[:, 1], directions[:, 0]]) / length
+    rows = np.zeros((len(points), count, 2))
+    every = np.arange(len(points))
     rows[every, ends[:, 0]] = (1.0 - share)[:, None] * normal
     rows[every, ends[:, 1]] += share[:, None] * normal
-    rows = rows.reshape(len(at), -1)
-    off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
+    rows = rows.reshape(len(points), -1)
+    distances = ((points - vertices[ends[:, 0]]) * normal).sum(axis=1)
     # a corner that the samples do not determine, between nearly collinear sides, stays in place
     scaled = rows * stroke.weights[:, None]
-    move = np.linalg.solve(scaled.T @ rows + VERTEX_PRIOR * stroke.tremor * np.eye(2 * count), scaled.T @ off)
+    move = np.linalg.solve(scaled.T @ rows + VERTEX_PRIOR * stroke.tremor * np.eye(2 * count), scaled.T @ distances)
     return vertices + move.reshape(-1, 2)
 
 

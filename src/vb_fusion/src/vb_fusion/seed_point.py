@@ -1,8 +1,9 @@
 """The seed point: the last place where the pointer dwelt.
 
 The pointer's track is found as for the border (strokes.py): the sequence of clusters that explains most with the
-least effort. Here, however, the pointer dwells instead of moving, and may be switched off on its way. So a cluster
-gains by light that is new at its place, and a jump costs as much as a blink of such light gains, or a little more.
+least effort. Here, however, the pointer dwells instead of moving, and may be switched off on its way. So a
+cluster's gain is high if no light was seen there before, and a jump costs about the gain of one such cluster, so that
+single flashes do not attract the track.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
 from vb_fusion.observations import TIME_BIN, TREMOR, find_dropout, make_observations, merge_observations, time_bins
-from vb_fusion.strokes import find_best_steps, find_clusters, trace_track
+from vb_fusion.strokes import find_best_predecessors, find_clusters, backtrack
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
@@ -23,7 +24,7 @@ MAX_STEP = 0.3  # [m] between two sightings of a moving pointer: three images of
 MAX_BLINK = 0.5  # [s] steady light is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
 NEW_PLACE_GAIN = 1.0  # gain of a place where no light was seen before
-KNOWN_PLACE_GAIN = 0.2  # of any other place: one camera that sees new light counts more than two that see old light
+KNOWN_PLACE_GAIN = 0.2  # gain of any other place: one camera that sees new light outweighs two that see old light
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,9 @@ class Dwell:
     """A place (2,) [m] where the pointer dwelt, and for how long [s].
 
     Attributes:
-        known: light was seen there before.
-        followed: the pointer was seen on its way there.
-        witnesses: how many stationary cameras saw it.
+        known: whether light was seen there before.
+        followed: whether the pointer was seen on its way there.
+        witnesses: number of stationary cameras that saw it.
     """
 
     point: np.ndarray
@@ -78,37 +79,39 @@ def find_dwells(
     Args:
         points: (N, 2) [m], any order.
         stamps, cameras, confidences, mobile: as for `extract_border`.
-        before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
+        before: (K, 2) [m] spots seen before the seed was requested, the border's.
 
     Raises:
         CodedError: "no_spots" or "no_seed".
     """
-    seen = make_observations(points, stamps, cameras, confidences, mobile)
-    if len(seen.points) == 0:
+    observations = make_observations(points, stamps, cameras, confidences, mobile)
+    if len(observations.points) == 0:
         raise CodedError("no_spots")
-    if len(seen.points) < MIN_SPOTS:
-        raise CodedError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
-    seen = merge_observations(seen)
-    clusters = find_clusters(seen)
-    at = clusters.points
-    patch, earlier = _floor_patches(at)
+    if len(observations.points) < MIN_SPOTS:
+        raise CodedError("no_seed", spots=len(observations.points), needed=MIN_SPOTS)
+    observations = merge_observations(observations)
+    clusters = find_clusters(observations)
+    positions = clusters.points
+    patch, earlier = _floor_patches(positions)
     # a balanced tree takes longer to build than its queries take
     tree = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
-    known = np.isfinite(tree.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
-    track = trace_track(*find_best_steps(at, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN))
-    way, known = at[track], known[track]
+    is_known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
+    gains = np.where(is_known, KNOWN_PLACE_GAIN, 1.0) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
+    track = backtrack(
+        *find_best_predecessors(positions, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN)
+    )
+    path, is_known = positions[track], is_known[track]
     dwells = []
     for first, last, count in _find_stays(patch[track], time_bins(clusters.stamps)[track]):
-        point, seconds = _middle(way, last), TIME_BIN * count
-        followed = first > 0 and np.linalg.norm(way[first] - way[first - 1]) <= MAX_STEP
+        point, seconds = _middle(path, last), TIME_BIN * count
+        followed = first > 0 and np.linalg.norm(path[first] - path[first - 1]) <= MAX_STEP
         if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
             # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
             begun = dwells.pop()
             seconds, followed = seconds + begun.seconds, begun.followed
-        there = ~seen.mobile & (np.linalg.norm(seen.points - point, axis=1) <= HAND_RADIUS)
-        witnesses = int((np.bincount(seen.cameras[there]) >= MIN_SPOTS).sum())
-        dwells.append(Dwell(point, seconds, bool(known[last]), bool(followed), witnesses))
+        is_near = ~observations.mobile & (np.linalg.norm(observations.points - point, axis=1) <= HAND_RADIUS)
+        witnesses = int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
+        dwells.append(Dwell(point, seconds, bool(is_known[last]), bool(followed), witnesses))
     return dwells
 
 
@@ -133,29 +136,30 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int
     ]
 
 
-def _middle(at: np.ndarray, cluster: int) -> np.ndarray:
+def _middle(positions: np.ndarray, cluster: int) -> np.ndarray:
     """Returns the middle (2,) of the clusters (P, 2) [m] round one of them, by mean shift within HAND_RADIUS."""
-    middle = at[cluster]
+    middle = positions[cluster]
     for _ in range(5):
-        middle = at[np.linalg.norm(at - middle, axis=1) <= HAND_RADIUS].mean(axis=0)
+        middle = positions[np.linalg.norm(positions - middle, axis=1) <= HAND_RADIUS].mean(axis=0)
     return middle
 
 
-def _floor_patches(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def _floor_patches(positions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Groups clusters (P, 2) [m] into floor patches of radius HAND_RADIUS.
 
     Returns:
         (P,) which patch each cluster belongs to; (P,) how many clusters were there before it.
     """
-    patch, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
-    middles, seen = np.full_like(at, np.inf), np.zeros(len(at), dtype=int)  # the next patch is nowhere yet
+    patch, earlier = np.zeros(len(positions), dtype=int), np.zeros(len(positions), dtype=int)
+    middles = np.full_like(positions, np.inf)  # the next patch is nowhere yet
+    counts = np.zeros(len(positions), dtype=int)
     count = 0
-    for cluster, point in enumerate(at):
-        away = np.hypot(*(middles[: count + 1] - point).T)
-        patch[cluster] = int(np.argmin(away))
-        if away[patch[cluster]] > HAND_RADIUS:
+    for cluster, point in enumerate(positions):
+        distances = np.hypot(*(middles[: count + 1] - point).T)
+        patch[cluster] = int(np.argmin(distances))
+        if distances[patch[cluster]] > HAND_RADIUS:
             patch[cluster], middles[count] = count, point
             count += 1
-        earlier[cluster] = seen[patch[cluster]]
-        seen[patch[cluster]] += 1
+        earlier[cluster] = counts[patch[cluster]]
+        counts[patch[cluster]] += 1
     return patch, earlier

@@ -12,8 +12,8 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
-MAX_SPOTS = 60_000  # kept per state: ten minutes of four cameras at 25 Hz
-STAMP_TOLERANCE = 0.05  # [s] how much older than the state a spot may be and still count: one frame of a camera
+MAX_SPOTS = 60_000  # spots kept per state: ten minutes of four cameras at 25 Hz
+STAMP_TOLERANCE = 0.05  # [s] a spot may be older than the state by this much: one frame of a camera
 CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more mean its clock was set back
 MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is reported here, smaller errors by camera_poses
 
@@ -60,8 +60,8 @@ class SpotStore:
 
 
 @dataclass(frozen=True)
-class Collection:
-    """The spots so far; later spots do not change the arrays."""
+class CollectedSpots:
+    """The spots so far. Later spots do not change the arrays."""
 
     interaction_id: str
     border: np.ndarray  # (K, 6): stamp [s], x [m], y [m], confidence, index of the camera, 1 if it is a mobile one
@@ -71,7 +71,7 @@ class Collection:
     seed_total: int
 
 
-class Collector:
+class SpotCollector:
     """Collects spots in the states Border and Seed of one interaction.
 
     Changes of state arrive late, and so do spots; therefore each spot's own stamp is compared with the time at which
@@ -96,15 +96,15 @@ class Collector:
         self.forget()
 
     def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
-        """Adopts a new state; returns whether a new interaction began.
+        """Adopts a new state, and returns whether a new interaction began.
 
         Args:
             interaction_id: empty in Default. What was collected is kept until another id arrives.
-            entered: [s] when the state was entered.
-            outcome: of the last interaction that ended.
+            entered: [s] time at which the state was entered.
+            outcome: outcome of the last interaction that ended.
         """
-        fresh = bool(interaction_id) and interaction_id != self.interaction_id
-        if fresh:
+        is_new = bool(interaction_id) and interaction_id != self.interaction_id
+        if is_new:
             self.interaction_id = interaction_id
             self.lost = not self._heard_state  # the interaction began before this collector existed
             self.ignored = Counter()
@@ -112,14 +112,14 @@ class Collector:
             self.faults = set()
             self.forget()
         self._heard_state = True
-        if state != self.state or fresh:
+        if state != self.state or is_new:
             if state == DEFAULT:
                 # every interaction that ends has an outcome, unless the interaction manager restarted during it
                 self.lost = any(self.counts[:2]) and not outcome
-            self.to_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
+            self.can_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
             self.state, self._entered = state, entered
             self._set_back, self._previous, self._newest = {}, {}, {}
-        return fresh
+        return is_new
 
     def ignore_frame(self, camera: str) -> None:
         """Counts a camera's spot that is not in the map frame."""
@@ -142,30 +142,30 @@ class Collector:
             return reason
         if spot.camera not in self._cameras:
             self._cameras.append(spot.camera)
-        stamp = spot.stamp + self._find_set_back(spot)
+        stamp = spot.stamp + self._clock_setback(spot)
         self._newest[spot.camera] = stamp
         self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
         return ""
 
-    def _find_set_back(self, spot: FloorSpot) -> float:
-        """Finds and stores by how much [s] the clock of a spot's camera was set back since the state was entered."""
-        set_back, known = self._set_back.get(spot.camera, 0.0), self._set_back.values()
+    def _clock_setback(self, spot: FloorSpot) -> float:
+        """Returns, and stores, the time [s] by which a camera's clock was set back since the state was entered."""
+        set_back, setbacks = self._set_back.get(spot.camera, 0.0), self._set_back.values()
         if spot.camera in self._newest:
-            back = self._newest[spot.camera] - spot.stamp
-            if back - set_back > CLOCK_STEP:
-                # cameras on one computer share its clock: the one that saw the spot last shows best by how much
-                set_back = max([back, *(other for other in known if abs(other - back) < CLOCK_STEP)])
+            step = self._newest[spot.camera] - spot.stamp
+            if step - set_back > CLOCK_STEP:
+                # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
+                set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
         else:
             # the camera's first spot: if other cameras have later stamps, its clock was set back too
-            back = max(self._newest.values(), default=-math.inf) - spot.stamp
-            if back - set_back > CLOCK_STEP:
-                set_back = min((other for other in known if other > back - CLOCK_STEP), default=set_back)
+            step = max(self._newest.values(), default=-math.inf) - spot.stamp
+            if step - set_back > CLOCK_STEP:
+                set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
         if set_back:
             self._set_back[spot.camera] = set_back
         return set_back
 
     def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
-        """Returns why a spot is ignored, or ""; stores its stamp for the next one, and records a clock that is off."""
+        """Returns why a spot is ignored, or "". Stores its stamp for the next spot, and records a clock that is off."""
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return "not_finite"
         if not self.state.collects:
@@ -173,11 +173,11 @@ class Collector:
         if spot.stamp > now + MAX_CLOCK_ERROR:
             self.faults.add(("camera_clock_off", spot.camera))
             return "clock"
-        previous = self._previous.get(spot.camera, -math.inf)
+        previous_stamp = self._previous.get(spot.camera, -math.inf)
         self._previous[spot.camera] = spot.stamp
-        if spot.stamp < previous - CLOCK_STEP:
+        if spot.stamp < previous_stamp - CLOCK_STEP:
             return "clock"  # an old message, or the first since the clock was set back
-        if spot.stamp + self._find_set_back(spot) < self._entered - STAMP_TOLERANCE:
+        if spot.stamp + self._clock_setback(spot) < self._entered - STAMP_TOLERANCE:
             if now - spot.stamp > MAX_CLOCK_ERROR:
                 self.faults.add(("camera_clock_off", spot.camera))
             return "before_state"
@@ -185,7 +185,7 @@ class Collector:
 
     def forget(self) -> None:
         """Drops all spots, but stays in the interaction."""
-        self.to_forget = False  # the drawing is over and was not saved: its spots may be dropped
+        self.can_forget = False  # the drawing is over and was not saved: its spots may be dropped
         self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
     def cameras_seeing(self, now: float, timeout: float) -> List[str]:
@@ -197,7 +197,9 @@ class Collector:
         """(border spots, seed spots, ignored spots)."""
         return self._stores[BORDER.collects].total, self._stores[SEED.collects].total, sum(self.ignored.values())
 
-    def collection(self) -> Collection:
+    def collection(self) -> CollectedSpots:
         """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
-        return Collection(self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total)
+        return CollectedSpots(
+            self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total
+        )

@@ -1,7 +1,8 @@
 """Stage 1: which spots are the pointer's, as strokes, and which strokes make the border's line.
 
 There is one pointer, which moves through time. Observations close together in one time bin form one cluster; the track
-is the sequence of clusters that explains the most floor with the least effort. In metres:
+is the sequence of clusters that explains the most floor at the least cost; a cluster explains the floor that it covers.
+In metres:
 
     gain  = the floor that a cluster adds: staying and coming back add nothing more, and light that stays longer than
             MAX_DWELL counts less and less, unless its position has a trend over time, as a slow hand's has. Positions
@@ -48,7 +49,7 @@ class DrawnLine:
         rows: (N,) indices of the line's observations, in the order in which it runs.
         left_out: (L,) indices of observations that may have been drawn, but are not part of the line.
         joined: whether several strokes were joined.
-        dropout: [s] within which the moving pointer was seen again.
+        dropout: [s] time within which the moving pointer was seen again.
     """
 
     rows: np.ndarray
@@ -57,41 +58,41 @@ class DrawnLine:
     dropout: float
 
 
-def find_drawn_line(seen: Observations, widest_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
+def find_drawn_line(observations: Observations, widest_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
     """Finds the line that was drawn among all observations.
 
     Args:
-        seen: in order of time.
-        widest_gap: [m] that is bridged, within a stroke or between two.
+        observations: observations in order of time.
+        widest_gap: [m] widest gap that is bridged, within a stroke or between two.
         min_expansion: [m] diagonal of the bounding box of the shortest line.
-        min_spots: fewest spots of a line.
+        min_spots: least number of spots of a line.
 
     Raises:
         CodedError: "no_line".
     """
-    clusters = find_clusters(seen)
-    strokes, ends = find_strokes(seen, clusters, widest_gap)
+    clusters = find_clusters(observations)
+    strokes, ends = find_strokes(observations, clusters, widest_gap)
     # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
-    wide = [(geometry.bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
+    wide = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
     wide = [(size, stroke) for size, stroke in wide if size > min_expansion - 2.0 * TREMOR]
-    wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= min_spots]
-    candidates = [stroke for _, stroke in sorted(wide, key=lambda one: -one[0])]
+    wide = [(size, stroke) for size, stroke in wide if observations.spots[stroke].sum() >= min_spots]
+    candidates = [stroke for _, stroke in sorted(wide, key=lambda sized_stroke: -sized_stroke[0])]
     if not candidates:
-        raise CodedError("no_line", spots=int(seen.spots.sum()), shortest=f"{min_expansion:g}")
-    line, others, joined = _join_strokes(seen, candidates, widest_gap)
-    left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *others, *ends]), line)
+        raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
+    line, unjoined, joined = _join_strokes(observations, candidates, widest_gap)
+    left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *unjoined, *ends]), line)
     return DrawnLine(line, left_out, joined, find_dropout(clusters.stamps))
 
 
-def find_clusters(seen: Observations) -> Observations:
+def find_clusters(observations: Observations) -> Observations:
     """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
-    group = time_bins(seen.stamps)
+    group = time_bins(observations.stamps)
     # split at gaps along x, then along y, then along x again
     for axis in (0, 1, 0):
-        order = np.lexsort((seen.points[:, axis], group))
-        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > CLUSTER_WIDTH)
+        order = np.lexsort((observations.points[:, axis], group))
+        new = (np.diff(group[order]) != 0) | (np.diff(observations.points[order, axis]) > CLUSTER_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
-    clusters = seen.merge(group)
+    clusters = observations.merge(group)
     y_and_x, bins = clusters.points.T[::-1], time_bins(clusters.stamps)
     # rounded, as another computer may sum equal weights in another order
     order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), bins))
@@ -101,14 +102,14 @@ def find_clusters(seen: Observations) -> Observations:
 
 
 def find_strokes(
-    seen: Observations, clusters: Observations, widest_gap: float
+    observations: Observations, clusters: Observations, widest_gap: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Finds the strokes that were drawn.
 
     Args:
-        seen: in order of time.
-        clusters: of these observations, in order of time.
-        widest_gap: [m] between two clusters of one stroke.
+        observations: observations in order of time.
+        clusters: clusters of these observations, in order of time.
+        widest_gap: [m] widest gap between two clusters of one stroke.
 
     Returns:
         The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
@@ -126,22 +127,22 @@ def find_strokes(
     ends: List[np.ndarray] = []
     free = np.arange(len(points))
     while gains[free].sum() >= CLUSTER_WIDTH:
-        totals, previous = find_best_steps(points[free], stamps[free], dropout, gains[free], TREMOR)
+        totals, predecessors = find_best_predecessors(points[free], stamps[free], dropout, gains[free], TREMOR)
         if totals.max() < CLUSTER_WIDTH:
             break
-        line = free[trace_track(totals, previous)]
+        line = free[backtrack(totals, predecessors)]
         pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
         if pieces and not strokes:
-            ends = [_observations_near(seen, clusters, glint) for glint in glints]
-        strokes += [_observations_near(seen, clusters, piece) for piece in pieces]
+            ends = [_observations_near(observations, clusters, glint) for glint in glints]
+        strokes += [_observations_near(observations, clusters, piece) for piece in pieces]
         # the pointer is at one place at a time, and floor is explained once
-        taken = np.isin(bins[free], bins[line])
-        free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
+        is_taken = np.isin(bins[free], bins[line])
+        free = free[~is_taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
     return strokes, ends
 
 
 def _divide(
-    line: np.ndarray, at: np.ndarray, times: np.ndarray, explained: np.ndarray, dropout: float, widest: float
+    line: np.ndarray, points: np.ndarray, times: np.ndarray, explained: np.ndarray, dropout: float, widest: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Divides a track, the indices of its clusters, into strokes where nothing was seen over more than `widest` [m].
 
@@ -152,7 +153,7 @@ def _divide(
         The strokes, and the glints before the first and after the last of them.
     """
     covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, explained[:-1] + explained[1:])
-    unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
+    unseen = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > covered) + 1
     pieces = np.split(np.arange(len(line)), unseen)
     runs: List[List[np.ndarray]] = []  # of pieces without a pause between them
     for piece in pieces:
@@ -167,7 +168,7 @@ def _divide(
     strokes: List[np.ndarray] = []
     for run in filter(None, runs):
         piece = np.concatenate(run)
-        if strokes and np.hypot(*(at[piece[0]] - at[strokes[-1][-1]])) <= widest:
+        if strokes and np.hypot(*(points[piece[0]] - points[strokes[-1][-1]])) <= widest:
             strokes[-1] = np.concatenate([strokes[-1], piece])
         else:
             strokes.append(piece)
@@ -177,23 +178,24 @@ def _divide(
     return [line[stroke] for stroke in strokes], [line[glint] for glint in glints]
 
 
-def _observations_near(seen: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
+def _observations_near(observations: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
     """Returns the indices of the observations beside a line, given as the indices of its clusters, at its own times.
 
     As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
     """
     times = clusters.stamps[line]
-    first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
+    first, last = np.searchsorted(observations.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
     x, y, mobile = (
-        np.interp(seen.stamps[first:last], times, column[line]) for column in (*clusters.points.T, clusters.mobile)
+        np.interp(observations.stamps[first:last], times, column[line])
+        for column in (*clusters.points.T, clusters.mobile)
     )
-    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, seen.mobile[first:last])
-    off = np.hypot(*(seen.points[first:last] - np.column_stack([x, y])).T)
-    return first + np.flatnonzero(off <= reach)
+    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, observations.mobile[first:last])
+    distances = np.hypot(*(observations.points[first:last] - np.column_stack([x, y])).T)
+    return first + np.flatnonzero(distances <= reach)
 
 
 def _join_strokes(
-    seen: Observations, strokes: List[np.ndarray], widest_gap: float
+    observations: Observations, strokes: List[np.ndarray], widest_gap: float
 ) -> Tuple[np.ndarray, List[np.ndarray], bool]:
     """Joins to the first stroke those that continue from its ends; strokes are the indices of their observations.
 
@@ -205,13 +207,15 @@ def _join_strokes(
     joined = False
     while others:
         # the nearest pair of an end of the line and an end of another stroke
-        near = np.array([cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others])
-        which, at, end = np.unravel_index(int(np.argmin(near)), near.shape)
-        if near[which, at, end] > widest_gap + TREMOR:
+        distances = np.array(
+            [cdist(observations.points[line[[0, -1]]], observations.points[other[[0, -1]]]) for other in others]
+        )
+        number, line_end, other_end = np.unravel_index(int(np.argmin(distances)), distances.shape)
+        if distances[number, line_end, other_end] > widest_gap + TREMOR:
             break
         # the stroke must run away from the line's end, or up to its start
-        other, joined = others.pop(which)[:: -1 if at == end else 1], True
-        line = np.concatenate([line, other] if at else [other, line])
+        other, joined = others.pop(number)[:: -1 if line_end == other_end else 1], True
+        line = np.concatenate([line, other] if line_end else [other, line])
     return line, others, joined
 
 
@@ -233,19 +237,19 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     first = np.append(True, np.diff(nodes[order]) != 0)
     node = np.empty(len(order), dtype=np.int64)
     node[order] = np.cumsum(first) - 1
-    # the number of clusters at each, itself included, independent of where it lies between the nodes
-    company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
+    # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
+    crowding = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
         axis=0
     )
     # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
-    new = CLUSTER_WIDTH / np.maximum(company / 1.5, 2.0)
+    new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
     # light not seen for longer than a dropout was not there
-    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
+    lit_time = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
     moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / CLUSTER_WIDTH) ** 2)
-    still = there * (1.0 - moved)
-    stay = still[node].reshape(4, -1).max(axis=0)
-    fading = np.minimum(1.0, MAX_DWELL / np.maximum(stay, TIME_BIN)) ** 2
-    gains = np.maximum(new, _swept(points, stamps, dropout)) * fading
+    stationary_time = lit_time * (1.0 - moved)
+    longest_stay = stationary_time[node].reshape(4, -1).max(axis=0)
+    dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
+    gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
     # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
     return np.round(gains, 4) + 1e-5
 
@@ -268,53 +272,53 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     """
     swept = np.zeros(len(points))
     for back in (1, 2):
-        for ahead in (1, 2):
-            first, at, last = (slice(0, -back - ahead), slice(back, -ahead), slice(back + ahead, None))
-            whole = times[last] - times[first]
-            share = (times[at] - times[first]) / np.maximum(whole, 1e-9)
-            off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
-            way = 0.5 * np.hypot(*(points[last] - points[first]).T)
-            straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
+        for forth in (1, 2):
+            before, middle, after = (slice(0, -back - forth), slice(back, -forth), slice(back + forth, None))
+            whole = times[after] - times[before]
+            share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
+            offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
+            half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
+            straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
             # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
-            row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
-            row[(whole > dropout) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
+            row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
+            row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
-            for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
-                swept[part] = np.maximum(swept[part], much * row)
+            for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
+                swept[part] = np.maximum(swept[part], weight * row)
     return swept
 
 
-def find_best_steps(
-    points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, flick: float
+def find_best_predecessors(
+    points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, free_jump: float
 ) -> Tuple[np.ndarray, np.ndarray]:
     """Finds the best track that ends at each of the clusters (P, 2) [m], given in order of time.
 
-    Beyond `flick` [m] the cost of a jump grows only logarithmically.
+    Beyond `free_jump` [m] the cost of a jump grows only logarithmically.
 
     Returns:
         (P,) the gain [m] of each track, and (P,) the preceding cluster; -1 where a track begins.
     """
     count = len(points)
-    earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
-    origin = np.maximum(earlier, 0)
-    way = np.hypot(*(points[:, None] - points[origin]).transpose(2, 0, 1))
-    time = stamps[:, None] - stamps[origin]
-    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
-    effort = flick * np.log1p(effort / flick)
-    effort[(earlier < 0) | (time <= 0.0)] = np.inf
-    best, previous = gains.copy(), np.full(count, -1)
+    candidates = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
+    predecessor = np.maximum(candidates, 0)
+    distance = np.hypot(*(points[:, None] - points[predecessor]).transpose(2, 0, 1))
+    time = stamps[:, None] - stamps[predecessor]
+    cost = np.maximum(distance - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
+    cost = free_jump * np.log1p(cost / free_jump)
+    cost[(candidates < 0) | (time <= 0.0)] = np.inf
+    best, best_predecessor = gains.copy(), np.full(count, -1)
     for cluster in range(count):
-        value = best[origin[cluster]] - effort[cluster]
+        value = best[predecessor[cluster]] - cost[cluster]
         chosen = int(value.argmax())
         if value[chosen] > 0.0:
             best[cluster] += value[chosen]
-            previous[cluster] = origin[cluster, chosen]
-    return best, previous
+            best_predecessor[cluster] = predecessor[cluster, chosen]
+    return best, best_predecessor
 
 
-def trace_track(totals: np.ndarray, previous: np.ndarray) -> np.ndarray:
-    """Returns the indices of the clusters of the track that gains most, from the result of `find_best_steps`."""
+def backtrack(totals: np.ndarray, predecessors: np.ndarray) -> np.ndarray:
+    """Returns the indices of the clusters of the track that gains most, from the result of `find_best_predecessors`."""
     track = [int(totals.argmax())]
-    while previous[track[-1]] >= 0:
-        track.append(int(previous[track[-1]]))
+    while predecessors[track[-1]] >= 0:
+        track.append(int(predecessors[track[-1]]))
     return np.array(track[::-1])

@@ -110,7 +110,7 @@ class CameraPosesNode:
         now = rospy.Time.now()
         if self._poses:
             self._broadcaster.sendTransform(
-                [messages.message_from_transform(one.T, one.parent, one.frame, now) for one in self._poses.values()]
+                [messages.message_from_transform(pose.T, pose.parent, pose.frame, now) for pose in self._poses.values()]
             )
 
 

@@ -1,7 +1,7 @@
 """Finds laser spots in cameras' images and publishes their floor positions in the map (paper, Sect. 4.3).
 
-A process searches up to eight cameras. A process for each would be slower: with 24 cameras of 1080p on two cores an image took
-3.4 ms instead of 2.8, because the processor's caches must hold the program for each of them.
+A process serves up to eight cameras. Separate processes are slower: with 24 cameras at 1080p on two cores, 3.4 ms per image
+instead of 2.8 ms, because the processor's caches then hold the program 24 times.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, Info
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
-_MAX_UNCONFIRMED_IMAGES = 256  # when a spot is confirmed, the spots of all of them are published at once
-_DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing one takes longer than the search
+# when a spot is confirmed, its spots in all of these images are published at once
+_MAX_UNCONFIRMED_IMAGES = 256
+_DEBUG_PERIOD = 0.2  # [s] between two debug images, as drawing one takes longer than the detection
 
 
 class SpotDetectorNode:
     """Detects the spot in cameras' images. Only a camera's newest image is searched; older ones are dropped and counted.
 
-    A camera with bad parameters is reported, and left out; with no good one, the node ends.
+    A camera with bad parameters is reported, and left out. If none has good parameters, the node ends.
 
     Subscribed topics, for each camera:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two, unless `source` is
@@ -77,18 +78,18 @@ class SpotDetectorNode:
     """
 
     def __init__(self, namespaces: Sequence[str]) -> None:
-        cv2.setNumThreads(1)  # each image is searched by one thread: more would only compete for the cores
+        cv2.setNumThreads(1)  # one thread per image: more would only compete for the cores
         node.disable_heap_trimming()
         # one thread searches the images of all cameras in turn: several would wait for Python's interpreter lock
-        self._waiting: Queue[CameraSearch] = Queue()
+        self._cameras_with_new_image: Queue[CameraDetector] = Queue()
         transforms = TransformLookup()
-        self._cameras: List[CameraSearch] = []
+        self._cameras: List[CameraDetector] = []
         self._left_out: List[NoticePublisher] = []
         refusals: List[CodedError] = []
-        for namespace in dict.fromkeys(rospy.resolve_name(one).rstrip("/") for one in namespaces):
+        for namespace in dict.fromkeys(rospy.resolve_name(name).rstrip("/") for name in namespaces):
             try:
                 params = parameters.read(SpotDetectorNodeParams, namespace)
-                self._cameras.append(CameraSearch(namespace, params, self._waiting, transforms))
+                self._cameras.append(CameraDetector(namespace, params, self._cameras_with_new_image, transforms))
             except CodedError as error:
                 refusals.append(error.without_traceback())
                 self._left_out.append(NoticePublisher(namespace))
@@ -96,30 +97,30 @@ class SpotDetectorNode:
                 self._left_out[-1].set([Notice.from_error(error, Severity.ERROR, camera)])
         if not self._cameras:
             raise refusals[0] if refusals else ParameterError(rospy.resolve_name("~cameras"), "no camera is named")
-        Worker(self._waiting, CameraSearch.search_newest)
+        Worker(self._cameras_with_new_image, CameraDetector.detect_newest_image)
 
     def close(self) -> None:
         """Stops searching, releases the cameras, and withdraws the notices."""
-        self._waiting.close()
-        for one in (*self._cameras, *self._left_out):
-            one.close()
+        self._cameras_with_new_image.close()
+        for resource in (*self._cameras, *self._left_out):
+            resource.close()
 
 
-class CameraSearch:
-    """Searches one camera's images, and publishes its spots; `SpotDetectorNode` lists the topics.
+class CameraDetector:
+    """Detects spots in one camera's images, and publishes them. `SpotDetectorNode` lists the topics.
 
     Args:
-        namespace: of its parameters and its debug image.
-        params: its parameters.
-        waiting: receives this object when there is an image to search.
-        transforms: tf's.
+        namespace: namespace of the camera's parameters and debug image.
+        params: parameters of the camera.
+        queue: receives this object whenever the camera has a new image.
+        transforms: lookup in tf, shared by all cameras.
 
     Raises:
         ParameterError: the camera has no name.
     """
 
     def __init__(
-        self, namespace: str, params: SpotDetectorNodeParams, waiting: Queue[CameraSearch], transforms: TransformLookup
+        self, namespace: str, params: SpotDetectorNodeParams, queue: Queue[CameraDetector], transforms: TransformLookup
     ) -> None:
         if not params.camera:
             raise ParameterError(f"{namespace}/camera", "the camera's name must be set")
@@ -131,14 +132,15 @@ class CameraSearch:
         # a float of seconds would lose a stamp's nanoseconds
         self._stamps: Deque[rospy.Time] = deque(maxlen=_MAX_UNCONFIRMED_IMAGES)
         self._last_debug: Optional[rospy.Time] = None
-        self._mailbox: Mailbox = Mailbox(partial(waiting.put, self))
+        self._mailbox: Mailbox = Mailbox(partial(queue.put, self))
         self._report = DetectorDiagnostics(namespace, params.camera, self._mailbox, self._mobile, bool(params.source))
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_MAX_UNCONFIRMED_IMAGES, tcp_nodelay=True)
         self._debug = rospy.Publisher(f"{namespace}/debug_image", Image, queue_size=1)
         self._feed: Optional[CameraFeed] = None
         depth = DepthTopic(rospy.resolve_name(params.depth), self._report) if params.depth else None
+        lens_source = self._start_receiving()
         self._camera_geometry = CameraGeometry(
-            self._mobile, transforms, self._connect(), depth, self._floor_projection, params.robots, self._report
+            self._mobile, transforms, lens_source, depth, self._floor_projection, params.robots, self._report
         )
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
@@ -154,8 +156,8 @@ class CameraSearch:
                 ReconfigureServer(params.capture, f"{namespace}/capture", self._feed.set_params, fixed)
             )
 
-    def _connect(self) -> Union[InfoTopic, LensFile]:
-        """Starts receiving images; returns the source of their lens model."""
+    def _start_receiving(self) -> Union[InfoTopic, LensFile]:
+        """Starts receiving images, and returns the source of their lens model."""
         params, report = self._params, self._report
         image = rospy.resolve_name(image_topic(params.camera, params.image))
         if params.source:
@@ -167,7 +169,7 @@ class CameraSearch:
         return InfoTopic(sibling_topic(image, "camera_info"), report, is_rectified(image))
 
     def close(self) -> None:
-        """Drops the images that wait, releases the camera, and withdraws the notices."""
+        """Drops waiting images, releases the camera, and withdraws the notices."""
         self._mailbox.close()
         if self._feed is not None:
             self._feed.close()
@@ -188,14 +190,14 @@ class CameraSearch:
         with self._params_lock:
             self._floor_projection.params = params
 
-    # ------------------------------------------------------------- the search
-    def search_newest(self) -> None:
-        """Searches the newest image, if it has not been dropped since."""
+    # ------------------------------------------------------------- images
+    def detect_newest_image(self) -> None:
+        """Detects spots in the newest image, unless it has been dropped meanwhile."""
         try:
             received = self._mailbox.get()
-            if received is not None:  # the node does not end
+            if received is not None:  # None while the node shuts down
                 with self._params_lock:
-                    self._search_image(received)
+                    self._detect_spots(received)
         except CodedError as error:
             self._report.report_fault(error)
         except cv2.error as error:
@@ -204,35 +206,37 @@ class CameraSearch:
             rospy.logerr_throttle(60.0, f"{self._namespace}: {traceback.format_exc()}")
             self._report.report_fault(CodedError("internal_error"), severe=True)
 
-    def _search_image(self, received: ReceivedImage) -> None:
+    def _detect_spots(self, received: ReceivedImage) -> None:
         stamp = received.stamp
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        picture = received.read()
+        picture = received.decode()
         self._stamps.append(stamp)
-        geometry, pose_error = self._place(received.frame_id, stamp, picture.size)
+        geometry, pose_error = self._image_geometry(received.frame_id, stamp, picture.size)
         began = time.perf_counter()
-        found = self._detector.detect(picture, stamp.to_sec(), geometry)
-        took = time.perf_counter() - began
-        located = [spot for spot in found.spots if spot.floor_point is not None]
+        detection = self._detector.detect(picture, stamp.to_sec(), geometry)
+        search_s = time.perf_counter() - began
+        located = [spot for spot in detection.spots if spot.floor_point is not None]
         for spot in located:
             self._spots.publish(self._message(spot))
-        if found.lamps:
+        if detection.lamps:
             self._report.report_fault(CodedError("lamp"))
         if geometry is not None:
             pose_error = geometry.pose_error  # set if the pose was needed and is unknown
         # rejections are normal: they are counted, without a warning
-        rejected = ["late_image"] * found.is_late + [one.rejection for one in found.candidates if one.rejection]
-        self._report.record_image(stamp, received.frame_id, picture, pose_error, took, len(located), rejected)
+        rejected = [spot.rejection for spot in detection.candidates if spot.rejection]
+        if detection.is_late:
+            rejected.append("late_image")
+        self._report.record_image(stamp, received.frame_id, picture, pose_error, search_s, len(located), rejected)
         if self._debug.get_num_connections() > 0:
-            self._publish_debug(picture, found.candidates, received)
+            self._publish_debug(picture, detection.candidates, received)
         if self._feed is not None:
             self._feed.publish(received, picture)
 
-    def _place(
+    def _image_geometry(
         self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
-        """Returns the image's geometry, or why there is none: its spots are then found, but not published."""
+        """Returns the image's geometry, or the reason why there is none. Spots are then found, but not published."""
         try:
             self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, size), None
@@ -240,9 +244,10 @@ class CameraSearch:
             return None, error.without_traceback()
 
     def _message(self, spot: Spot) -> LaserSpot:
-        result, point = LaserSpot(), spot.floor_point
-        exact = (stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)
-        result.header.stamp = next(exact, rospy.Time.from_sec(spot.stamp))  # of more images than are kept
+        result = LaserSpot()
+        point = spot.floor_point
+        exact_stamps = (stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)
+        result.header.stamp = next(exact_stamps, rospy.Time.from_sec(spot.stamp))  # the stamp may be too old to be kept
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile
@@ -264,5 +269,5 @@ class CameraSearch:
 
 
 def build() -> SpotDetectorNode:
-    """Reads which cameras to search and makes the node."""
+    """Makes the node for the cameras that its parameters name."""
     return SpotDetectorNode(rospy.get_param("~cameras", ["~"]))

@@ -61,7 +61,7 @@ class CalibrationSession:
     @property
     def observed(self) -> Correspondences:
         """All points so far."""
-        return Correspondences(*([one[i] for one in self._placed] for i in (0, 1)))
+        return Correspondences(*([pair[i] for pair in self._placed] for i in (0, 1)))
 
     def add(self, pixel: Sequence[float], point: Sequence[float]) -> None:
         """Adds a place, (u, v) in the image [px] and (x, y) in the map [m].

@@ -131,7 +131,9 @@ class CameraWatch:
     def disagreements(self, now: float) -> List[Notice]:
         """Returns a notice for each pair of cameras that disagree on a spot: one was moved, or has another's pose."""
         fresh = {
-            camera: np.array(sorted(one for one in seen if 0.0 <= now - one[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
+            camera: np.array(
+                sorted(sighting for sighting in seen if 0.0 <= now - sighting[0] <= _SIGHTING_LIFETIME)
+            ).reshape(-1, 3)
             for camera, seen in self._sightings.items()
         }
         found = []

@@ -94,8 +94,8 @@ class Background:
         self._age, self._images = 0.0, 0
         # the room's brightest surfaces: single lamps are less than a hundredth of the image. Neighbouring pixels of a
         # Bayer image see different colours
-        seen = image if self.whole is None else self.whole
-        cells = seen if seen.ndim == 3 else cv2.dilate(seen, np.ones((2, 2), np.uint8), anchor=(0, 0))
+        pixels = image if self.whole is None else self.whole
+        cells = pixels if pixels.ndim == 3 else cv2.dilate(pixels, np.ones((2, 2), np.uint8), anchor=(0, 0))
         bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
         self.bright = min(max(bright, _DARKEST), _BRIGHTEST)
         self._min_change = _MIN_CHANGE * self.bright
@@ -123,9 +123,9 @@ class Background:
             changes = self._changes(image, now, sample_blocks(self._reference))
         return changes
 
-    def _changes(self, image: np.ndarray, now: np.ndarray, before: np.ndarray) -> Changes:
-        """Compares an image with the reference; `now` and `before` are their blocks' samples."""
-        self._rise, fall = block_maxima(image, self._reference), max_channel(cv2.subtract(before, now))
+    def _changes(self, image: np.ndarray, sample: np.ndarray, sample_before: np.ndarray) -> Changes:
+        """Compares an image with the reference; `sample` and `sample_before` are those of their blocks."""
+        self._rise, fall = block_maxima(image, self._reference), max_channel(cv2.subtract(sample_before, sample))
         return Changes(self._rise, self._exceeds_noise(self._rise), fall > self._min_change)
 
     def _relight_rows(self, now: np.ndarray) -> bool:
@@ -150,8 +150,8 @@ class Background:
         """Returns a part of the background as the camera sees it now; where it does not reach, the image."""
         if self.motion is None:
             return self.image[part]
-        there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
-        return _warp(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
+        to_part = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
+        return _warp(self.image, to_part, image[part].copy(), cv2.INTER_CUBIC)
 
     def _exceeds_noise(self, rise: np.ndarray) -> np.ndarray:
         """Finds the blocks (rows, columns) bool whose rise is no small change, and exceeds the block's own noise."""
@@ -204,8 +204,8 @@ class Background:
     def _update_moving(self, image: np.ndarray, spots: np.ndarray) -> bool:
         """Makes the image the keyframe after some images or much motion; where it shows a spot, the background stays."""
         middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
-        far = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
-        if not far and self._images < _KEYFRAME:
+        moved = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
+        if not moved and self._images < _KEYFRAME:
             return False
         keyframe = image.copy()
         self._changed_s[:] = 0.0
@@ -257,9 +257,9 @@ def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.n
     return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
-def _warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
+def _warp(image: np.ndarray, motion: np.ndarray, target: np.ndarray, interpolation: int) -> np.ndarray:
     """Warps an image by a motion (3, 3) onto another image, which stays where nothing covers it."""
-    return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
+    return cv2.warpAffine(image, motion[:2], target.shape[1::-1], target, interpolation, cv2.BORDER_TRANSPARENT)
 
 
 def _apply_row_gains(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:

@@ -17,11 +17,11 @@ def draw_candidates(picture: Picture, candidates: Iterable[Spot]) -> np.ndarray:
     """Draws a green ring round each spot, and the reason beside rejected ones, in a bgr copy (H, W, 3) of the image."""
     image = picture.bgr()
     scale = max(0.4, image.shape[0] / 1500.0)
-    for one in candidates:
-        color, line = (_REJECTED, 1) if one.rejection else (_SPOT, 2)
-        center = (int(round(one.u)), int(round(one.v)))
-        radius = int(max(6, 0.5 * one.diameter + 4))
+    for candidate in candidates:
+        color, line = (_REJECTED, 1) if candidate.rejection else (_SPOT, 2)
+        center = (int(round(candidate.u)), int(round(candidate.v)))
+        radius = int(max(6, 0.5 * candidate.diameter + 4))
         cv2.circle(image, center, radius, color, line, cv2.LINE_AA)
-        text, place = one.rejection or f"{one.confidence:.2f}", (center[0] + radius + 3, center[1] + 4)
+        text, place = candidate.rejection or f"{candidate.confidence:.2f}", (center[0] + radius + 3, center[1] + 4)
         cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)
     return image

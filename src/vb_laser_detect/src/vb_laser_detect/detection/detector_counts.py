@@ -33,9 +33,9 @@ class InputWatch:
     def record_image(self, now: float, missing: Optional[CodedError]) -> None:
         """Records an image at a time [s], and what is missing to locate its spots; None for nothing."""
         self._image_at = now
-        before, since = self._missing
-        same = missing is not None and before is not None and missing.code == before.code
-        self._missing = missing, since if same else now
+        missing_before, since = self._missing
+        is_same = missing is not None and missing_before is not None and missing.code == missing_before.code
+        self._missing = missing, since if is_same else now
         self._complete |= missing is None
 
     def current_fault(self, now: float) -> Optional[CodedError]:
@@ -88,13 +88,13 @@ class DetectorCounts:
         span = float(frames[-1, 0] - frames[0, 0]) if len(frames) else 0.0
         if span < 0.5 * _WINDOW:
             return []
-        rate, found = (len(frames) - 1) / span, []
+        rate, faults = (len(frames) - 1) / span, []
         if rate < SLOW_RATE:
-            found.append(CodedError("camera_slow", rate=f"{rate:.1f}"))
+            faults.append(CodedError("camera_slow", rate=f"{rate:.1f}"))
         age = min((frames[:, 1] - frames[:, 2]).tolist(), key=abs)
         if foreign_clock and abs(age) > MAX_CLOCK_OFFSET + 2.0 / rate:
-            found.append(CodedError("camera_clock", age=f"{age:.2f}"))
-        return found
+            faults.append(CodedError("camera_clock", age=f"{age:.2f}"))
+        return faults
 
     def summary(self, now: float) -> Dict[str, Any]:
         """Returns counts since the start and rates and times over the last seconds, named as in vb_msgs/DetectorStatus.

@@ -1,9 +1,9 @@
-"""Measures features of an image's regions, and decides by them whether each shows a laser spot.
+"""Measures features of an image's regions, and decides from them whether each region shows a laser spot.
 
-`measure` cuts a blob out of the rise over the reference and measures what sets light apart: it is brightest in its
-middle, ends within some pixels and darkens nothing. An additive logistic model weighs the features: each has a curve,
-linear between knots, whose value it adds to the log-odds. That is 0 for a usual spot, so the feature that lowers the
-log-odds most is the reason for a rejection. bench/detection/training.py fits the curves.
+`measure_blob` cuts a blob out of the rise over the reference and measures what sets light apart: light is brightest in
+its middle, ends within some pixels and darkens nothing. An additive logistic model weighs the features: each has a curve,
+linear between knots, whose value is added to the log-odds. Each curve is 0 for a typical spot. The feature with the most
+negative value is reported as the reason for a rejection. bench/detection/training.py fits the curves.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ import numpy as np
 from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, relight
 from vb_laser_detect.detection.stage_results import Box, SearchedImage, Spot
 
-_EDGE = 0.35  # the blob is where the rise exceeds this share of its peak
-_MAX_ELONGATION = 2.0  # largest length of a spot, in largest diameters: a fast one is elongated
-_ONE_MOSAIC = 0.75  # in one mosaic, a small spot's colour depends on the pixels it falls on; in a mean it does not
+_EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
+_MAX_ELONGATION = 2.0  # largest length of a spot in largest diameters, as a fast one is elongated
+# in a single mosaic, a small spot's colour depends on the pixels on which it falls; in a mean it does not
+_ONE_MOSAIC = 0.75
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above this says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has at least this share of the strongest
 _MIN_BUSY = 0.02  # from this value of `busy` on, ghosts may be left
 FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
-# features that do not count against a spot seen where it was expected: its surroundings, and its colour, which it has
-# shown before, and which other light, or the pixels of a mosaic that it falls on, may now hide
+# features that do not count against a spot seen where it was expected. They describe its surroundings or its colour, which
+# it has shown before; now other light, or the pixels of a mosaic on which it falls, may hide the colour
 _WAIVED_IF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
@@ -42,9 +43,9 @@ class Blob:
     Attributes:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
-        problem: why it is no spot, if position or size alone tell; else "".
-        features: values by their names in FEATURES, NaN for one that says nothing; empty if there is a problem.
-        light: None if there is a problem.
+        problem: code of the reason for a rejection by position or size alone, or "".
+        features: values by their names in FEATURES, NaN for a feature that says nothing; empty if there is a problem.
+        light: the blob's light; None if there is a problem.
     """
 
     u: float
@@ -62,28 +63,28 @@ def examine_regions(
 
     Args:
         max_diameters: [px] a spot's largest diameter in each box of each bright region; NaN where no floor is seen.
-        min_probability: that the classifier must give to a spot.
+        min_probability: least probability of a spot, according to the classifier.
 
     Returns:
-        What each region shows, a spot or a rejected candidate, in the regions' order.
+        A spot or a rejected candidate for each region, in the regions' order.
     """
-    found = []
+    candidates = []
     for region in searched.regions:
         blob = _unmeasured(region.box, "too_dark")
         # if a region is too large, other light may have come to where a spot is expected
         for box in region.boxes():
             max_width = math.inf if box is region.box else region.expected.max_width
-            blob = measure(searched, box, max_diameters[box], max_width)
+            blob = measure_blob(searched, box, max_diameters[box], max_width)
             if blob.problem != "too_large":
                 break
         probability, rejection = 0.0, blob.problem
         if not rejection:
-            is_expected = region.expected is not None and region.expected.holds(blob.u, blob.v)
+            is_expected = region.expected is not None and region.expected.contains(blob.u, blob.v)
             probability, reason = classifier.classify(blob, is_expected)
             rejection = reason if probability < min_probability else ""
         tint = None if rejection else blob.light.tint
-        found.append(Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=tint))
-    return found
+        candidates.append(Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=tint))
+    return candidates
 
 
 def _unmeasured(box: Box, problem: str) -> Blob:
@@ -91,12 +92,12 @@ def _unmeasured(box: Box, problem: str) -> Blob:
     return Blob((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), problem)
 
 
-def measure(searched: SearchedImage, box: Box, max_diameter: float, max_width: float) -> Blob:
+def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_width: float) -> Blob:
     """Measures the brightest blob of an image whose peak is in a box.
 
     Args:
         max_diameter: [px] a spot's largest diameter; NaN if no floor is seen there.
-        max_width: [px] wider light is a change of the room's light, and belongs to the background.
+        max_width: [px] width above which light is a change of the room's light, and belongs to the background.
 
     Returns:
         The blob; see its `problem`.
@@ -112,26 +113,26 @@ def measure(searched: SearchedImage, box: Box, max_diameter: float, max_width: f
         # even bounds keep each pixel's position in the Bayer pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         window = slice(y0, bottom + margin), slice(x0, right + margin)
-        now, before = image[window], searched.reference[window]
+        now, floor = image[window], searched.reference[window]
         if max_width < math.inf:
-            before = cv2.max(before, relight(before, now, max_width))
+            floor = cv2.max(floor, relight(floor, now, max_width))
         # the kernel [1 2 1] averages out noise and a Bayer image's mosaic
-        smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, before)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
-        _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
+        smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, floor)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
+        _, peak, _, peak_pixel = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
         _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
-        label = labels[at[1] + top - y0, at[0] + left - x0]
+        label = labels[peak_pixel[1] + top - y0, peak_pixel[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
         if peak < 4 or max(bw, bh) > _MAX_ELONGATION * max_diameter:
             middle = (left + right) / 2.0, (top + bottom) / 2.0
             return Blob(*middle, float(max(right - left, bottom - top)), "too_faint" if peak < 4 else "too_large")
-        # the blob's surroundings must be in the window too
+        # the window must include the blob's surroundings
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
-        (high, wide), (height, width) = now.shape[:2], image.shape[:2]
+        (window_height, window_width), (height, width) = now.shape[:2], image.shape[:2]
         missing = max(
             pad - bx if x0 > 0 else 0,
-            pad - (wide - bx - bw) if x0 + wide < width else 0,
+            pad - (window_width - bx - bw) if x0 + window_width < width else 0,
             pad - by if y0 > 0 else 0,
-            pad - (high - by - bh) if y0 + high < height else 0,
+            pad - (window_height - by - bh) if y0 + window_height < height else 0,
         )
         margin += missing
     sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
@@ -143,13 +144,13 @@ def measure(searched: SearchedImage, box: Box, max_diameter: float, max_width: f
     diameter = 2.0 * math.sqrt(area / math.pi)
     if diameter > max_diameter:
         return Blob(u, v, diameter, "too_large")
-    light = Light(mask, smooth[part], now[part], before[part], searched.picture.mosaic)
+    light = Light(mask, smooth[part], now[part], floor[part], searched.picture.mosaic)
     features = {"elongation": elongation, **_features_of(light, u, v, diameter, searched)}
     return Blob(u, v, diameter, features=features, light=light)
 
 
 def _features_of(light: Light, u: float, v: float, diameter: float, searched: SearchedImage) -> Dict[str, float]:
-    """Returns the features that say how a blob's light differs from the floor, and from what else changed."""
+    """Computes the features that say how a blob's light differs from the floor and from other changes."""
     busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
     return {
         "peak": math.log(max(cv2.minMaxLoc(light.rise, light.mask)[1], 1.0) / searched.bright),
@@ -166,16 +167,16 @@ def _features_of(light: Light, u: float, v: float, diameter: float, searched: Se
 
 
 def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImage) -> Tuple[float, bool]:
-    """Returns how much else changed in the image, apart from a blob and its own light, and whether it may be a ghost.
+    """Returns how much of the image changed apart from a blob and its own light, and whether the blob may be a ghost.
 
     A ghost is the trace of an object that moved away. There is none where the camera is stationary, little else changes,
     and nothing passed by recently.
     """
     changed, ghosts, block = searched.changed, searched.ghost_s > 0.0, BLOCK * searched.picture.scale
     reach = 1.25 * diameter + block
-    own, around = (blocks_around(changed.shape, u, v, size, block) for size in (reach, 2.0 * reach))
-    busy = math.sqrt((np.count_nonzero(changed) - np.count_nonzero(changed[own])) / changed.size)
-    passed = np.count_nonzero(ghosts[around]) > np.count_nonzero(ghosts[own])
+    own_blocks, blocks_nearby = (blocks_around(changed.shape, u, v, size, block) for size in (reach, 2.0 * reach))
+    busy = math.sqrt((np.count_nonzero(changed) - np.count_nonzero(changed[own_blocks])) / changed.size)
+    passed = np.count_nonzero(ghosts[blocks_nearby]) > np.count_nonzero(ghosts[own_blocks])
     return busy, busy >= _MIN_BUSY or passed or searched.shifted
 
 
@@ -185,7 +186,7 @@ class Light:
 
     Args:
         mask: (H, W) uint8, the blob.
-        rise: (H, W) uint8, by which the brightest channel exceeds the floor's, smoothed.
+        rise: (H, W) uint8, rise of the brightest channel above the floor, smoothed.
         now, before: (H, W, 3) or (H, W) uint8, image and floor.
         mosaic: whether they are Bayer images.
 
@@ -204,16 +205,16 @@ class Light:
         """
         channel = int(np.argmax(self.levels - self.floor_levels)) if self.now.ndim == 3 else 0
         rim = cv2.subtract(cv2.dilate(self.mask, _SQUARE), cv2.erode(self.mask, _SQUARE))
-        slope, slope_before = (cv2.mean(_gradient(one, channel), rim)[0] for one in (self.now, self._before))
+        slope, slope_before = (cv2.mean(_gradient(image, channel), rim)[0] for image in (self.now, self._before))
         return slope / max(1e-3, slope + slope_before)
 
     @cached_property
     def tint(self) -> Optional[np.ndarray]:
         """Each channel's share (C,) of the light: 1 for the strongest, 1 for all if it is white; None in grey images.
 
-        White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own
-        colour and has that colour. Where the core is white because every channel is saturated, the light around it must
-        show the colour; that counts on a grey floor only, where white things rise evenly.
+        It is the rise over the floor, but no more coloured than the image looks: white paper on a brown floor rises most
+        in blue, and still looks white. Where the core is white because every channel is saturated, the light around it
+        shows the colour; that counts on a grey floor only, where white things rise evenly.
         """
         level, mosaic, image = self.levels, self._mosaic, self.now
         if len(level) == 1:
@@ -231,10 +232,10 @@ class Light:
         level, floor = means_over(halo, mosaic, image, self._before)
         if floor.min() < _GRAY * floor.max():
             return core
-        # in a person's shadow less is left of the floor's light, so that white light would seem to rise unevenly
-        beside = cv2.compare(cv2.bitwise_or(bright, self.mask), 0, cv2.CMP_EQ)
-        left = sum(cv2.mean(image, beside)) / max(sum(cv2.mean(self._before, beside)), 1.0)
-        rise = level - min(1.0, left or 1.0) * floor
+        # in a person's shadow the floor is darker, so that white light would seem to rise unevenly
+        surroundings = cv2.compare(cv2.bitwise_or(bright, self.mask), 0, cv2.CMP_EQ)
+        brightness_ratio = sum(cv2.mean(image, surroundings)) / max(sum(cv2.mean(self._before, surroundings)), 1.0)
+        rise = level - min(1.0, brightness_ratio or 1.0) * floor
         rim = _share_of(rise)
         return rim if rise.max() >= 4.0 and chroma(rim) > chroma(core) else core
 
@@ -250,7 +251,7 @@ def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.n
     if not all(map(cv2.countNonZero, masks)):
         masks = _positions_of(cv2.dilate(mask, _SQUARE))  # nine pixels hold all four positions
     planes = (zip(_positions_of(image), masks) for image in images)
-    return [np.array([cv2.mean(plane, over)[0] for plane, over in pairs], np.float32) for pairs in planes]
+    return [np.array([cv2.mean(plane, mask)[0] for plane, mask in pairs], np.float32) for pairs in planes]
 
 
 def _positions_of(image: np.ndarray) -> List[np.ndarray]:
@@ -264,13 +265,13 @@ def _share_of(rise: np.ndarray) -> np.ndarray:
 
 
 def chroma(tint: np.ndarray) -> float:
-    """Returns how coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
+    """Returns how coloured light is: 0 for white, 1 if a channel shows none of it."""
     return float(1.0 - tint.min() / max(tint.max(), 1e-6))
 
 
 # ------------------------------------------------------------------ shape
 def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
-    """Returns the area [px], and the logarithm of the ratio of its axes."""
+    """Returns a blob's area [px], and the logarithm of the ratio of its axes."""
     moments = cv2.moments(blob, binaryImage=True)
     area = moments["m00"]
     # a pixel is a square with its own second moments: without them a single pixel would have no extent
@@ -280,7 +281,7 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
 
 
 def _gradient(image: np.ndarray, channel: int) -> np.ndarray:
-    """Returns how steep a channel is at each pixel (H, W), smoothed."""
+    """Returns the size of a smoothed channel's gradient at each pixel (H, W)."""
     plane = cv2.GaussianBlur(image if image.ndim == 2 else cv2.extractChannel(image, channel), (3, 3), 0)
     slopes = (cv2.Sobel(plane, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
     return cv2.magnitude(*slopes)
@@ -291,15 +292,15 @@ class SpotClassifier:
     """An additive logistic model with a curve for each feature.
 
     Args:
-        curves: feature to (knots, values), both (K,); values in logits.
-        intercept: [logits] of a usual spot.
+        curves: knots and values [logits], both (K,), by feature.
+        intercept: [logits] log-odds of a typical spot.
     """
 
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
         self.curves, self.intercept = curves, intercept
 
     def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
-        """Classifies a blob by its features; one that says nothing (NaN) adds nothing.
+        """Classifies a blob by its features. A feature that says nothing (NaN) adds nothing.
 
         Args:
             expected: whether a tracked spot should be there.
@@ -307,21 +308,21 @@ class SpotClassifier:
         Returns:
             The probability that it is a spot, 0 ... 1, and the feature that speaks most against it.
         """
-        logit, least, reason = self.intercept, math.inf, ""
+        logit, smallest_part, reason = self.intercept, math.inf, ""
         for name, value in blob.features.items():
             if name in self.curves and not math.isnan(value):
                 part = float(np.interp(value, *self.curves[name]))
                 if expected and name in _WAIVED_IF_EXPECTED:
                     part = max(0.0, part)
                 logit += part
-                if part < least:
-                    least, reason = part, name
+                if part < smallest_part:
+                    smallest_part, reason = part, name
         return 1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), reason
 
 
 @lru_cache(maxsize=None)
 def packaged_classifier() -> SpotClassifier:
-    """Returns the package's own classifier, written by bench/detection/training.py; reads it only once."""
+    """Returns the packaged classifier, which bench/detection/training.py wrote. It is read only once."""
     document = json.loads(Path(__file__).with_name("spot_classifier.json").read_text(encoding="utf-8"))
-    curves = {name: (np.array(one["knots"]), np.array(one["values"])) for name, one in document["curves"].items()}
+    curves = {name: (np.array(curve["knots"]), np.array(curve["values"])) for name, curve in document["curves"].items()}
     return SpotClassifier(curves, document["intercept"])

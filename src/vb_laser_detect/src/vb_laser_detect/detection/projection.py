@@ -1,7 +1,7 @@
 """Projects pixels to the floor, in the map frame (Sect. 4: ground plane for stationary cameras, depth for mobile ones).
 
 Only the pixel is undistorted, never the image. A ray that meets a robot before the floor shows the robot, and nothing
-on it is a spot on the floor. Because the robots' poses are known, their lights, buttons and reflections need no rules.
+on it is a spot on the floor. As the robots' poses are known, no rules are needed for their lights, buttons and reflections.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ Depth = Tuple[Optional[np.ndarray], Optional[CameraModel]]
 GROUND_PLANE = "ground_plane"
 DEPTH = "depth"
 GROUND_PLANE_FALLBACK = "ground_plane_fallback"
-_MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an error of one pixel is centimetres
-# [m] a depth point farther from the floor is on an object; [m/m] more with distance, as the depth's noise grows
-_MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
+# [deg] largest angle between a ray and the floor's normal; there an error of one pixel is an error of centimetres
+_MAX_INCIDENCE = 85.0
+_MAX_HEIGHT = 0.08  # [m] a depth point farther from the floor is on an object
+_HEIGHT_PER_RANGE = 0.03  # [m/m] by which that limit grows with the distance, as the depth's noise does
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
-_DEPTH_SHARE = 0.3  # of the neighbourhood must have readings; else the plane is used, and the point says so
+_DEPTH_SHARE = 0.3  # least share of the neighbourhood with readings; below it the plane is used, and the point says so
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings count as holes, for every camera of this kind
 _CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel, the one beside it and the one below
 
@@ -43,9 +44,9 @@ class ProjectionParams(Parameters):
 
 
 def _scales(corners: np.ndarray) -> np.ndarray:
-    """Returns the floor length (N,) of pixels [m/px], the mean over directions, from their corners (N, 3, 3) [m]."""
-    along, down = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas = np.abs(along[:, 0] * down[:, 1] - along[:, 1] * down[:, 0])
+    """Computes the floor length (N,) [m/px] of pixels, the mean over directions, from their corners (N, 3, 3) [m]."""
+    right, down = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
     return np.sqrt(np.where(areas > 0.0, areas, np.nan))
 
 
@@ -53,7 +54,7 @@ class FloorProjection:
     """Projects the spots of one camera.
 
     Args:
-        params: limits.
+        params: limits of what counts as a point on the floor.
         floor: the physical map; points outside it are rejected. None: any place is allowed.
     """
 
@@ -99,7 +100,7 @@ class FloorProjection:
         Args:
             depth: (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
                 holes. None, or too few readings round the pixel: the floor plane is used, and `source` says so.
-            depth_camera: the depth image's own model. None: that of the colour image, scaled to its size.
+            depth_camera: model of the depth image. None: the colour image's model, scaled to the depth image's size.
 
         Raises:
             CodedError: as `on_plane`, and "not_on_floor" for a point above or below the floor.
@@ -112,9 +113,9 @@ class FloorProjection:
         if ratio is None:
             return FloorPoint(plane.position, plane.meters_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
         point, distance = origin + ratio * (plane.position - origin), ratio * plane.range
-        off = float(point[2] - plane.position[2])
-        if abs(off) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * distance:
-            raise CodedError("not_on_floor", f"the spot lies {off:+.2f} m off the floor")
+        height_error = float(point[2] - plane.position[2])
+        if abs(height_error) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * distance:
+            raise CodedError("not_on_floor", f"the spot lies {height_error:+.2f} m off the floor")
         self._check_map(point)
         return FloorPoint(point, ratio * plane.meters_per_pixel, DEPTH, distance)
 
@@ -152,7 +153,7 @@ class RobotCylinder:
     """An upright cylinder on the floor.
 
     Attributes:
-        x, y: [m] its axis, map frame.
+        x, y: [m] position of the axis, map frame.
         radius, height: [m]
     """
 
@@ -165,27 +166,27 @@ class RobotCylinder:
         """Returns whether a ray passes through the cylinder.
 
         Args:
-            origin: (3,) [m] of the camera, above the floor.
-            floor: (3,) [m] where the ray meets the floor.
+            origin: (3,) [m] position of the camera, above the floor.
+            floor: (3,) [m] point where the ray meets the floor.
         """
-        # seen from above: how near the ray, where it is not higher than the cylinder, comes to the axis
+        # seen from above: the distance from the axis to the part of the ray that is not higher than the cylinder
         share = min(1.0, self.height / (origin[2] - floor[2]))
-        along, axis = share * (origin - floor)[:2], np.array([self.x, self.y]) - floor[:2]
-        nearest = min(1.0, max(0.0, float(axis @ along) / max(float(along @ along), 1e-12)))
-        return float(np.hypot(*(axis - nearest * along))) <= self.radius
+        ray, axis = share * (origin - floor)[:2], np.array([self.x, self.y]) - floor[:2]
+        nearest = min(1.0, max(0.0, float(axis @ ray) / max(float(ray @ ray), 1e-12)))
+        return float(np.hypot(*(axis - nearest * ray))) <= self.radius
 
 
 class ImageGeometry:
     """Locates the pixels of one image on the floor: first `meters_per_pixel`, then `locate`.
 
-    Most images show nothing to be located. So what must be looked up for the image's time is looked up only then.
+    Most images show nothing to be located, so pose, depth and robots are looked up only if they are needed.
 
     Args:
-        camera: of the image.
-        floor_projection: the camera's.
+        camera: camera model for the image's size.
+        floor_projection: projection of this camera's spots.
         pose: (4, 4) T_map_camera; None: it is looked up.
         lookups: the `CameraGeometry` that knows pose, depth and robots; None: a plane floor without robots.
-        frame_id, stamp: the image's.
+        frame_id, stamp: frame and time of the image.
 
     Attributes:
         pose_error: why the pose is unknown, although it was looked up; else None.
@@ -220,7 +221,7 @@ class ImageGeometry:
         return _scales(floor.reshape(-1, 3, 3))
 
     def locate(self, spots: Sequence[Spot]) -> List[Spot]:
-        """Returns spots with their points on the floor; those without one are rejected, with the reason."""
+        """Returns spots with their points on the floor. Spots without one are rejected, with the reason."""
         located = []
         for spot in spots:
             try:
@@ -241,7 +242,7 @@ class ImageGeometry:
         else:
             point = self._floor_projection.with_depth(self._camera, self._pose, u, v, *depth)
         if self._robots is None:
-            self._robots = self._lookups.cylinders(self._stamp)
+            self._robots = self._lookups.robot_cylinders(self._stamp)
         if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
             raise CodedError("on_robot")
         return point

@@ -1,13 +1,13 @@
-"""Proposes regions to examine: those that became brighter than the scene was.
+"""Finds image regions that are brighter than the background; they are the candidates for a spot.
 
-Any camera's background is a keyframe, which never includes a spot. Each image is compared with it: a moving camera's
+Any camera's background is a keyframe, which never includes a spot. Each image is compared with it; a moving camera's image
 through a single motion from the keyframe to the image (`ImageRegistration` estimates it), so that nothing is resampled
 twice and no error accumulates. Once a second, an image is averaged into a stationary camera's keyframe, except where it
 shows a spot or has just changed; every few images, one replaces a moving camera's, except where it shows a spot.
-Light within one pixel of light in the keyframe is not new: the motion is known no better than that.
+Light within one pixel of light in the keyframe counts as old, as the estimated motion may be off by that much.
 
-The first image of a scene is its background: a light in it may be a lamp, and only its motion can tell. When a light is
-switched, the floor under a tracked spot is known from the old background, which is relit.
+The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot. When a lamp is
+switched, the old background is relit to show the floor under a tracked spot.
 """
 
 from __future__ import annotations
@@ -20,17 +20,19 @@ import numpy as np
 
 from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, blocks_around, brightest, relight
-from vb_laser_detect.detection.stage_results import Box, Expected, Region, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, Region, SearchedImage, Spot
 
-_MIN_LEVEL = 0.86  # of what is bright in the room; of the known spots only 3 of 464 are darker, in darkened clips
+# lowest level of a spot, as a share of what is bright in the room; only 3 of 464 known spots are darker, in darkened clips
+_MIN_LEVEL = 0.86
 _HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
-_UNSEEN = 1.0  # [s] between two images: long enough for a hand to take something away
+_UNSEEN = 1.0  # [s] time between two images in which a hand could take something away
 _MAX_REGIONS = 24  # walking people cause fewer, and examining more would take longer than an image period
-_LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
-_WIDTH = 240  # [px] at least, of the images in which corners are tracked
-_MAX_CORNERS, _MIN_CORNERS = 48, 12  # looked for; needed to estimate a motion
+_LARGE = 14  # [blocks] larger regions are cut down to their brightest parts
+_WIDTH = 240  # [px] least width of the images in which corners are tracked
+_MAX_CORNERS = 48  # corners looked for
+_MIN_CORNERS = 12  # corners needed to estimate a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
-_MIN_AGREEING = 0.35  # of the corners must agree
+_MIN_AGREEING = 0.35  # least share of corners that must agree
 _MIN_MOTION_PX = 0.35  # [px] if no part of the image has moved this far, the camera is stationary
 _FLOW = dict(
     winSize=(11, 11),
@@ -47,7 +49,8 @@ class ImageRegistration:
     those on people and the laser spot, which move by themselves, do not agree and are left out (RANSAC).
 
     Attributes:
-        motion: (3, 3) from the keyframe's pixels to the last image's; None: none. While it is unknown, it stays.
+        motion: (3, 3) from the keyframe's pixels to the last image's; None if the camera has not moved. While it cannot
+            be estimated, the last one stays.
     """
 
     def __init__(self) -> None:
@@ -70,7 +73,7 @@ class ImageRegistration:
         self._latest = gray if gray.ndim == 2 else cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None:
             self.set_keyframe()
-        motion, before = self._track_corners(), self.motion
+        motion, motion_before = self._track_corners(), self.motion
         if motion is None:
             return None
         shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1.0]])
@@ -78,54 +81,54 @@ class ImageRegistration:
         motion = cv2.invert(shrink)[1] @ motion @ shrink
         height, width = image.shape[:2]
         corners = np.array([[(0, 0), (width, 0), (0, height), (width, height)]], float)
-        still = np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _MIN_MOTION_PX
-        motion, self.motion = (np.eye(3), None) if still else (motion, motion)
-        return motion if before is None else motion @ cv2.invert(before)[1]
+        is_still = np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _MIN_MOTION_PX
+        motion, self.motion = (np.eye(3), None) if is_still else (motion, motion)
+        return motion if motion_before is None else motion @ cv2.invert(motion_before)[1]
 
     def set_keyframe(self) -> None:
         """Makes the last image the keyframe."""
         self._keyframe = self._latest
         # the exact position of a corner does not matter
         half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        found = cv2.goodFeaturesToTrack(half, _MAX_CORNERS, 0.01, 4)
-        self._corners = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
+        corners = cv2.goodFeaturesToTrack(half, _MAX_CORNERS, 0.01, 4)
+        self._corners = np.zeros((0, 1, 2), np.float32) if corners is None else 2.0 * corners + np.float32(0.5)
         self.motion, self._small_motion = None, np.eye(3)  # the same in pixels of the small images
 
     def _track_corners(self) -> Optional[np.ndarray]:
         """Finds the motion since the keyframe on which the most corners agree; None if too few do."""
         if len(self._corners) < _MIN_CORNERS:
             return None
-        ahead = cv2.perspectiveTransform(self._corners, self._small_motion)
-        found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, ahead, **_FLOW)
+        guess = cv2.perspectiveTransform(self._corners, self._small_motion)
+        points, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, guess, **_FLOW)
         good = good.ravel() > 0
         if good.sum() < _MIN_CORNERS:
             return None
         # RANSAC, by default
-        motion, agree = cv2.estimateAffinePartial2D(self._corners[good], found[good], ransacReprojThreshold=_AGREE_PX)
+        motion, agree = cv2.estimateAffinePartial2D(self._corners[good], points[good], ransacReprojThreshold=_AGREE_PX)
         if motion is None or agree.sum() < max(_MIN_CORNERS, _MIN_AGREEING * good.sum()):
             return None
         self._small_motion = np.vstack([motion, (0.0, 0.0, 1.0)])
         return self._small_motion
 
 
-class Proposer:
-    """Finds regions in one camera's images, and keeps its background; estimates the camera's motion if it may move."""
+class RegionProposer:
+    """Finds regions in one camera's images. Keeps its background, and estimates its motion if it may move."""
 
     def __init__(self, moving_camera: bool) -> None:
         self._registration = ImageRegistration() if moving_camera else None
         self._background: Optional[Background] = None
 
-    def propose(self, picture: AnyPicture, expected: Sequence[Expected]) -> SearchedImage:
+    def propose(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> SearchedImage:
         """Compares a picture with the background.
 
         Args:
-            expected: where spots should be if the camera has not moved.
+            expected: spots expected if the camera has not moved.
         """
         image, motion, shift = picture.searched, None, None
         if self._registration is not None:
             motion, shift = self._registration.follow(image), self._registration.motion
         if motion is not None:
-            expected = [one.moved(motion) for one in expected]
+            expected = [spot.moved(motion) for spot in expected]
         changes = None if self._background is None else self._background.compare(image, shift)
         if changes is None or changes.everywhere:
             self._start(picture, expected)
@@ -141,26 +144,26 @@ class Proposer:
             bright=background.bright,
             min_level=min_level,
             regions=regions,
-            reference=background.reference() if any(region.bright for region in regions) else None,
+            reference=background.reference() if any(region.may_contain_spot for region in regions) else None,
             motion=motion,
             shifted=background.motion is not None,
             changed=changes.brighter | changes.darker,
             ghost_s=self._ghost_s,
         )
 
-    def _start(self, picture: AnyPicture, expected: Sequence[Expected]) -> None:
-        """Begins a new background; where a spot is expected, the previous one is used, relit."""
-        block, before = BLOCK * picture.scale, self._background
+    def _start(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> None:
+        """Begins a new background. Where a spot is expected, the old background is used, relit."""
+        block, scene = BLOCK * picture.scale, self._background
         keyframes = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
-        for one in expected:
-            rows, columns = blocks_around(before.blocks, *one.place, one.reach + one.max_width, block)
+        for spot in expected:
+            rows, columns = blocks_around(scene.blocks, *spot.position, spot.reach + spot.max_width, block)
             for size, keyframe in zip((picture.scale, 1), keyframes):
                 part = tuple(slice(block // size * side.start, block // size * side.stop) for side in (rows, columns))
                 if keyframe[part].size:
-                    old = before.moved_part(part, keyframe) if keyframe is keyframes[0] else before.whole[part]
-                    keyframe[part] = relight(old, keyframe[part], one.max_width / size)
+                    floor = scene.moved_part(part, keyframe) if keyframe is keyframes[0] else scene.whole[part]
+                    keyframe[part] = relight(floor, keyframe[part], spot.max_width / size)
         self._background = Background(*keyframes)
-        self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] for which each block may hold a ghost
+        self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] time for which each block may show a ghost
         if self._registration is not None:
             self._registration.set_keyframe()
 
@@ -170,28 +173,28 @@ class Proposer:
         Args:
             elapsed: [s] since the last image.
         """
-        held, block = np.zeros_like(searched.changed), BLOCK * searched.picture.scale
+        spot_blocks, block = np.zeros_like(searched.changed), BLOCK * searched.picture.scale
         for spot in spots:
-            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + block, block)] = True
+            spot_blocks[blocks_around(spot_blocks.shape, spot.u, spot.v, 1.25 * spot.diameter + block, block)] = True
         # nothing is known of what happened between images far apart
-        moved = (searched.changed & ~held) | (elapsed >= _UNSEEN)
+        moved = (searched.changed & ~spot_blocks) | (elapsed >= _UNSEEN)
         self._ghost_s = np.where(moved, GHOST_TIME, self._ghost_s - elapsed)
-        is_keyframe = self._background.update(searched.picture, searched.changed, held, elapsed)
+        is_keyframe = self._background.update(searched.picture, searched.changed, spot_blocks, elapsed)
         if is_keyframe and self._registration is not None:
             self._registration.set_keyframe()
 
 
-def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[Expected]) -> Region:
-    """Makes a region of a box of the searched pixels; its last blocks include the pixels left over at the edges."""
+def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[ExpectedSpot]) -> Region:
+    """Makes a region from a box of the searched pixels. The last blocks include the pixels left over at the edges."""
     left, top, right, bottom = (picture.scale * side for side in box)
     width, height = picture.size
     block = BLOCK * picture.scale
     box = left, top, width if width - right < block else right, height if height - bottom < block else bottom
     if picture.whole:
         level = brightest(picture.pixels, box)
-    else:  # the most that it may be
+    else:  # the highest level that is possible
         level = brightest(picture.searched, tuple(side // picture.scale for side in box)) / _HALF_LEVEL
-    return Region(box, level >= min_level, next((one for one in expected if one.overlaps(box)), None))
+    return Region(box, level >= min_level, next((spot for spot in expected if spot.overlaps(box)), None))
 
 
 def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
@@ -216,7 +219,7 @@ def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
 
 
 def _components(hot: np.ndarray, maxima: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns labels (rows, columns), and OpenCV's statistics and the peak of each connected component."""
+    """Returns the connected components: labels (rows, columns), and the statistics of OpenCV and the peak of each."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.view(np.uint8), connectivity=8)
     peaks = np.zeros(len(stats))
     np.maximum.at(peaks, labels[hot], maxima[hot])

@@ -34,7 +34,7 @@ from vb_laser_detect.detection import features
 from vb_laser_detect.detection.background import BLOCK
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
-from vb_laser_detect.detection.proposals import Proposer
+from vb_laser_detect.detection.proposals import RegionProposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
 from vb_laser_detect.detection.stage_results import Box, Detection, SearchedImage, Spot
 from vb_laser_detect.detector_params import DetectorParams
@@ -42,14 +42,14 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["Detection", "DetectorParams", "Spot", "SpotDetector"]
 
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
-_MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal: a spot's largest diameter where no pose is known
-_MAX_LATENESS = 1.0  # [s] an image older than the last one by more is not late: the clock was set
-# from this probability on, a resting spot is kept out of the background; below it, it may be a ghost
+_MAX_DIAGONAL_SHARE = 0.09  # a spot's largest diameter if no pose is known, as a share of the image's diagonal
+_MAX_LATENESS = 1.0  # [s] if an image is older than the last one by more, it is not late: the clock was set
+# a spot at least this probable is never averaged into the background; a less probable one may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
 
 
 class SpotDetector:
-    """Finds the spots of one camera; keeps its knowledge of the scene between frames."""
+    """Finds the spots in one camera's images. Its knowledge of the scene is kept between frames."""
 
     def __init__(self, params: Optional[DetectorParams] = None, classifier: Optional[SpotClassifier] = None) -> None:
         self.params = params or DetectorParams()
@@ -57,10 +57,10 @@ class SpotDetector:
         self.reset()
 
     def set_params(self, params: DetectorParams) -> None:
-        """Changes the parameters; the background stays.
+        """Changes the parameters, without forgetting the background.
 
         Raises:
-            ParameterError: if `moving_camera` would change, which needs another detector.
+            ParameterError: `moving_camera` would change, which needs another detector.
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
@@ -68,11 +68,11 @@ class SpotDetector:
         self._tracker.confirm_frames, self._tracker.max_dwell_time = params.confirm_frames, params.max_dwell_time
 
     def reset(self) -> None:
-        """Forgets the scene; the next frame begins a new one."""
+        """Forgets the scene. The next frame begins a new one."""
         self._stamp: Optional[float] = None
         self._measured = False  # whether anything in the last image was bright enough to measure
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer = Proposer(self.params.moving_camera)
+        self._proposer = RegionProposer(self.params.moving_camera)
         self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_dwell_time)
 
     def detect(
@@ -85,7 +85,7 @@ class SpotDetector:
                 are only compared with each other) or (H, W) grey.
             stamp: [s] when it was taken. A late image is left out; a stamp more than a second before the last one means
                 that the clock was set, and the detector starts again.
-            geometry: where its pixels are on the floor. None: sizes and speeds are judged in pixels.
+            geometry: maps its pixels to the floor. None: sizes and speeds are judged in pixels.
 
         Raises:
             CodedError: "bad_image" for any other image.
@@ -104,13 +104,15 @@ class SpotDetector:
         expected = self._tracker.predict(stamp)
         searched = self._proposer.propose(picture, expected)
         max_diameters = self._max_diameters(searched, geometry)
-        self._measured = any(not math.isnan(max_diameters[one.box]) for one in searched.regions if one.bright)
+        self._measured = any(
+            not math.isnan(max_diameters[region.box]) for region in searched.regions if region.may_contain_spot
+        )
         candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
         if geometry is not None:
             candidates = geometry.locate(candidates)
         detection = self._tracker.update(_without_repetitions(candidates), searched)
         certain = max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-        kept_out = [one for one in detection.candidates if one.track and one.confidence >= certain]
+        kept_out = [spot for spot in detection.candidates if spot.track and spot.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.update_background(searched, kept_out, min(elapsed, 1.0))
         return detection
@@ -125,7 +127,7 @@ class SpotDetector:
         return picture
 
     def _max_diameters(self, searched: SearchedImage, geometry: Optional[ImageGeometry]) -> Dict[Box, float]:
-        """Returns a spot's largest allowed diameter [px] in each box of bright regions; NaN where no floor is seen.
+        """Returns a spot's largest allowed diameter [px] in each box that may contain one; NaN where no floor is seen.
 
         Only if there is such a box does the geometry look up a moving camera's pose.
         """
@@ -138,11 +140,11 @@ class SpotDetector:
 
 
 def _without_repetitions(candidates: Sequence[Spot]) -> List[Spot]:
-    """Returns candidates without those whose region has led to the same blob as an earlier region."""
+    """Returns the candidates, each blob only once: several regions may have led to the same blob."""
     kept: List[Spot] = []
     for spot in candidates:
-        same = (one for one in kept if bool(one.rejection) == bool(spot.rejection))
-        if not any(math.hypot(spot.u - one.u, spot.v - one.v) < 2.0 for one in same):
+        similar = (earlier for earlier in kept if bool(earlier.rejection) == bool(spot.rejection))
+        if not any(math.hypot(spot.u - earlier.u, spot.v - earlier.v) < 2.0 for earlier in similar):
             kept.append(spot)
     return kept
 

@@ -1,8 +1,8 @@
-"""Tracks spots over time: which sighting belongs to which spot, when a spot counts, and which one is published.
+"""Tracks spots over time: which sighting belongs to which track, when a track is confirmed, and which one is published.
 
 A track moves on at constant velocity in the image, and along with the image when the camera turns. Limits in seconds
 never span fewer than a few images, so that a camera of two images a second works like one of sixty. The published track
-stays published until it is lost, or rests while another one moves.
+stays published until it is lost, or until it rests while another track moves.
 
 A light that stays in one place is a lamp, even if it blinks. So the time for which each place was lit is counted
 independently of tracks: counting goes on while the light blinks, is crossed by another one, or is lost and found again.
@@ -22,22 +22,22 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.features import chroma
-from vb_laser_detect.detection.stage_results import Detection, Expected, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Detection, ExpectedSpot, SearchedImage, Spot
 
 _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
 _BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
-_MEMORY = 10.0  # a place is forgotten after ten times the time for which it was lit
+_MEMORY = 10.0  # time after which a place is forgotten, in multiples of the time for which it was lit
 _MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
 # [s], [images] a track survives the longer of them without a sighting: a passing leg, the dark half of a pointer's
 # blinking, and in any camera two missing images
 _GAP_TIME, _GAP_PERIODS = 0.35, 3.5
-_RECALL_TIME = 1.0  # [s] when a spot is confirmed, older sightings of it are not published
+_RECALL_TIME = 1.0  # [s] sightings older than this are not published when their track is confirmed
 _PERIODS = 15  # [images] over which the period is averaged
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
-# the same on a nearly white floor; the mean of white glints in Bayer images over half a second is less
+# the same on a nearly white floor; white glints in Bayer images have less, as a mean over half a second
 _PALE = 0.25
-# [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
-# less than a step, half a second. Nothing is lost, as the spots until then are backfilled
+# [s] colourless light must last for longer to be confirmed: a glint on a shoe, a watch or a cup lasts for less than a
+# step, half a second. Nothing is lost, as the track's earlier spots are then published too
 _STEP_TIME = 0.6
 
 
@@ -46,10 +46,10 @@ class Track:
     """A spot that is tracked.
 
     Attributes:
-        pixel, velocity: (2,) last (u, v) [px], and velocity [px/s].
-        created: [s] when it was first seen.
-        lit_s: [s] for how long there has been light where it is now.
-        unpublished: its spots before it was confirmed, oldest first.
+        pixel, velocity: (2,) last position (u, v) [px], and velocity [px/s].
+        created: [s] time of the first sighting.
+        lit_s: [s] time for which its present place has been lit.
+        unpublished: the spots before it was confirmed, oldest first.
     """
 
     number: int
@@ -71,47 +71,47 @@ class SpotTracker:
 
     Attributes:
         confirm_frames, max_dwell_time: see config/stationary.yaml; they may be changed between images.
-        period: [s] from one image to the next, the mean of the last ones; 0 before the second.
+        period: [s] mean time between the last images; 0 before the second image.
     """
 
     def __init__(self, confirm_frames: int, max_dwell_time: float) -> None:
         self.confirm_frames, self.max_dwell_time = confirm_frames, max_dwell_time
         self._tracks: List[Track] = []
-        self._numbers = 0
+        self._last_track_number = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
         self.period = 0.0
         self._stamp: Optional[float] = None
-        self._lit = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
+        self._lit_places = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
-    def predict(self, stamp: float) -> List[Expected]:
-        """Returns where confirmed spots should be in the next image; call it before `update`.
+    def predict(self, stamp: float) -> List[ExpectedSpot]:
+        """Predicts where confirmed spots should be in the next image. Must be called before `update`.
 
         Args:
-            stamp: [s] of that image, later than the last one's.
+            stamp: [s] time of that image, later than the last one's.
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
-            # the mean, as some images arrive in bursts; without the longest interval, which may be a pause
-            many = sorted(self._periods)[:-1] or self._periods
-            self.period = sum(many) / len(many)
+            # a mean, as some images arrive in bursts, without the longest interval, which may be a pause
+            typical_periods = sorted(self._periods)[:-1] or self._periods
+            self.period = sum(typical_periods) / len(typical_periods)
         self._stamp = stamp
         gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
-        self._lit = self._lit[self._lit[:, 3] + _BLINK + _MEMORY * self._lit[:, 2] >= stamp]
+        self._lit_places = self._lit_places[self._lit_places[:, 3] + _BLINK + _MEMORY * self._lit_places[:, 2] >= stamp]
         return [self._expect(track) for track in self._tracks if track.confirmed]
 
-    def _expect(self, track: Track) -> Expected:
+    def _expect(self, track: Track) -> ExpectedSpot:
         elapsed = self._since(track)
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
-        return Expected(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
+        return ExpectedSpot(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
 
     def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> Detection:
-        """Adds those candidates that are not rejected, in the image that `predict` was called for."""
+        """Adds the candidates of the image for which `predict` was called, except rejected ones."""
         self._diagonal, self._mosaic = searched.diagonal, searched.picture.mosaic
         if searched.motion is not None:
-            for place in [track.pixel for track in self._tracks] + list(self._lit):
+            for place in [track.pixel for track in self._tracks] + list(self._lit_places):
                 place[:2] = cv2.perspectiveTransform(place[None, None, :2], searched.motion)[0, 0]
-        spots = sorted((one for one in candidates if not one.rejection), key=lambda one: -one.confidence)
+        spots = sorted((spot for spot in candidates if not spot.rejection), key=lambda spot: -spot.confidence)
         lit = [(replace(spot, stamp=self._stamp), self._record_light(spot)) for spot in spots]
         lamps = [replace(spot, rejection="lamp") for spot, lit_s in lit if lit_s > self.max_dwell_time]
         published_lamps = self._end_tracks(lamps)
@@ -119,8 +119,8 @@ class SpotTracker:
         tracks = self._assign([spot for spot, _ in followed])
         for track, (spot, lit_s) in zip(tracks, followed):
             self._add_sighting(track, spot, lit_s)
-        self._choose(tracks)
-        published, judged = [], [one for one in candidates if one.rejection] + lamps
+        self._choose_published_track(tracks)
+        published, judged = [], [candidate for candidate in candidates if candidate.rejection] + lamps
         for track, (spot, _) in zip(tracks, followed):
             reason = "" if track.published else "lower_confidence" if track.confirmed else "unconfirmed"
             judged.append(replace(spot, track=track.number, rejection=reason))
@@ -130,54 +130,55 @@ class SpotTracker:
         return Detection(published, judged, published_lamps)
 
     def _record_light(self, spot: Spot) -> float:
-        """Records the light at a spot's place; returns for how long [s] that place has been lit."""
-        away = np.hypot(self._lit[:, 0] - spot.u, self._lit[:, 1] - spot.v)
-        if not (away <= _SLACK_PX).any():
-            self._lit, away = np.vstack([self._lit, (spot.u, spot.v, 0.0, self._stamp)]), np.append(away, 0.0)
-        place = self._lit[np.argmin(away)]
+        """Records light at a spot's place, and returns the time [s] for which that place has been lit."""
+        distances = np.hypot(self._lit_places[:, 0] - spot.u, self._lit_places[:, 1] - spot.v)
+        if not (distances <= _SLACK_PX).any():
+            self._lit_places = np.vstack([self._lit_places, (spot.u, spot.v, 0.0, self._stamp)])
+            distances = np.append(distances, 0.0)
+        place = self._lit_places[np.argmin(distances)]
         if self._stamp - place[3] <= _BLINK:
             place[2] += self._stamp - place[3]
         place[3] = self._stamp
         return float(place[2])
 
     def _end_tracks(self, lamps: Sequence[Spot]) -> int:
-        """Ends the tracks of lights that turned out to be lamps; returns how many of them had been published."""
+        """Ends the tracks of lights that turned out to be lamps, and returns how many of them had been published."""
         published = 0
         for track in list(self._tracks):
-            here = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
-            if here and track.lit_s > _STEP_TIME:
+            is_lamp = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
+            if is_lamp and track.lit_s > _STEP_TIME:
                 self._tracks.remove(track)
                 published += track.published
         return published
 
     def _since(self, track: Track) -> float:
-        """Returns how long ago [s] a track was seen: at least a period, as images of a burst are stamped on arrival."""
+        """Returns the time [s] since a track was seen: at least a period, as images of a burst are stamped on arrival."""
         return max(self._stamp - track.stamp, self.period)
 
     def _assign(self, spots: Sequence[Spot]) -> List[Track]:
-        """Assigns a track to each spot: the nearest pairs within reach, else a new one."""
+        """Returns a track for each spot: the nearest one within reach, or else a new one."""
         if not spots:
             return []
-        places = np.array([(one.u, one.v) for one in spots])
-        found: List[Optional[Track]] = [None] * len(spots)
+        places = np.array([(spot.u, spot.v) for spot in spots])
+        tracks: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
-            last = np.array([track.pixel for track in self._tracks])
+            positions = np.array([track.pixel for track in self._tracks])
             elapsed = np.array([self._since(track) for track in self._tracks])
-            ahead = last + elapsed[:, None] * [track.velocity for track in self._tracks]
-            near = cdist(places, last) <= _SLACK_PX + _MAX_SPEED * self._diagonal * elapsed
-            for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places, ahead), 1e9))):
-                if near[row, column]:
-                    found[row] = self._tracks[column]
+            predicted = positions + elapsed[:, None] * [track.velocity for track in self._tracks]
+            within_reach = cdist(places, positions) <= _SLACK_PX + _MAX_SPEED * self._diagonal * elapsed
+            for row, column in zip(*linear_sum_assignment(np.where(within_reach, cdist(places, predicted), 1e9))):
+                if within_reach[row, column]:
+                    tracks[row] = self._tracks[column]
         for row, place in enumerate(places):
-            track = found[row]
+            track = tracks[row]
             if track is None:
-                self._numbers += 1
-                found[row] = Track(self._numbers, place, self._stamp, self._stamp)
-                self._tracks.append(found[row])
+                self._last_track_number += 1
+                tracks[row] = Track(self._last_track_number, place, self._stamp, self._stamp)
+                self._tracks.append(tracks[row])
             elif self._stamp > track.stamp:
                 track.velocity = (place - track.pixel) / self._since(track)
                 track.pixel, track.stamp = place, self._stamp
-        return found
+        return tracks
 
     def _add_sighting(self, track: Track, spot: Spot, lit_s: float) -> None:
         track.hits += 1
@@ -192,15 +193,15 @@ class SpotTracker:
             track.unpublished.append(replace(spot, track=track.number))
 
     def _is_colored(self, track: Track) -> bool:
-        """Returns whether a track has shown a laser's colour, or for so long that it may have none."""
+        """Returns whether a track has shown a laser's colour, or has lasted for so long that it needs none."""
         # a white glint hardly larger than a pixel falls mostly on one pixel of a Bayer pattern, which looks coloured;
         # the mean over several images does not
-        shown = 0.0 if track.light is None else chroma(track.light)
+        mean_chroma = 0.0 if track.light is None else chroma(track.light)
         lasting = _PALE if self._mosaic else 0.0
-        least = lasting if self._stamp - track.created >= _STEP_TIME else _VIVID
-        return self.confirm_frames <= 1 or shown >= least
+        min_chroma = lasting if self._stamp - track.created >= _STEP_TIME else _VIVID
+        return self.confirm_frames <= 1 or mean_chroma >= min_chroma
 
-    def _choose(self, tracks: Sequence[Track]) -> None:
+    def _choose_published_track(self, tracks: Sequence[Track]) -> None:
         """Chooses the confirmed track to publish: the one already published, else the most certain.
 
         A moving track replaces a resting one, which may be a lamp, so that a drawing hand is not kept waiting.
@@ -210,7 +211,7 @@ class SpotTracker:
                 track.published = False
         confirmed = [track for track in tracks if track.confirmed]
         published = [track for track in self._tracks if track.published]
-        # tracks that have been elsewhere for most of their time
+        # tracks that were elsewhere for most of their time
         moving = [track for track in confirmed if track.lit_s < 0.5 * (self._stamp - track.created)]
         if moving and published and all(track.lit_s > _STEP_TIME for track in published):
             published[0].published, published = False, []

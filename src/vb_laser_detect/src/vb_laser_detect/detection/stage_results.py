@@ -1,5 +1,5 @@
-"""What the stages of the search hand on, in this order: `Expected` by the tracker, `SearchedImage` by the proposer, `Spot` by
-those that measure and locate, `Detection` by the tracker.
+"""Types passed between the stages of the detection, in the order in which they are made: `ExpectedSpot` by the tracker,
+`SearchedImage` by the proposer, `Spot` by the stages that measure and locate, `Detection` by the tracker.
 
 Positions and regions are in the image's own pixels, even if it is searched at half its size.
 """
@@ -18,14 +18,14 @@ from vb_core.image_format import AnyPicture
 Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
 
-class Expected(NamedTuple):
+class ExpectedSpot(NamedTuple):
     """Predicted position of a confirmed spot in the next image, if it keeps moving as before.
 
     Attributes:
-        last: (u, v) [px] where it was last seen.
-        step: (u, v) [px] by which it should have moved since.
-        reach: [px] around its position.
-        max_width: [px] anything wider cannot be the spot.
+        last: (u, v) [px] position where it was last seen.
+        step: (u, v) [px] distance by which it should have moved since.
+        reach: [px] radius round `position` in which to look for it.
+        max_width: [px] width above which light cannot be the spot.
     """
 
     last: Tuple[float, float]
@@ -34,21 +34,21 @@ class Expected(NamedTuple):
     max_width: float
 
     @property
-    def place(self) -> Tuple[float, float]:
-        """(u, v) [px] where it should be now."""
+    def position(self) -> Tuple[float, float]:
+        """The position (u, v) [px] where it should be now."""
         return self.last[0] + self.step[0], self.last[1] + self.step[1]
 
-    def moved(self, motion: np.ndarray) -> "Expected":
-        """Returns where it is expected once the camera's motion (3, 3) has moved the image."""
+    def moved(self, motion: np.ndarray) -> "ExpectedSpot":
+        """Returns the spot expected after the camera's motion (3, 3) has moved the image."""
         return self._replace(last=cv2.perspectiveTransform(np.array([[self.last]]), motion)[0, 0].tolist())
 
-    def holds(self, u: float, v: float) -> bool:
-        """Returns whether a place [px] is within reach."""
-        return math.hypot(u - self.place[0], v - self.place[1]) <= self.reach
+    def contains(self, u: float, v: float) -> bool:
+        """Returns whether a pixel is within reach."""
+        return math.hypot(u - self.position[0], v - self.position[1]) <= self.reach
 
     def clip(self, box: Box) -> Box:
-        """Returns the part of a box that is within reach; if none is, left >= right or top >= bottom."""
-        (left, top, right, bottom), (u, v), reach = box, self.place, self.reach
+        """Returns the part of a box that is within reach. If no part is, left >= right or top >= bottom."""
+        (left, top, right, bottom), (u, v), reach = box, self.position, self.reach
         left, top = max(left, int(u - reach)), max(top, int(v - reach))
         return left, top, min(right, int(u + reach) + 1), min(bottom, int(v + reach) + 1)
 
@@ -62,33 +62,33 @@ class Region(NamedTuple):
     """A part of an image that became brighter, to be examined.
 
     Attributes:
-        bright: whether anything in it may be bright enough for a spot.
+        may_contain_spot: whether anything in it may be bright enough for a spot.
         expected: the spot that should be in it, if any.
     """
 
     box: Box
-    bright: bool
-    expected: Optional[Expected]
+    may_contain_spot: bool
+    expected: Optional[ExpectedSpot]
 
     def boxes(self) -> List[Box]:
-        """Returns where to look for a spot: in the whole region, then where one is expected; nowhere if it is dark."""
+        """Returns the boxes to search: the whole region, then the part where a spot is expected; none in a dark region."""
         boxes = [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
-        return boxes if self.bright else []
+        return boxes if self.may_contain_spot else []
 
 
 class SearchedImage(NamedTuple):
     """An image, and what is new in it.
 
     Attributes:
-        diagonal: [px] of the picture.
-        bright: [grey levels] of the room's bright surfaces, at the current exposure; spots are judged relative to it.
-        min_level: [grey levels] of a spot's brightest sample, at least.
-        regions: to examine, the brightest first.
-        reference: what the picture would show without anything new; None if no region is bright.
+        diagonal: [px] diagonal of the picture.
+        bright: [grey levels] level of the room's bright surfaces at the current exposure; spots are judged relative to it.
+        min_level: [grey levels] lowest level of a spot's brightest sample.
+        regions: regions to examine, the brightest first.
+        reference: what the picture would show without anything new; None if no region may contain a spot.
         motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
         shifted: whether the camera has moved since the reference was taken.
         changed: (rows, columns) bool, blocks that became brighter or darker.
-        ghost_s: (rows, columns) [s] for how long anything but a spot that changed a block may still leave a ghost there.
+        ghost_s: (rows, columns) [s] time for which a block may still show a ghost of what changed it, other than a spot.
     """
 
     picture: AnyPicture
@@ -111,7 +111,7 @@ class FloorPoint:
         position: (3,) [m], map frame; z is the height that was measured.
         meters_per_pixel: [m/px] floor length of a pixel there.
         source: `projection.GROUND_PLANE`, `DEPTH` or `GROUND_PLANE_FALLBACK`.
-        range: [m] from the camera.
+        range: [m] distance from the camera.
     """
 
     position: np.ndarray
@@ -129,10 +129,10 @@ class Spot:
         diameter: [px]
         confidence: 0 ... 1
         track: number of the spot in this camera's images; it stays while the spot is followed.
-        rejection: why it is not published, or "".
+        rejection: code of the reason why it is not published, or "".
         tint: see `features.Light.tint`; None: without colour, or rejected.
-        stamp: [s] when the image was taken; 0 until the spot is tracked.
-        floor_point: where it is on the floor; None if camera or pose are not known.
+        stamp: [s] time of the image; 0 until the spot is tracked.
+        floor_point: its position on the floor; None if camera or pose are unknown.
     """
 
     u: float
@@ -147,13 +147,13 @@ class Spot:
 
 
 class Detection(NamedTuple):
-    """What became of one image.
+    """The result of one image.
 
     Attributes:
-        spots: that it confirmed, oldest first: at most one of the image itself and, when a stroke begins, those of
-            earlier images, with their own stamps and positions.
-        candidates: all that was examined in the image; each says why it is no spot, or is not published.
-        lamps: number of lights that have rested for too long, but had been published as the spot.
+        spots: confirmed spots, oldest first: at most one of the image itself and, when a stroke begins, those of earlier
+            images, with their own stamps and positions.
+        candidates: everything examined in the image; each one's `rejection` says why it is no spot, or is not published.
+        lamps: number of published tracks that turned out to be lamps.
         is_late: whether the image was left out because it came after a later one.
     """
 

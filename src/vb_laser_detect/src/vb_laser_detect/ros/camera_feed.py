@@ -28,22 +28,22 @@ FOLDER = "~/.ros/virtual_borders"
 
 
 class ReceivedImage(NamedTuple):
-    """One image, not decoded yet: if it arrives too late, it is dropped without being decoded.
+    """An image that is not decoded yet. If it arrives too late, it is dropped without being decoded.
 
     Attributes:
         stamp: when it was taken.
-        read: decodes and returns the picture; raises CodedError "bad_image", "unknown_encoding".
+        decode: decodes and returns the picture; raises CodedError "bad_image", "unknown_encoding".
         shot: the image as the camera sent it; None if a driver published it.
     """
 
     stamp: rospy.Time
     frame_id: str
-    read: Callable[[], AnyPicture]
+    decode: Callable[[], AnyPicture]
     shot: Optional[Shot] = None
 
 
 def lens_path(settings: str, camera: str) -> Path:
-    """Returns lenses/CAMERA.yaml of the lab whose detectors/CAMERA.yaml is `settings`; without one, of FOLDER."""
+    """Returns lenses/CAMERA.yaml in the lab's folder, whose detectors/CAMERA.yaml is `settings`; without settings, in FOLDER."""
     lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(FOLDER).expanduser()
     return lab / "lenses" / f"{camera}.yaml"
 
@@ -74,7 +74,7 @@ class LensFile:
         return require_size(self._camera, size)
 
     def write(self, request: SetCameraInfoRequest) -> SetCameraInfoResponse:
-        """Writes the lens of a request; the answer says whether, or why not."""
+        """Writes the lens of a request. The answer says whether this succeeded, and if not, why."""
         try:
             save_lens(self._path, self._path.stem, camera_from_info(request.camera_info))
         except CodedError as error:
@@ -89,11 +89,11 @@ class CameraFeed:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), camera_info
             (sensor_msgs/CameraInfo): only while there are subscribers
     Services:
-        set_camera_info (sensor_msgs/SetCameraInfo): writes the lens file, when somebody commits in camera_calibration
+        set_camera_info (sensor_msgs/SetCameraInfo): writes the lens file when a user of camera_calibration presses COMMIT
 
     Args:
-        params: its detector's.
-        image: its topic.
+        params: parameters of the camera's detector.
+        image: topic of its images.
         mailbox: receives each image.
         report: receives faults, and why there are no images.
     """
@@ -110,7 +110,7 @@ class CameraFeed:
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         rospy.Service(sibling_topic(image, "set_camera_info"), SetCameraInfo, self.lens.write)
         self._setting = threading.Lock()
-        self._source = CameraSource(params.source, params.capture, self._take, self._on_source_state)
+        self._source = CameraSource(params.source, params.capture, self._on_shot, self._on_source_state)
         self._source.start()  # its thread may call back at once
 
     def close(self) -> None:
@@ -144,10 +144,10 @@ class CameraFeed:
             try:
                 model = self.lens.model_for(picture.size)
             except CodedError:
-                return  # the search reports why
+                return  # the detector reports why
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
 
-    def _take(self, shot: Shot) -> None:
+    def _on_shot(self, shot: Shot) -> None:
         for code in shot.left_out:
             self._report.count_dropped(code)
         # the camera's clock does not follow simulated time
@@ -179,11 +179,11 @@ def subscribe_images(image: str, transport: str, frame: str, put: Callable[[Rece
     """
     reader = PixelReader()
 
-    def take(message: Any) -> None:
+    def on_message(message: Any) -> None:
         header = message.header
         put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: reader.read(*decode(message))))
 
     kind, topic = (CompressedImage, f"{image}/compressed") if transport == "compressed" else (Image, image)
     # the buffer must hold a whole image, else rospy delivers images older than the newest one
-    rospy.Subscriber(topic, kind, take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
+    rospy.Subscriber(topic, kind, on_message, queue_size=1, buff_size=2**24, tcp_nodelay=True)
     return topic

@@ -23,11 +23,11 @@ from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 
 # [s] between lookups of a camera's lens and pose: a recalibration is soon noticed, and no image waits for it
 _LOOKUP_PERIOD = 0.5
-_TF_TIMEOUT = 0.15  # [s] odometry arrives after the image
+_TF_TIMEOUT = 0.15  # [s] to wait for a pose, as odometry arrives after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any will
 _MAX_DEPTH_AGE = 0.08  # [s] largest time difference between colour and depth image
-_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver assumes where nothing else is known
-_MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older may be elsewhere by now, or switched off
+_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver assumes if nothing else is known
+_MAX_POSE_AGE = 0.5  # [s] if a robot's newest pose is older, the robot may be elsewhere by now, or switched off
 
 
 def sibling_topic(topic: str, name: str) -> str:
@@ -43,8 +43,8 @@ def is_rectified(topic: str) -> bool:
 def require_size(camera: CameraModel, size: Tuple[int, int]) -> CameraModel:
     """Returns the model if it is for images of this width and height; raises CodedError "no_camera_info" otherwise."""
     if (camera.width, camera.height) != size:
-        known = f"{camera.width} x {camera.height}"
-        raise CodedError("no_camera_info", f"camera_info is for images of {known}, not of {size[0]} x {size[1]}")
+        expected = f"{camera.width} x {camera.height}"
+        raise CodedError("no_camera_info", f"camera_info is for images of {expected}, not of {size[0]} x {size[1]}")
     return camera
 
 
@@ -55,14 +55,13 @@ class InfoTopic:
         <topic> (sensor_msgs/CameraInfo)
 
     Args:
-        topic: its name.
         report: receives faults, such as a camera_info that describes no camera.
-        rectified: the images are already undistorted.
+        rectified: whether the images are already undistorted.
     """
 
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
-        self._known: Optional[list] = None  # the last message without its header
+        self._last_fields: Optional[list] = None  # the last message without its header
         # the model, or why there is none
         self._latest: Tuple[Optional[CameraModel], str] = (None, f"no camera_info on {topic}")
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
@@ -80,10 +79,10 @@ class InfoTopic:
 
     def _on_info(self, message: CameraInfo) -> None:
         # its stamp always differs, and must stay: this process's other subscribers get the same message
-        known = [getattr(message, name) for name in message.__slots__ if name != "header"]
-        if known == self._known:
+        fields = [getattr(message, name) for name in message.__slots__ if name != "header"]
+        if fields == self._last_fields:
             return
-        self._known = known
+        self._last_fields = fields
         try:
             self._latest = camera_from_info(message, self._rectified), ""
         except CodedError as error:
@@ -108,7 +107,7 @@ class DepthTopic:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
-            color_frame: the colour image's; a depth image with another frame is not registered to it.
+            color_frame: frame of the colour image; a depth image with another frame is not registered to it.
         """
         # copied first: images arrive meanwhile
         best = min(list(self._images), key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
@@ -153,9 +152,9 @@ class CameraGeometry:
 
     Args:
         mobile: whether the camera moves.
-        transforms: tf's, shared by all cameras of the process.
-        info, depth: sources of the lens (`InfoTopic`, `LensFile`) and of depth; None: the floor is taken as a plane.
-        floor_projection: the camera's.
+        transforms: lookup in tf, shared by all cameras of the process.
+        info, depth: sources of the lens model (`InfoTopic`, `LensFile`) and of depth; without depth, the floor is a plane.
+        floor_projection: projection of this camera's spots.
         robots: namespaces of the robots that the camera sees; "/" for a robot without one.
         report: receives faults.
     """
@@ -175,37 +174,38 @@ class CameraGeometry:
         self._transforms = transforms
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
         self._pose: Optional[np.ndarray] = None
-        self._of, self._looked_up = ("", (0, 0)), -math.inf  # frame and size at the last lookup, and its time [s]
+        self._cached_for = ("", (0, 0))  # frame and size at the last lookup
+        self._cached_at = -math.inf  # [s] when that was
 
     def geometry_of(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at the image's time is looked up only if needed.
 
         Args:
-            size: of the image, width and height [px].
+            size: [px] width and height of the image.
 
         Raises:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
         now = time.monotonic()
-        if self._of != (frame_id, size) or now - self._looked_up >= _LOOKUP_PERIOD:
-            self._looked_up = -math.inf  # until lens and pose are known, retry with every image
+        if self._cached_for != (frame_id, size) or now - self._cached_at >= _LOOKUP_PERIOD:
+            self._cached_at = -math.inf  # until lens and pose are known, retry with every image
             self._camera = self._info.model_for(size)
             self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
-            self._looked_up, self._of = now, (frame_id, size)
-        known = None if self._mobile else self._pose
-        return ImageGeometry(self._camera, self._floor_projection, known, self, frame_id, stamp)
+            self._cached_at, self._cached_for = now, (frame_id, size)
+        stationary_pose = None if self._mobile else self._pose
+        return ImageGeometry(self._camera, self._floor_projection, stationary_pose, self, frame_id, stamp)
 
     def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns a moving camera's pose (4, 4); raises CodedError "no_transform", "bad_transform" if it is unknown."""
         return self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
 
     def depth_at(self, frame_id: str, stamp: rospy.Time) -> Optional[Depth]:
-        """Returns what `DepthTopic.nearest` does; None without a depth topic."""
+        """Returns the depth near a time, see `DepthTopic.nearest`; None without a depth topic."""
         return None if self._depth is None else self._depth.nearest(stamp, frame_id)
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
-        """Returns the pose (4, 4); for a moving camera only to check that there is one: most images need none."""
+        """Returns the newest pose (4, 4). A moving camera's only shows that there is one, as most images need none."""
         lookup = partial(self._transforms.lookup, names.MAP_FRAME, frame_id)
         try:
             return lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
@@ -213,28 +213,28 @@ class CameraGeometry:
             if self._mobile:  # just started, or gone
                 return lookup(stamp, _TF_TIMEOUT)
             # a stationary camera is still at its last known pose, even if that is no longer published
-            if self._pose is None or frame_id != self._of[0]:
+            if self._pose is None or frame_id != self._cached_for[0]:
                 raise
             return self._pose
 
-    def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
-        """Returns the robots at a time as cylinders that hide the floor; a robot without a pose hides nothing.
+    def robot_cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
+        """Returns cylinders for where robots hide the floor at a time. A robot without a pose hides nothing.
 
         While a robot's pose has not arrived, its radius grows by how far it may have driven since its last one.
         """
-        found = []
+        cylinders = []
         for prefix, profile in self._profiles:
             frame = prefix + profile.frames.base
             newest = self._transforms.newest(names.MAP_FRAME, frame)
-            at = stamp if newest.is_zero() else min(newest, stamp)
-            late = (stamp - at).to_sec()
+            pose_stamp = stamp if newest.is_zero() else min(newest, stamp)
+            age = (stamp - pose_stamp).to_sec()
             try:
-                if late > _MAX_POSE_AGE:
+                if age > _MAX_POSE_AGE:
                     raise CodedError("robot_without_pose")
-                x, y = self._transforms.lookup(names.MAP_FRAME, frame, at, 0.0)[:2, 3].tolist()
+                x, y = self._transforms.lookup(names.MAP_FRAME, frame, pose_stamp, 0.0)[:2, 3].tolist()
             except CodedError:
                 self._report.count_dropped("robot_without_pose")
                 continue
-            radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late
-            found.append(RobotCylinder(x, y, radius, profile.shape.height))
-        return found
+            radius = profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * age
+            cylinders.append(RobotCylinder(x, y, radius, profile.shape.height))
+        return cylinders

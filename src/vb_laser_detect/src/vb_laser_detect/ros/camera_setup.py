@@ -69,7 +69,7 @@ class CameraImages:
         transport = str(self.params.get("image_transport"))
         self._topic = subscribe_images(self._image, transport, self.frame, self._newest.append)
 
-    def next(self, after: float = 0.0) -> Tuple[float, AnyPicture]:
+    def next(self, earliest: float = 0.0) -> Tuple[float, AnyPicture]:
         """Waits for an image taken no earlier than a time [s]; returns its stamp [s] and the image.
 
         Raises:
@@ -82,8 +82,8 @@ class CameraImages:
                 continue
             received = self._newest.popleft()
             self.frame = received.frame_id
-            if received.stamp.to_sec() >= after:
-                return received.stamp.to_sec(), received.read()
+            if received.stamp.to_sec() >= earliest:
+                return received.stamp.to_sec(), received.decode()
         raise CodedError("no_images", topics=self._topic)
 
     def model(self) -> CameraModel:
@@ -108,11 +108,11 @@ class CameraImages:
         """
         try:
             client = dynamic_reconfigure.client.Client(f"/spot_detector_{self._camera}/capture", timeout=_TIMEOUT)
-            taken = client.update_configuration(values)
+            accepted = client.update_configuration(values)
         except (rospy.ROSException, DynamicReconfigureException):
             raise CodedError("detector_missing", camera=self._camera) from None
         client.close()
-        refused = [name for name, value in values.items() if taken[name] != value]
+        refused = [name for name, value in values.items() if accepted[name] != value]
         if refused:
             raise CodedError("control_refused", source=printable(self.params["source"]), why=", ".join(refused))
 
@@ -197,7 +197,7 @@ def _look_for_board(lens: LensCalibration, board: BoardParams, image: np.ndarray
         text = error.message
     height, width = image.shape[:2]
     for cell in np.argwhere(~lens.covered):
-        corners = ((at * (width, height) // lens.covered.shape).tolist() for at in (cell, cell + 1))
+        corners = ((corner * (width, height) // lens.covered.shape).tolist() for corner in (cell, cell + 1))
         cv2.rectangle(image, *corners, (0, 140, 255), max(1, width // 640))
     for line, words in enumerate((lens.describe(), text)):
         cv2.putText(
@@ -217,11 +217,11 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
     ended = threading.Event()
 
     def watch() -> List[Tuple[float, np.ndarray]]:
-        seen = []
+        levels = []
         while not ended.is_set():
             stamp, image = images.next()
-            seen.append((stamp, brightness(image.gray())))
-        return seen
+            levels.append((stamp, brightness(image.gray())))
+        return levels
 
     with ThreadPoolExecutor() as pool:
         watching = pool.submit(watch)
@@ -230,14 +230,14 @@ def measure_camera_delay(arguments: argparse.Namespace) -> int:
         finally:
             ended.set()
     seconds, uncertainty = measure_delay(switched, watching.result())
-    before = float(images.params.get("capture", {}).get("delay_ms", 0.0))
-    delay = round(max(0.0, before + 1e3 * seconds), 1)
+    old_delay_ms = float(images.params.get("capture", {}).get("delay_ms", 0.0))
+    delay_ms = round(max(0.0, old_delay_ms + 1e3 * seconds), 1)
     print(
-        f"The images are {delay:.0f} ms late, to within {1e3 * uncertainty:.0f} ms; the screen's own delay, often 20 to "
+        f"The images are {delay_ms:.0f} ms late, to within {1e3 * uncertainty:.0f} ms; the screen's own delay, often 20 to "
         "50 ms, is in it."
     )
-    images.set(delay_ms=delay)
-    images.keep(delay_ms=delay)
+    images.set(delay_ms=delay_ms)
+    images.keep(delay_ms=delay_ms)
     return 0
 
 
@@ -267,7 +267,7 @@ def set_exposure(arguments: argparse.Namespace) -> int:
         return measure_brightness(images.next(rospy.Time.now().to_sec() + _SETTLED)[1].bgr())
 
     capture = images.params.get("capture", {})
-    given = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
+    old_values = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
     try:
         values = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
         try:
@@ -277,13 +277,13 @@ def set_exposure(arguments: argparse.Namespace) -> int:
             print(f"! the white balance stays automatic: {error.message}")
         images.keep(**values)
     except BaseException:  # also Ctrl-C: the running lab keeps the settings it had
-        images.set(**given)
+        images.set(**old_values)
         raise
     print(f"Point the laser at the floor ({_SPOT_TIMEOUT:.0f} s) ...", flush=True)
-    before = images.next()[1].bgr().max(axis=2)
+    levels_before = images.next()[1].bgr().max(axis=2)
     end = time.monotonic() + _SPOT_TIMEOUT
     while time.monotonic() < end:
-        new = (images.next()[1].bgr().min(axis=2) >= WHITE) & (before < WHITE)
+        new = (images.next()[1].bgr().min(axis=2) >= WHITE) & (levels_before < WHITE)
         if 3 <= np.count_nonzero(new) < 0.001 * new.size:
             print(f"The spot is white, {np.count_nonzero(new)} px: this is a good exposure.")
             return 0

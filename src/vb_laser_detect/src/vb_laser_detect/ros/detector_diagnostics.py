@@ -24,18 +24,18 @@ _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
 
 
 class DetectorDiagnostics:
-    """Counts what a detector does, and tells people about its camera's faults, which nothing else watches for.
+    """Counts what a detector does, and reports its camera's faults, which nothing else watches for.
 
     Published topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
         /virtual_borders/notices (vb_msgs/NoticeArray): what keeps spots from being found or located
 
     Args:
-        namespace: of the camera's parameters and debug image.
-        camera: its name.
-        mailbox: of the detector's images.
+        namespace: namespace of the camera's parameters and debug image.
+        camera: name of the camera.
+        mailbox: mailbox through which the detector receives images, which counts them.
         mobile: whether the camera is on a robot.
-        own_source: whether the detector reads the camera directly, so that stamps are of this computer's clock.
+        own_source: whether the detector reads the camera directly, so that stamps come from this computer's clock.
 
     Attributes:
         focal: [px] focal length of the lens with which spots are located; 0 while it is not known.
@@ -45,7 +45,9 @@ class DetectorDiagnostics:
         self, namespace: str, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False
     ) -> None:
         self._namespace, self._camera, self._mobile, self._own_source = namespace, camera, mobile, own_source
-        self._frame_id, self.focal, self._mailbox = "", 0.0, mailbox
+        self._mailbox = mailbox
+        self._frame_id = ""
+        self.focal = 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self._color = True  # whether the images show colours
         self._bright, self._measured = 0.0, float("-inf")  # saturated share of an image, and when it was measured
@@ -60,18 +62,18 @@ class DetectorDiagnostics:
         Worker(self._timer, lambda _: self._publish())
 
     def close(self) -> None:
-        """Withdraws its notices."""
+        """Stops publishing, and withdraws the notices."""
         self._timer.close()
         self._notices.close()
 
     # ------------------------------------------------------------- what the node reports
     def count_dropped(self, code: str) -> None:
-        """Counts something that was left out, by its reason's code, without a notice."""
+        """Counts something that was left out, by the code of the reason, without a notice."""
         with self._lock:
             self._counts.count_rejections(code)
 
     def report_fault(self, error: CodedError, severe: bool = False) -> None:
-        """Counts a fault of the input, and reports it for some seconds; `severe`: it is a fault of the program."""
+        """Counts a fault of the input, or if `severe` of the program, and reports it for some seconds."""
         with self._lock:
             self._counts.count_rejections(error.code)
             self._faults[error.code] = self._notice(error, severe), rospy.Time.now(), False
@@ -88,7 +90,7 @@ class DetectorDiagnostics:
         self._publish_notices()
 
     def clear_refused_setting(self) -> None:
-        """Withdraws the notice that the camera refused its settings; one that it sends no images stays."""
+        """Withdraws the notice that the camera refused its settings. A notice that it sends no images stays."""
         with self._lock:
             self._source_fault = self._source_fault if self._is_silent else None
         self._publish_notices()
@@ -103,13 +105,12 @@ class DetectorDiagnostics:
         spots: int = 0,
         rejected: Sequence[str] = (),
     ) -> None:
-        """Records an image that was searched.
+        """Records an image in which spots were searched for.
 
         Args:
-            stamp, frame_id, picture: the image's.
-            missing: why no spot of it can be published; None: all inputs are available.
-            search_s: [s] that the search itself took.
-            spots: how many were published after it, including those of earlier images.
+            missing: why none of its spots can be published; None: all inputs are available.
+            search_s: [s] duration of the search itself.
+            spots: number of spots published after it, including those of earlier images.
             rejected: codes that say why candidates, or the image, were rejected.
         """
         now = rospy.get_time()
@@ -122,7 +123,7 @@ class DetectorDiagnostics:
             self._counts.count_image(now, stamp.to_sec(), search_s, spots)
 
     def record_detector(self, message: DetectorStatus) -> None:
-        """Records another stationary camera's frame; reports another node that uses this camera's name."""
+        """Records the frame of another stationary camera, or reports another node that uses this camera's name."""
         if message.camera == self._camera:
             self._check_sender((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
         elif not message.mobile and message.frame_id:
@@ -145,7 +146,9 @@ class DetectorDiagnostics:
             raise CodedError("camera_no_frame", camera=self._camera)
         with self._lock:
             frames = {
-                name: frame for name, (frame, at) in self._others.items() if time.monotonic() - at < _DETECTOR_TIMEOUT
+                name: frame
+                for name, (frame, arrival) in self._others.items()
+                if time.monotonic() - arrival < _DETECTOR_TIMEOUT
             }
         if not self._mobile:
             require_own_frame(self._camera, frame_id, frames)
@@ -160,7 +163,7 @@ class DetectorDiagnostics:
         return self._source_fault is not None and self._source_fault.severity is Severity.ERROR
 
     def _publish_notices(self) -> None:
-        """Publishes the current faults; image-quality faults are omitted while the camera is silent or has no pose."""
+        """Publishes the current faults. Image-quality faults are omitted while the camera is silent or has no pose."""
         now = rospy.Time.now()
         with self._lock:
             missing = None if self._is_silent else self._watch.current_fault(now.to_sec())
@@ -169,21 +172,21 @@ class DetectorDiagnostics:
             usable = missing is None and not self._is_silent
             for error in self._quality() if usable else ():
                 self._faults[error.code] = self._notice(error, error.code == "camera_clock"), now, True
-            told = [] if missing is None else [self._notice(missing, True)]
-            for notice, at, of_images in self._faults.values():
-                if abs((now - at).to_sec()) < _FAULT_LIFETIME and (usable or not of_images):
-                    told.append(notice)
-            told += [] if self._source_fault is None else [self._source_fault]
-        self._notices.set(told)
+            notices = [] if missing is None else [self._notice(missing, True)]
+            for notice, stamp, of_images in self._faults.values():
+                if abs((now - stamp).to_sec()) < _FAULT_LIFETIME and (usable or not of_images):
+                    notices.append(notice)
+            notices += [] if self._source_fault is None else [self._source_fault]
+        self._notices.set(notices)
 
     def _quality(self) -> List[CodedError]:
-        """Returns what is wrong with usable images; a value that hovers around its limit is reported continuously."""
-        found = self._counts.quality(not self._own_source)
+        """Returns the faults of usable images. A value that hovers around its limit is reported continuously."""
+        faults = self._counts.quality(not self._own_source)
         if self._bright > TOO_BRIGHT:
-            found.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))
+            faults.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))
         if self._mobile and not self._color:
-            found.append(CodedError("no_color", camera=self._camera))
-        return found
+            faults.append(CodedError("no_color", camera=self._camera))
+        return faults
 
     def _publish(self) -> None:
         self._publish_notices()
