@@ -324,7 +324,7 @@ class Interaction:
 
     @property
     def unseen(self) -> bool:
-        """Returns whether no spot was seen although the person should have drawn or pointed by now."""
+        """Whether no spot was seen although the person should have drawn or pointed by now."""
         return (
             bool(self.state.collects)
             and not self.pending

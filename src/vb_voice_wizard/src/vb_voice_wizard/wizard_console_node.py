@@ -44,7 +44,7 @@ class WizardConsoleNode:
 
     Args:
         source: who sends the commands, for the record.
-        language: of everything that is shown.
+        language: language of everything that is shown.
     """
 
     def __init__(self, source: str, language: str = sentences.ENGLISH) -> None:

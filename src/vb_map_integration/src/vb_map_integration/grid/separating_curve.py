@@ -76,7 +76,7 @@ class _Stop:
 
     Attributes:
         extension: [cells] how far the end must be extended to reach it; 0 if it is within the drawn chain.
-        cell: its (row, column).
+        cell: (row, column) of the blocked cell.
         inset: how many cells of the trace lie farther out; None if it is beside the end and not on the trace.
     """
 
@@ -182,7 +182,9 @@ def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop
         met = value(stop)
         if met == other:
             fill(stop, _MET_BY_BOTH)
-            start, end = (next(one for one in stops if value(one) == _MET_BY_BOTH) for stops in (starts, ends))
+            start, end = (
+                next(candidate for candidate in stops if value(candidate) == _MET_BY_BOTH) for stops in (starts, ends)
+            )
             return start, end
         if met == _BLOCKED:
             fill(stop, mark)

@@ -54,7 +54,7 @@ class LocalFit:
 
     @property
     def is_certain(self) -> bool:
-        """Returns whether the border is certainly there: near where it was expected, or elsewhere on more evidence."""
+        """Whether the border is certainly there: near where it was expected, or elsewhere on more evidence."""
         lower, higher = self.agreement
         if self.known < _KNOWN:
             return False
@@ -64,12 +64,12 @@ class LocalFit:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Returns whether the walls are found, but fit other positions about as well."""
+        """Whether the walls are found, but fit other positions about as well."""
         return self.is_possible and self.margin < _MARGIN_THERE
 
     @property
     def is_possible(self) -> bool:
-        """Returns whether the walls allow that the border is there."""
+        """Whether the walls allow that the border is there."""
         return self.known >= _KNOWN and self.agreement[1] >= _AGREEMENT_THERE
 
 

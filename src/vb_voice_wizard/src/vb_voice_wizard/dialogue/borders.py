@@ -29,7 +29,7 @@ class BorderServices:
     """Calls the services of border_fusion and map_integrator, each with a timeout.
 
     Args:
-        occupancy: of every border.
+        occupancy: occupancy of every border.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
     did not answer (the request may or may not have been carried out), or the service's own error.
