@@ -253,8 +253,8 @@ def _cut(
 def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
     """Returns, for both sides' points (2, K, 2) (column, row), the filled share of free cells; NaN if none is free."""
     # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
-    at = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
-    values = cells[at[..., 1], at[..., 0]]
+    positions = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
+    values = cells[positions[..., 1], positions[..., 0]]
     filled = (values == _FILLED).sum(axis=1)
     count = filled + (values == _FREE).sum(axis=1)
     return [f / c if c else math.nan for f, c in zip(filled.tolist(), count.tolist())]

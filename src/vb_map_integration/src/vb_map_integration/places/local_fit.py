@@ -125,7 +125,7 @@ _EIGHT = np.arange(8) * (math.pi / 4.0)
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:
     """Scores (K,), 0 .. 1, how near walls (N, 2) are to the new map's, at each of the shifts (K, 2) [m]."""
     points = transform.apply(walls)[None] + shifts[:, None]
-    distance, known = new.distances(points.reshape(-1, 2))
-    near = np.maximum(0.0, 1.0 - np.square(distance / _NEAR)) * known
-    counts = known.reshape(len(shifts), -1).sum(axis=1)
+    distance, is_known = new.distances(points.reshape(-1, 2))
+    near = np.maximum(0.0, 1.0 - np.square(distance / _NEAR)) * is_known
+    counts = is_known.reshape(len(shifts), -1).sum(axis=1)
     return near.reshape(len(shifts), -1).sum(axis=1) / np.maximum(counts, _KNOWN * len(walls))

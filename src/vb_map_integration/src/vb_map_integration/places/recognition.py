@@ -91,8 +91,8 @@ class BorderLocation:
         corners = self.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         start, *ends = grid.world_to_grid(self.transform.apply(corners))
         matrix = np.column_stack([*(end - start for end in ends), start])
-        there = effect.restricted_cells.view(np.uint8)
-        here = cv2.warpAffine(there, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
+        restricted = effect.restricted_cells.view(np.uint8)
+        here = cv2.warpAffine(restricted, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
         left, top, width, height = cv2.boundingRect(here)
         window = slice(top, top + height), slice(left, left + width)
         free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
@@ -148,8 +148,8 @@ class PlaceRecognizer:
     def _walls_round_borders_agree(self) -> bool:
         """Returns whether most of the borders on known floor have the walls round them where they should be."""
         places = [self.locate(border) for border in self._database.borders(self._recognition.place)]
-        seen = [place for place in places if place.floor_is_known]
-        return 2 * sum(place.walls_agree for place in seen) > len(seen)
+        comparable = [place for place in places if place.floor_is_known]
+        return 2 * sum(place.walls_agree for place in comparable) > len(comparable)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""

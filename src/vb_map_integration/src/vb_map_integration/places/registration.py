@@ -252,8 +252,8 @@ class WallMap:
 
 def _known_part(grid: GridMap) -> GridMap:
     """Crops a map to its known part, and a few cells round it."""
-    known = np.ascontiguousarray(grid.data).view(np.uint8) < 128
-    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    known_mask = np.ascontiguousarray(grid.data).view(np.uint8) < 128
+    rows, columns = np.flatnonzero(known_mask.any(axis=1)), np.flatnonzero(known_mask.any(axis=0))
     if not len(rows):
         return grid
     top, left = max(0, int(rows[0]) - _RIM), max(0, int(columns[0]) - _RIM)
@@ -390,7 +390,7 @@ def refine(
 
 def find_share(points: np.ndarray, other: WallMap) -> Tuple[float, float]:
     """Returns, of wall cells (N, 2) [m] known to another map, the share that are walls there, and the share known."""
-    distance, known = other.distances(points)
-    if not known.any():
+    distance, is_known = other.distances(points)
+    if not is_known.any():
         return 0.0, 0.0
-    return float((distance[known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(known.mean())
+    return float((distance[is_known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(is_known.mean())

@@ -170,8 +170,8 @@ class Database(DurableValues):
         Raises:
             CodedError: "unknown_border".
         """
-        for place, found in (name.split("/") for name in self.names("borders")):
-            if found == border_id:
+        for place, key in (name.split("/") for name in self.names("borders")):
+            if key == border_id:
                 return int(place), _read_border(self._values[f"borders/{place}/{border_id}"])
         raise CodedError("unknown_border", id=border_id)
 
