@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Times integration and changes over map sizes, and another version's if one is given.
+"""Times integration and changes for several map sizes, and also for another version if one is given.
 
     python3 bench/maps/integration_time.py [--sizes 320x200 4000x4000] [--borders 10 500] [--other REVISION|SRC]
 
-The map is a house of many rooms with doors and table legs, which is harder for the fills than one room. Times are a
-thread's own, [ms], medians of --rounds; versions do the same operations in turns. *There*: how many borders were added
-before. A change includes its check, the files and the composed map.
+The map is a house of many rooms with doors and table legs, in which flood fills take longer than in a single room.
+Times are medians [ms] of thread time over --rounds; versions do the same operations in turns. *There* is the number of
+borders on the map before. The time of a change includes its check, the files and the composed map.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def house(width: int, height: int) -> GridMap:
 
 
 def border(grid: GridMap, points: np.ndarray, draw: Callable[[], np.ndarray], closed: bool) -> Dict[str, Any]:
-    """Returns a border of points (column, row); its seed is the first one drawn that is on free floor."""
+    """Returns a border of points (column, row), whose seed is the first drawn point on free floor."""
     seed = draw()
     while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
         seed = draw()
@@ -41,7 +41,7 @@ def border(grid: GridMap, points: np.ndarray, draw: Callable[[], np.ndarray], cl
 
 
 def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Dict[str, Any]:
-    """Returns a polygon with 100 points; its diameter is a share of the map's shorter side."""
+    """Returns a polygon with 100 points, whose diameter is a share of the map's shorter side."""
     height, width = grid.shape
     radius = 0.5 * share * min(height, width)
     center = random.uniform((radius, radius), (width - radius, height - radius))
@@ -52,27 +52,27 @@ def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Dict[st
 
 
 def curve(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
-    """Returns a curve of 100 points across half of the map; its extensions go through rooms and doors."""
+    """Returns a curve of 100 points across half of the map, whose extensions cross rooms and doors."""
     height, width = grid.shape
     x, rows = width * random.uniform(0.3, 0.7), np.linspace(0.25, 0.75, 100) * height
     points = np.column_stack([x + 3.0 * np.sin(rows / 20.0), rows])
-    beside = np.array([x - 0.2 * width, 0.5 * height])
-    return border(grid, points, lambda: beside + random.uniform(-5.0, 5.0, 2), closed=False)
+    seed_center = np.array([x - 0.2 * width, 0.5 * height])
+    return border(grid, points, lambda: seed_center + random.uniform(-5.0, 5.0, 2), closed=False)
 
 
 class Version:
-    """One version of the package with a database of its own."""
+    """One version of the package with its own database."""
 
-    def __init__(self, source: Any, grid: GridMap, there: int) -> None:
-        here = "vb_map_integration"
+    def __init__(self, source: Any, grid: GridMap, count: int) -> None:
+        package = "vb_map_integration"
         self.border, self.integration, self.keeping, maps = import_from(
-            source, f"{here}.border", f"{here}.integration", f"{here}.map_integrator", "vb_core.grid_map"
+            source, f"{package}.border", f"{package}.integration", f"{package}.map_integrator", "vb_core.grid_map"
         )
         self.grid = maps.GridMap(grid.data, grid.resolution, grid.origin)
         self.random, self.folder = np.random.default_rng(1), Path(tempfile.mkdtemp(prefix="bench_integration_"))
         self.keeper: Any = None
         self.start()
-        for number in range(there):
+        for number in range(count):
             self.keeper.add(self.make(polygon, 0.1), 1.0 + number)
         self.keeper.add(self.make(polygon, 0.1), 1e4)
 
@@ -86,7 +86,7 @@ class Version:
         return self.border.VirtualBorder(**kind(self.grid, self.random, *more))
 
     def operations(self) -> Dict[str, Callable[[], Any]]:
-        """Returns what is timed, in this order in each round."""
+        """Returns the operations to time, in the order of each round."""
         integrate = self.integration.integrate
         return {
             "integrate a small polygon": lambda: integrate(self.grid, self.make(polygon, 0.1)).posterior,
@@ -104,17 +104,17 @@ class Version:
 def main() -> None:
     parser = arguments(__doc__, other=True)
     parser.add_argument("--sizes", nargs="+", default=["320x200", "1000x1000", "4000x4000"], metavar="WxH")
-    parser.add_argument("--borders", nargs="+", type=int, default=[10], help="how many are there before")
+    parser.add_argument("--borders", nargs="+", type=int, default=[10], help="number on the map before")
     parser.add_argument("--rounds", type=int, default=9)
-    given = parser.parse_args()
-    table = Table(given.csv)
-    for size in given.sizes:
+    options = parser.parse_args()
+    table = Table(options.csv)
+    for size in options.sizes:
         grid = house(*map(int, size.split("x")))
-        for there in given.borders:
-            actions = {name: Version(source, grid, there).operations() for name, source in versions(given).items()}
+        for count in options.borders:
+            actions = {name: Version(source, grid, count).operations() for name, source in versions(options).items()}
             for operation in actions["this"]:
-                each = {name: some[operation] for name, some in actions.items()}
-                table.add(cells=size, there=there, operation=operation, **in_turns(each, given.rounds))
+                version_actions = {name: operations[operation] for name, operations in actions.items()}
+                table.add(cells=size, there=count, operation=operation, **in_turns(version_actions, options.rounds))
 
 
 if __name__ == "__main__":

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Measures how well the object that the node runs recognises spoken commands in an unbroken stream.
+"""Measures how well the node's recogniser recognises spoken commands in an unbroken stream.
 
-    python3 bench/voice/command_recognition.py FOLDER --half development     the speakers used for development
-    python3 bench/voice/command_recognition.py FOLDER --half judging         the other speakers
-    python3 bench/voice/command_recognition.py FOLDER --talk                 hours of talk: what is taken for a command
+    python3 bench/voice/command_recognition.py FOLDER --half development     the speakers used for development python3
+    bench/voice/command_recognition.py FOLDER --half judging         the other speakers python3
+    bench/voice/command_recognition.py FOLDER --talk                 hours of talk without any command
 
-FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's noise
-in kitchen.flac; with --talk, recordings in which nobody says a command, at any depth. Speakers are identified by file
-name and split by a checksum. In each room everything goes through one CommandListener as a microphone's samples do: in
-pieces, with a clock, beside our own sounds, and never reset. The last rows list what was wrongly taken for a command.
+FOLDER contains people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's
+noise in kitchen.flac; with --talk, recordings without commands, also in subfolders. Speakers are identified by file
+name and split by a checksum. In each room, all recordings pass through one CommandListener like a microphone's samples:
+in pieces, with a clock, together with the system's sounds, and without a reset. The last rows list the utterances that
+were mistaken for a command.
 """
 
 from __future__ import annotations
@@ -27,24 +28,22 @@ from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
 
 
 class Tally:
-    """Counts the outcomes of utterances, figure by figure, and lists those wrongly taken for commands."""
+    """Counts the outcomes of utterances for each figure, and lists the utterances that were mistaken for commands."""
 
     def __init__(self) -> None:
         self.figures: Dict[str, List[bool]] = defaultdict(list)
         self.wrong: List[str] = []
 
-    def other(self, where: str, clip: Clip, taken: List[RecognitionResult]) -> None:
-        """Counts an utterance that is no command, and whether it was taken for one that matters and is done at once."""
-        matters = [one for one in taken if one.certain and one.command in ANSWERS.values()]
-        self.figures[f"other speech taken, {where}"].append(bool(taken))
-        self.figures["other speech done at once, that matters"].append(bool(matters))
-        self.wrong += [
-            f"{clip.kind}/{clip.name}, {where}: {one.command}, confidence {one.confidence:.2f}" for one in taken
-        ]
+    def other(self, place: str, clip: Clip, results: List[RecognitionResult]) -> None:
+        """Counts an utterance that is not a command, and whether it was accepted as one or carried out as one."""
+        mattering = [r for r in results if r.certain and r.command in ANSWERS.values()]
+        self.figures[f"other speech taken, {place}"].append(bool(results))
+        self.figures["other speech done at once, that matters"].append(bool(mattering))
+        self.wrong += [f"{clip.kind}/{clip.name}, {place}: {r.command}, confidence {r.confidence:.2f}" for r in results]
 
 
 def judge_people(folder: Path, half: str, tally: Tally) -> None:
-    """Plays people's recordings through rooms."""
+    """Plays people's recordings in rooms."""
     clips, random = read_people(folder, half), np.random.default_rng(1)
     kitchen = np.array_split(load(folder / "kitchen.flac"), 2)[HALVES.index(half)]
     stops, others = ([clip for clip in clips if (clip.kind == "stop") == stop] for stop in (True, False))
@@ -53,16 +52,16 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
     recognizer = CommandRecognizer()
     quiet, noisy, crowd = (Room(recognizer, noise) for noise in ([], [kitchen], talk[:4]))
     for number, clip in enumerate(stops):
-        between = others[number % len(others)]
-        after = [trimmed(between.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
-        for where, room in (("quiet", quiet), ("kitchen", noisy)):
-            tally.other(where, between, room.hear(between.pcm))
-            tally.figures[f"stop, {where}"].append(room.hears_stop(clip.pcm))
-            tally.figures[f"stop, 0.1 s after other speech, {where}"].append(room.hears_stop(*after))
-        sound, at = str(random.choice([name for name in SOUNDS if name != TICK])), float(random.uniform(-0.8, 1.2))
-        beside = quiet.hears_stop(clip.pcm, before=1.0, sound=sound, at=at)
+        other_clip = others[number % len(others)]
+        recordings = [trimmed(other_clip.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
+        for place, room in (("quiet", quiet), ("kitchen", noisy)):
+            tally.other(place, other_clip, room.hear(other_clip.pcm))
+            tally.figures[f"stop, {place}"].append(room.hears_stop(clip.pcm))
+            tally.figures[f"stop, 0.1 s after other speech, {place}"].append(room.hears_stop(*recordings))
+        sound, start = str(random.choice([name for name in SOUNDS if name != TICK])), float(random.uniform(-0.8, 1.2))
+        heard = quiet.hears_stop(clip.pcm, before=1.0, sound=sound, at=start)
         if quiet.hears_stop(clip.pcm, before=1.0):
-            tally.figures["stop, beside a sound of ours"].append(beside)
+            tally.figures["stop, beside a sound of ours"].append(heard)
         if number % 5 == 0:
             quiet.hear(*(talk[(number + index) % len(talk)] for index in range(20)))
             tally.figures["stop, after a minute of talk"].append(quiet.hears_stop(clip.pcm, before=2.0))
@@ -86,17 +85,17 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
     parser.add_argument("--talk", action="store_true")
-    given = parser.parse_args()
-    tally, table = Tally(), Table(given.csv)
-    if given.talk:
-        table.add(what="hours of talk", share=judge_talk(given.folder, tally))
+    options = parser.parse_args()
+    tally, table = Tally(), Table(options.csv)
+    if options.talk:
+        table.add(what="hours of talk", share=judge_talk(options.folder, tally))
     else:
-        judge_people(given.folder, given.half, tally)
+        judge_people(options.folder, options.half, tally)
     shares = {figure: share(sum(trials), len(trials)) for figure, trials in tally.figures.items()}
-    for what, value in shares.items():
-        table.add(half=given.half, what=what, share=value)
+    for figure, value in shares.items():
+        table.add(half=options.half, what=figure, share=value)
     for case in tally.wrong:
-        table.add(half=given.half, what="taken for a command", share=1, case=case)
+        table.add(half=options.half, what="taken for a command", share=1, case=case)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""People's recordings, and rooms in which they are heard; for command_recognition.py."""
+"""Reads people's recordings, and plays them in simulated rooms; for command_recognition.py."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from vb_core.vocabulary import STOP
 from vb_voice_wizard.recognizer import CommandListener, CommandRecognizer, RecognitionResult
 
 RATE = 16000
-PIECE = RATE // 20  # a microphone's samples come in such pieces
+PIECE = RATE // 20  # samples that a microphone delivers at a time
 PEAK = 8000.0  # of a voice's loudest sample
 SNR_DB = 10.0  # of the kitchen
-AFTER = 1.2  # [s] of quiet after each utterance: more than it takes to end it
+AFTER = 1.2  # [s] of silence after each utterance, more than ends it
 
 
 class Clip(NamedTuple):
@@ -35,15 +35,15 @@ def load(path: Path) -> np.ndarray:
     """Reads a recording as (N,) float64 at 16 kHz."""
     resampler = av.AudioResampler(format="s16", layout="mono", rate=RATE)
     with av.open(str(path), format="g722" if path.suffix == ".g722" else None) as file:
-        frames = [one for frame in [*file.decode(audio=0), None] for one in resampler.resample(frame)]
+        frames = [resampled for frame in [*file.decode(audio=0), None] for resampled in resampler.resample(frame)]
     return np.concatenate([frame.to_ndarray()[0] for frame in frames]).astype(float)
 
 
 def speaker(path: Path) -> str:
-    """Names the speaker by the file name: Speech Commands' checksum, the digits' first name, or else the whole name."""
-    hashed = re.search(r"([0-9a-f]{8})_nohash", path.name)
-    named = re.fullmatch(r"\d_([a-z]+)_\d+", path.stem)
-    return hashed.group(1) if hashed else named.group(1) if named else path.name
+    """Returns the speaker by file name: Speech Commands' checksum, the digits' first name, otherwise the whole name."""
+    checksum = re.search(r"([0-9a-f]{8})_nohash", path.name)
+    first_name = re.fullmatch(r"\d_([a-z]+)_\d+", path.stem)
+    return checksum.group(1) if checksum else first_name.group(1) if first_name else path.name
 
 
 def read_people(folder: Path, half: str) -> List[Clip]:
@@ -63,56 +63,56 @@ def trimmed(pcm: np.ndarray) -> np.ndarray:
 
 
 def power(pcm: np.ndarray) -> float:
-    """Computes the mean power of the speech: of frames at most 15 dB below the loudest."""
+    """Computes the mean power of the speech, from frames at most 15 dB below the loudest."""
     frames = pcm[: len(pcm) // 320 * 320].reshape(-1, 320)
     powers = np.mean(frames**2, axis=1)
     return float(powers[powers >= 0.03 * powers.max()].mean()) if len(powers) else 1.0
 
 
 class Room:
-    """A room with background noise, in which one listener hears one recording after the other."""
+    """A room with background noise, in which one listener processes one recording after another."""
 
     def __init__(self, recognizer: CommandRecognizer, noise: Iterable[np.ndarray] = ()) -> None:
         self._listener = CommandListener(recognizer)
         self._noise = list(noise)
         self._random = np.random.default_rng(1)
-        self._now = self.seconds = 0.0  # [s]: the clock, and the length of what was played, without pauses
+        self._now = self.seconds = 0.0  # [s] the clock, and the total length of the recordings without pauses
 
     def hear(
         self, *clips: np.ndarray, before: float = 0.5, sound: str = "", at: float = 0.0
     ) -> List[RecognitionResult]:
-        """Streams recordings without a pause between them, then quiet; returns what was taken for commands.
+        """Streams recordings without pauses between them, then silence; returns the accepted commands.
 
         Args:
-            before: [s] of quiet before.
-            sound: one of our own sounds, played too from `at` [s] after the recordings begin, half as loud as they are.
+            before: [s] of silence before.
+            sound: one of the system's sounds, which starts `at` [s] after the recordings, half as loud as they are.
         """
         spoken = np.concatenate([clip * (PEAK / max(1.0, np.abs(clip).max())) for clip in clips])
         self.seconds += len(spoken) / RATE
         pcm = np.concatenate([np.zeros(int(before * RATE)), spoken, np.zeros(int(AFTER * RATE))])
         pcm += self._background(len(pcm), power(spoken))
-        begin = max(0, int((before + at) * RATE))
+        sound_index = max(0, int((before + at) * RATE))
         if sound:
-            tone = soxr.resample(synthesize(sound).astype(float), TONE_RATE, RATE)[: len(pcm) - begin]
-            pcm[begin : begin + len(tone)] += tone * (0.5 * PEAK / np.abs(tone).max())
-        found = []
-        whole = np.pad(pcm, (0, -len(pcm) % PIECE)).clip(-32768, 32767).astype(np.int16)
-        for number, piece in enumerate(whole.reshape(-1, PIECE)):
-            if sound and number == begin // PIECE:
+            tone = soxr.resample(synthesize(sound).astype(float), TONE_RATE, RATE)[: len(pcm) - sound_index]
+            pcm[sound_index : sound_index + len(tone)] += tone * (0.5 * PEAK / np.abs(tone).max())
+        results = []
+        samples = np.pad(pcm, (0, -len(pcm) % PIECE)).clip(-32768, 32767).astype(np.int16)
+        for number, piece in enumerate(samples.reshape(-1, PIECE)):
+            if sound and number == sound_index // PIECE:
                 self._listener.play(sound, self._now)
             self._now += PIECE / RATE
-            found += [heard.result for heard in self._listener.push(piece, self._now) if heard.result.command]
-        return found
+            results += [heard.result for heard in self._listener.push(piece, self._now) if heard.result.command]
+        return results
 
     def hears_stop(self, *clips: np.ndarray, **more: Any) -> bool:
         """Returns whether a *stop* was heard in the recordings."""
-        return any(one.command == STOP for one in self.hear(*clips, **more))
+        return any(result.command == STOP for result in self.hear(*clips, **more))
 
     def _background(self, count: int, loudness: float) -> np.ndarray:
-        sound = self._random.normal(size=count) * 12.0  # the microphone's own noise
+        sound = self._random.normal(size=count) * 12.0  # the microphone's noise
         if self._noise:
             others = np.zeros(count)
-            for one in self._noise:
-                others += np.resize(np.roll(one, -int(self._random.integers(len(one)))), count) / one.std()
+            for clip in self._noise:
+                others += np.resize(np.roll(clip, -int(self._random.integers(len(clip)))), count) / clip.std()
             sound += others * np.sqrt(loudness / 10 ** (SNR_DB / 10) / np.mean(others**2))
         return sound

@@ -210,9 +210,9 @@ LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the do
 )
 def test_labels_stay_on_the_map_and_do_not_overlap(stored):
     shapes = scene.borders(LAYOUT, stored)
-    plates, texts = (text_boxes([one for one in shapes if one.kind == kind]) for kind in (scene.PLATE, scene.TEXT))
+    plates, texts = (text_boxes([part for part in shapes if part.kind == kind]) for kind in (scene.PLATE, scene.TEXT))
     assert len(plates) == len(stored) and any(shape.text for shape in shapes)
-    assert not any(one.overlaps(other) for one, other in itertools.combinations(plates, 2))
+    assert not any(plate.overlaps(other) for plate, other in itertools.combinations(plates, 2))
     assert all(contains(LAYOUT.map, plate) for plate in plates)
     assert all(any(contains(plate, text) for plate in plates) for text in texts)
 
@@ -308,8 +308,8 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
         shapes = words(layout, PanelContent(state, 3599, said, False, message, cameras, notices))
         for kind in (TEXT, PLATE):
             boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
-            for one, other in itertools.combinations(boxes, 2):
-                assert not one.overlaps(other)
+            for box, other in itertools.combinations(boxes, 2):
+                assert not box.overlaps(other)
             for box in boxes:
                 assert contains(layout.view, box) and not box.overlaps(layout.map)
 

@@ -225,7 +225,7 @@ class MapIntegratorTest(unittest.TestCase):
         status, output = self.import_borders(source)
         self.assertEqual(status, 0, output)
         borders = self.call("list_borders").borders.borders
-        self.assertEqual([(one.name, one.in_force) for one in borders], [("rug", True), ("carpet", False)])
+        self.assertEqual([(border.name, border.in_force) for border in borders], [("rug", True), ("carpet", False)])
         source.write_text('{"type": "FeatureCollection", "features": 3}')
         status, output = self.import_borders(source)
         self.assertEqual(status, 2)

@@ -157,7 +157,7 @@ def test_a_polygon_restricts_what_its_definition_says_cell_by_cell(draw):
             GridMap(cells, 0.05, (-0.3, 0.2, random.uniform(-3.0, 3.0))),
             int(random.choice([1, 29, 64, 65, 100])),
         )
-        vertices = [tuple(one) for one in random.uniform(-4.0, 15.0, (random.integers(3, 7), 2)).tolist()]
+        vertices = [tuple(vertex) for vertex in random.uniform(-4.0, 15.0, (random.integers(3, 7), 2)).tolist()]
         seed, robots = random.uniform((-1.0, -1.0), (13.0, 10.0)).tolist(), random.uniform(-1.0, 12.0, (2, 2)).tolist()
         border = VirtualBorder(grid.grid_to_world(vertices), grid.grid_to_world(seed)[0], value / 100.0, closed=True)
         wanted, codes = polygon_by_cells(cells, vertices, seed, robots)

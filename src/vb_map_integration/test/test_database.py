@@ -193,8 +193,8 @@ def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path
         path.write_bytes(damaged[damage])
     assert again(restart) == (borders, ["database_repaired"])
     assert again(restart) == (borders, []) and path.read_bytes() == content
-    assert [one.read_bytes() for one in tmp_path.glob("*.damaged")] == [
-        one for one in [damaged.get(damage)] if one is not None
+    assert [path.read_bytes() for path in tmp_path.glob("*.damaged")] == [
+        path for path in [damaged.get(damage)] if path is not None
     ]
 
 
@@ -220,7 +220,7 @@ def test_the_newest_sound_copy_is_used_and_the_loss_reported(tmp_path):
     (tmp_path / FILE).write_bytes(b"?" * 9000)
     shutil.rmtree(str(tmp_path / "copies"))
     values = DurableValues(tmp_path)
-    assert values.of_kind("x") == {} and [one.code for one in values.notices] == ["borders_lost"]
+    assert values.of_kind("x") == {} and [notice.code for notice in values.notices] == ["borders_lost"]
     values.close()
 
 

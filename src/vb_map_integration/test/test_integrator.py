@@ -116,7 +116,7 @@ def test_undo_and_redo_bring_back_no_name_that_another_has(restart):
         actions = [lambda: keeper.add(square(*draw.integers(5, 60, 2), name=""), float(step))]
         if names:
             actions += [lambda: keeper.remove(draw.choice(sorted(names)))] * 2
-        actions += [getattr(keeper, one) for one in keeper.available_commands]
+        actions += [getattr(keeper, command) for command in keeper.available_commands]
         actions[draw.integers(len(actions))]()
         after = [border.name for border in keeper.borders]
         assert len(set(after)) == len(after)
@@ -163,9 +163,9 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
 def test_no_free_space_left_for_the_robot_is_reported():
     keeper = integrator()
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
-    found = [one.code for one in keeper.add(everything, 1.0).issues]
+    found = [issue.code for issue in keeper.add(everything, 1.0).issues]
     assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
-    assert "no_free_space_left" not in [one.code for one in keeper.check(square(20, 20)).issues]  # none before
+    assert "no_free_space_left" not in [issue.code for issue in keeper.check(square(20, 20)).issues]  # none before
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -176,12 +176,12 @@ def test_regions_with_different_windows_compare_and_join_by_cell(seed):
         top, left, height, width = random.integers((0, 0, 3, 3), (8, 8, 12, 12))
         mask = (random.random((height, width)) < 0.5).astype(np.uint8) * 255
         regions.append(Region((slice(top, top + height), slice(left, left + width)), mask, 100, True, 1.0))
-    one, other = np.zeros((2, 20, 20), bool)
-    one[regions[0].window], other[regions[1].window] = regions[0].mask, regions[1].mask
-    assert regions[0].iou(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
+    first, second = np.zeros((2, 20, 20), bool)
+    first[regions[0].window], second[regions[1].window] = regions[0].mask, regions[1].mask
+    assert regions[0].iou(regions[1]) == pytest.approx((first & second).sum() / (first | second).sum())
     grid = GridMap(np.full((20, 20), -1, np.int8), 0.05)
     for joined in (regions, [join_regions(regions)]):
-        assert np.array_equal(apply_regions(grid, joined).data == 100, one | other) and (grid.data == -1).all()
+        assert np.array_equal(apply_regions(grid, joined).data == 100, first | second) and (grid.data == -1).all()
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

@@ -38,15 +38,15 @@ def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
     keeper.set_map(flat(seed=1))
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as was wanted
-    notice = next(one for one in keeper.notices if one.border_id == "b1")
+    notice = next(notice for notice in keeper.notices if notice.border_id == "b1")
     assert notice.code == "to_be_confirmed" and "something else" in notice.sentence()
     assert float(notice.values["before"]) == pytest.approx(accepted, abs=0.5)
     assert float(notice.values["now"]) > 2.0 * accepted
-    before, after = (cv2.contourArea(np.float32(one)) for one in keeper.in_force.outlines("b1"))
+    before, after = (cv2.contourArea(np.float32(outline)) for outline in keeper.in_force.outlines("b1"))
     assert before == pytest.approx(accepted, rel=0.1) and after == pytest.approx(float(notice.values["now"]), rel=0.1)
     keeper.confirm(True, "")
     assert keeper.in_force.status(keeper.borders[0]) == (True, "") and not keeper.needs_confirmation
-    assert all(len(one) == 0 for one in keeper.in_force.outlines("b1"))
+    assert all(len(outline) == 0 for outline in keeper.in_force.outlines("b1"))
     assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.area_m2("b1") > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
     again = restart(flat(seed=1))  # the acceptance is kept
@@ -77,7 +77,7 @@ def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 5.0, 1.0)
     assert keeper.in_force.area_m2("b1") == pytest.approx(before, rel=0.1)
     # nobody can accept it: it has to be drawn again or removed
-    assert next(one for one in keeper.notices if one.border_id).values["why"] == "seed_on_obstacle"
+    assert next(notice for notice in keeper.notices if notice.border_id).values["why"] == "seed_on_obstacle"
     keeper.confirm(True, "")
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and not keeper.needs_confirmation
 
@@ -95,10 +95,10 @@ def test_a_border_moves_with_its_part_of_the_map_or_waits(seed):
     weight = np.clip(1.0 - (gap.reshape(old.shape) * 0.05 - 2.5) / 2.0, 0.0, 1.0).astype(np.float32)
     options = {"interpolation": cv2.INTER_NEAREST, "borderMode": cv2.BORDER_CONSTANT, "borderValue": 255}
     places = (columns - shift[0] * weight, rows - shift[1] * weight)
-    bent = cv2.remap(old.data.view(np.uint8), *(np.float32(at) for at in places), **options)
+    bent = cv2.remap(old.data.view(np.uint8), *(np.float32(coordinates) for coordinates in places), **options)
     keeper.set_map(old.with_data(bent.view(np.int8)))
-    apart = np.linalg.norm(keeper.borders[0].seed - keep_out().seed - 0.05 * shift)
-    assert apart < 0.15 or any(one.border_id == "b1" for one in keeper.notices)
+    distance = np.linalg.norm(keeper.borders[0].seed - keep_out().seed - 0.05 * shift)
+    assert distance < 0.15 or any(notice.border_id == "b1" for notice in keeper.notices)
 
 
 @pytest.mark.parametrize("room, asks", [(Transform(6.4, 0.0, 0.0), False), (Transform(), True)])
@@ -163,14 +163,15 @@ def test_the_map_of_acceptance_is_kept_as_long_as_its_border(restart):
     for seed in range(1, 14):  # more maps than are kept of a place
         keeper.set_map(flat(seed=seed))
         keeper.confirm(True, "")
-    known = {one.fingerprint for one in keeper._database.maps()}
+    known = {known_map.fingerprint for known_map in keeper._database.maps()}
     assert len(known) == MAX_MAPS + 3  # besides: the first, the current one, and the one that is needed
     assert all(border.map_id in known for border in keeper.borders)
 
 
 def state(keeper):
     verdicts = {
-        key: (one.code, one.border, one.after and one.after.area_m2) for key, one in keeper.in_force.verdicts.items()
+        key: (verdict.code, verdict.border, verdict.after and verdict.after.area_m2)
+        for key, verdict in keeper.in_force.verdicts.items()
     }
     return verdicts, keeper.map_with_borders.data.tolist()
 
@@ -210,5 +211,5 @@ def test_a_border_that_no_longer_fits_where_accepted_waits():
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_on=flat())
     assert place.region_before(flat(seed=1)) is None
-    found = compute_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
-    assert found.verdicts["b1"].code == "to_be_confirmed" and found.outlines("b1")[0].shape == (0, 2)
+    in_force = compute_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
+    assert in_force.verdicts["b1"].code == "to_be_confirmed" and in_force.outlines("b1")[0].shape == (0, 2)

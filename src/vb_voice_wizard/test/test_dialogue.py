@@ -77,7 +77,7 @@ def test_camera_error_is_remembered_until_the_next_drawing(drawing_first):
     for _ in range(2):
         assert warnings.all == (SILENT,)
         warnings.update([])
-        assert [(one.code, one.camera) for one in warnings.all] == [("camera_failed_meanwhile", "south")]
+        assert [(notice.code, notice.camera) for notice in warnings.all] == [("camera_failed_meanwhile", "south")]
         warnings.update([SILENT])
     warnings.update([])
     warnings.start()

@@ -122,7 +122,7 @@ def test_times_are_when_it_was_said(recognizer):
 def test_stop_counts_whenever_a_sound_of_ours_plays(recognizer, sound):
     pcm = np.concatenate([say("stop", pause=1.0), np.zeros(RATE, np.int16)])
     for when in np.arange(0.0, 2.6, 0.2):
-        assert [one.result.command for one in listen(CommandListener(recognizer), pcm, [(sound, when)])] == ["stop"]
+        assert [event.result.command for event in listen(CommandListener(recognizer), pcm, [(sound, when)])] == ["stop"]
 
 
 def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer, monkeypatch):
@@ -180,25 +180,25 @@ def spoken_at(spans, faint=()):
 def cut(spans, total, size=RATE // 20, faint=()):
     endpointer, pcm = Endpointer(spoken_at(spans, faint)), (np.arange(int(total * RATE)) % 30000).astype(np.int16)
     # each sample's value is its position
-    return [one for at in range(0, len(pcm), size) for one in endpointer.push(pcm[at : at + size])]
+    return [speech for start in range(0, len(pcm), size) for speech in endpointer.push(pcm[start : start + size])]
 
 
 @pytest.mark.parametrize("size", [37, 511, 512, 513, 4000, 100000])
 def test_speech_is_cut_where_it_is_whatever_the_size_of_the_pieces(size):
     spans = [(1.0, 1.6), (2.5, 3.5)]
-    found = cut(spans, 5.0, size=size)
-    assert [(pytest.approx(one.start, abs=STEP), pytest.approx(one.end, abs=STEP)) for one in found] == spans
-    for one in found:
-        assert len(one.pcm) / RATE == pytest.approx(one.end - one.start + 0.4, abs=2 * STEP)
-        begin = int(round(one.start * RATE)) - int(one.pcm.size - (one.end - one.start) * RATE) // 2
-        assert abs(int(one.pcm[0]) - begin % 30000) <= 2 * CHUNK
+    utterances = cut(spans, 5.0, size=size)
+    np.testing.assert_allclose([(speech.start, speech.end) for speech in utterances], spans, atol=STEP)
+    for speech in utterances:
+        assert len(speech.pcm) / RATE == pytest.approx(speech.end - speech.start + 0.4, abs=2 * STEP)
+        begin = int(round(speech.start * RATE)) - int(speech.pcm.size - (speech.end - speech.start) * RATE) // 2
+        assert abs(int(speech.pcm[0]) - begin % 30000) <= 2 * CHUNK
 
 
 def test_long_speech_is_told_once_and_a_pause_ends_it():
-    found = cut([(1.0, 5.0), (6.0, 6.5)], 7.5)
-    assert [one.too_long for one in found] == [True, False]
+    utterances = cut([(1.0, 5.0), (6.0, 6.5)], 7.5)
+    assert [speech.too_long for speech in utterances] == [True, False]
     # no more than this much speech and its padding is kept
-    assert len(found[0].pcm) <= (MAX_UTTERANCE + 0.5) * RATE
+    assert len(utterances[0].pcm) <= (MAX_UTTERANCE + 0.5) * RATE
 
 
 @pytest.mark.parametrize(
@@ -210,14 +210,14 @@ def test_long_speech_is_told_once_and_a_pause_ends_it():
     ],
 )
 def test_a_click_is_no_utterance_and_a_short_pause_ends_none(spans, faint, total, expected):
-    found = [(one.start, one.end) for one in cut(spans, total, faint=faint)]
-    np.testing.assert_allclose(np.reshape(found, (-1, 2)), np.reshape(expected, (-1, 2)), atol=STEP)
+    utterances = [(speech.start, speech.end) for speech in cut(spans, total, faint=faint)]
+    np.testing.assert_allclose(np.reshape(utterances, (-1, 2)), np.reshape(expected, (-1, 2)), atol=STEP)
 
 
 def test_a_voice_is_found_and_noise_is_not():
     voice = np.concatenate([np.zeros(RATE), say("define border"), np.zeros(RATE)]).astype(np.int16)
-    found = utterances(voice)
-    assert len(found) == 1 and 1.4 < found[0].start < 1.8
+    spoken = utterances(voice)
+    assert len(spoken) == 1 and 1.4 < spoken[0].start < 1.8
     assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16)) == []
 
 

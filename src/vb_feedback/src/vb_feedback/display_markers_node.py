@@ -135,17 +135,17 @@ class DisplayMarkersNode:
         """Sends the changed shapes; returns whether any keeps changing by itself."""
         with self._lock:
             newcomers, self._newcomers = self._newcomers, []
-        known = self._inputs.current()
+        inputs = self._inputs.current()
         physical, restricted = (self._grids.get(topic) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
         grid = restricted or physical
         if grid is not None:
             self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
         if physical is not None and restricted is not None:
-            self._show_restricted(physical, restricted, known.region)
+            self._show_restricted(physical, restricted, inputs.region)
         if self._markers.get_num_connections() == 0 and not newcomers:
             return False
         now = rospy.get_time()
-        shapes = self._compose(known, grid is not None, now)
+        shapes = self._compose(inputs, grid is not None, now)
         changed, gone = scene.compare(self._shown, shapes)
         self._shown = {shape.key: shape for shape in shapes}
         message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in gone])
@@ -181,14 +181,14 @@ class DisplayMarkersNode:
         if connected is not None:
             content = replace(content, commands=effective(connected[1], content.commands))
         shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
-        off = sentences.translate("display_off", {}, params.language)
+        sentence = sentences.translate("display_off", {}, params.language)
         shapes += self._part(
             "borders",
             (layout, known.borders),
             lambda: scene.borders(
                 layout,
                 [display_messages.shown_border_from_message(border, params.language) for border in known.borders],
-                off,
+                sentence,
             ),
         )
         if progress is not None:

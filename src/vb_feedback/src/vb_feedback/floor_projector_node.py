@@ -148,25 +148,25 @@ class FloorProjectorNode:
 
     def _content(self, now: float) -> FloorContent:
         """Returns what to show at a time [s]."""
-        known = self._inputs.current()
-        borders = tuple(map(shown_border_from_message, known.borders))
-        if known.state is None or not known.state.interaction_id:
+        inputs = self._inputs.current()
+        borders = tuple(map(shown_border_from_message, inputs.borders))
+        if inputs.state is None or not inputs.state.interaction_id:
             return FloorContent(borders=borders)
         drawing = Drawing()
-        if known.progress is not None:
+        if inputs.progress is not None:
             # every message repeats the points, but only the chain is shown
-            drawing = replace(drawing_from_progress(known.progress), points=(), point_cameras=())
-        region = known.region if known.preview is not None and known.preview.success else None
-        return FloorContent(known.state.name, borders, drawing, self._steady_spot(known.spots, now), region)
+            drawing = replace(drawing_from_progress(inputs.progress), points=(), point_cameras=())
+        region = inputs.region if inputs.preview is not None and inputs.preview.success else None
+        return FloorContent(inputs.state.name, borders, drawing, self._steady_spot(inputs.spots, now), region)
 
     def _steady_spot(self, spots: Tuple[TrailPoint, ...], now: float) -> Optional[Tuple[float, float]]:
         """Returns the newest spot's position in steps, so that not every small movement needs a new image."""
         if not spots or not abs(now - spots[-1].stamp) <= _SPOT_LIFETIME:
             self._spot_shown = None
         else:
-            at = (spots[-1].x, spots[-1].y)
-            if self._spot_shown is None or np.hypot(*np.subtract(at, self._spot_shown)) > _SPOT_STEP:
-                self._spot_shown = at
+            position = (spots[-1].x, spots[-1].y)
+            if self._spot_shown is None or np.hypot(*np.subtract(position, self._spot_shown)) > _SPOT_STEP:
+                self._spot_shown = position
         return self._spot_shown
 
     def _show(self, floor_image: FloorImage, content: FloorContent) -> None:

@@ -43,7 +43,7 @@ class IntegrationError(CodedError):
     """Raised when a border is refused. Nothing was changed.
 
     Attributes:
-        warnings: those found before the error.
+        warnings: the warnings found before the error.
     """
 
     warnings: Tuple[Notice, ...] = ()
@@ -58,7 +58,7 @@ class VirtualBorder:
         seed: (2,) float64 [m], map frame; s, a point on the side to be restricted.
         occupancy: delta, 0 .. 1; above .005 in a zone that is marked in the map, below 1 in a soft zone.
         closed: polygon (True) or separating curve (False); None decides by the gap between the chain's ends.
-        id, name: for the store and for people.
+        id, name: what the store, and what people, call it by.
         enabled: the user's switch.
         created, modified: [s] ROS time.
         robots: names of the robots that it applies to; empty: all.

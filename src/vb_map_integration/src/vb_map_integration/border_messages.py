@@ -93,10 +93,10 @@ def messages_from_issues(issues: Sequence[Notice]) -> List[BorderIssue]:
     """Converts the issues that the check of a border reports."""
     return [
         BorderIssue(
-            severity=_SEVERITIES[one.severity],
-            code=one.code,
-            message=one.message,
-            values=messages.values_from_mapping(one.values),
+            severity=_SEVERITIES[issue.severity],
+            code=issue.code,
+            message=issue.message,
+            values=messages.values_from_mapping(issue.values),
         )
-        for one in issues
+        for issue in issues
     ]

@@ -38,7 +38,7 @@ class Verdict:
 
     Attributes:
         stored: the border in its place's frame.
-        border: in the map's frame.
+        border: the border in the map's frame.
         code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is in force unchanged, or disabled.
         why: PLACE, EFFECT, or the code of the error; "" if none applies.
         region: the region in force; None if there is none.
@@ -56,7 +56,7 @@ class Verdict:
 
     @property
     def can_be_confirmed(self) -> bool:
-        """Returns whether a person can accept the border as it is now."""
+        """Whether a person can accept the border as it is now."""
         return self.code == TO_BE_CONFIRMED and self.why in (PLACE, EFFECT)
 
     @property
@@ -86,12 +86,20 @@ class InForce:
 
     def regions(self, without: Iterable[str] = ()) -> List[Region]:
         """Returns the regions of the borders in force, except `without`; those of slow zones have the value 0."""
-        return [one.region for key, one in self.verdicts.items() if one.region is not None and key not in without]
+        return [
+            verdict.region
+            for key, verdict in self.verdicts.items()
+            if verdict.region is not None and key not in without
+        ]
 
     @property
     def slow_zones(self) -> Tuple[Verdict, ...]:
         """The slow zones in force."""
-        return tuple(one for one in self.verdicts.values() if one.region is not None and one.border.zone.limits_speed)
+        return tuple(
+            verdict
+            for verdict in self.verdicts.values()
+            if verdict.region is not None and verdict.border.zone.limits_speed
+        )
 
     def area_m2(self, border_id: str) -> float:
         """Returns the area [m^2] that a border restricts now; 0 if it is not in force."""
@@ -182,7 +190,7 @@ def _region_while_waiting(before: Optional[Region], possible: List[Optional[Regi
     if before is None:
         return join_regions(possible)
     most = _MAX_GROWTH_WHILE_WAITING * before.area_m2
-    return join_regions([before, *(one for one in possible if one is not None and one.area_m2 <= most)])
+    return join_regions([before, *(region for region in possible if region is not None and region.area_m2 <= most)])
 
 
 def _find_region(grid: GridMap, border: VirtualBorder, checked: Optional[Integration]) -> Tuple[Optional[Region], str]:
@@ -201,18 +209,20 @@ def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place_name: str)
 
     Args:
         is_certain: whether it is known for certain which place the map shows.
-        place_name: its name; "" if it has none.
+        place_name: the place's name; "" if it has none.
     """
     notices = []
-    waiting = [one.border for one in verdicts if one.can_be_confirmed]
+    waiting = [verdict.border for verdict in verdicts if verdict.can_be_confirmed]
     if not is_certain:
-        values = {"count": str(len(verdicts)), **_describe_place(place_name, [one.border for one in verdicts])}
+        values = {"count": str(len(verdicts)), **_describe_place(place_name, [verdict.border for verdict in verdicts])}
         notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
     elif waiting:
         values = {"count": str(len(waiting)), "borders": _names(waiting)}
         notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
     return notices + [
-        Notice(one.code, Severity.WARNING, border_id=one.border.id, values=one.values) for one in verdicts if one.code
+        Notice(verdict.code, Severity.WARNING, border_id=verdict.border.id, values=verdict.values)
+        for verdict in verdicts
+        if verdict.code
     ]
 
 

@@ -22,7 +22,7 @@ from vb_map_integration.border import VirtualBorder
 
 _WALL = "virtual_wall"
 _PROPERTIES = tuple(
-    one.name for one in dataclasses.fields(VirtualBorder) if one.name not in ("points", "seed", "closed", "wall")
+    field.name for field in dataclasses.fields(VirtualBorder) if field.name not in ("points", "seed", "closed", "wall")
 )
 
 

@@ -127,19 +127,19 @@ def apply_regions(grid: GridMap, regions: Sequence[Region]) -> GridMap:
 
 def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
     """Joins the regions that are not None into one, with the value of the first; returns None if there is none."""
-    regions = [one for one in possible if one is not None]
+    regions = [region for region in possible if region is not None]
     if len(regions) < 2:
         return regions[0] if regions else None
     window = tuple(
-        slice(min(one.window[axis].start for one in regions), max(one.window[axis].stop for one in regions))
+        slice(min(region.window[axis].start for region in regions), max(region.window[axis].stop for region in regions))
         for axis in (0, 1)
     )
     mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
-    for one in regions:
-        part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(one.window, window))
-        np.maximum(mask[part], one.mask, out=mask[part])
+    for region in regions:
+        part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(region.window, window))
+        np.maximum(mask[part], region.mask, out=mask[part])
     first = regions[0]
-    cell = max(one.area_m2 / max(1, cv2.countNonZero(one.mask)) for one in regions)
+    cell = max(region.area_m2 / max(1, cv2.countNonZero(region.mask)) for region in regions)
     area = cell * cv2.countNonZero(mask)
     return Region(window, mask, first.value, first.over_unknown, area)  # type: ignore[arg-type]
 

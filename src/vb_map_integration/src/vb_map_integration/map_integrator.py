@@ -45,7 +45,7 @@ class ChangeResult:
     """Result of a change.
 
     Attributes:
-        ids: of the borders that changed.
+        ids: ids of the borders that changed.
         issues: warnings.
     """
 
@@ -97,7 +97,7 @@ class MapIntegrator:
 
     @property
     def has_map(self) -> bool:
-        """Returns whether there is a physical map."""
+        """Whether there is a physical map."""
         return self._in_force is not None
 
     @property
@@ -118,7 +118,7 @@ class MapIntegrator:
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
         """All borders of the current map, in its frame, oldest first."""
-        return tuple(one.border for one in self._in_force.verdicts.values()) if self._in_force else ()
+        return tuple(verdict.border for verdict in self._in_force.verdicts.values()) if self._in_force else ()
 
     @property
     def revision(self) -> int:
@@ -132,7 +132,7 @@ class MapIntegrator:
 
     @property
     def needs_confirmation(self) -> bool:
-        """Returns whether a person has to confirm which place the map shows, or that borders are right on it."""
+        """Whether a person has to confirm which place the map shows, or that borders are right on it."""
         return not self._recognition.certain or bool(self._waiting())
 
     def _waiting(self) -> List[Verdict]:
@@ -190,7 +190,7 @@ class MapIntegrator:
         Args:
             same: it is the place whose borders are in force, and they are right as shown; else a new place without any.
             name: the place's new name; empty: unchanged.
-            map_id: of the map that the answer is about; empty: whichever is current.
+            map_id: id of the map that the answer is about; empty: whichever is current.
 
         Raises:
             CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "cannot_write".
@@ -214,9 +214,9 @@ class MapIntegrator:
         waiting = self._waiting() if same else []
         self._start_map(grid, PlaceRecognition(place, transform))
         if waiting:  # from now on, what these borders close off here counts as accepted
-            accepted = [self._to_place_frame(one.border.replace(map_id=self.map_id)) for one in waiting]
+            accepted = [self._to_place_frame(verdict.border.replace(map_id=self.map_id)) for verdict in waiting]
             self._make_change(
-                tuple(BorderChange(one.stored.id, one.stored, new) for one, new in zip(waiting, accepted))
+                tuple(BorderChange(verdict.stored.id, verdict.stored, new) for verdict, new in zip(waiting, accepted))
             )
         return ChangeResult()  # which borders were accepted is no news
 
@@ -360,8 +360,8 @@ class MapIntegrator:
     def _keep_map(self) -> None:
         """Stores the map on which a person draws, unless its place has it: later maps are compared with it."""
         place, transform = self._recognition.place, self._recognition.transform
-        known = self._database.find_map(self.map_id)
-        if known is None or known.place != place:
+        stored_map = self._database.find_map(self.map_id)
+        if stored_map is None or stored_map.place != place:
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
             place = self._database.add_map(self.physical, self.map_id, place, transform, name)
             self._recognition = PlaceRecognition(place, transform)
@@ -387,7 +387,7 @@ class MapIntegrator:
         if place == self._recognition.place:
             self._put_in_force(physical, check.integration if check else None)
             verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
-            issues = tuple(warning(one.code, **one.values) for one in verdicts if one.code)
+            issues = tuple(warning(verdict.code, **verdict.values) for verdict in verdicts if verdict.code)
         return ChangeResult(ids, check.issues if check else issues)
 
     # ------------------------------------------------------------- files

@@ -148,7 +148,7 @@ class Interaction:
             now: [s].
             uncertain: whether it may have been misheard.
             doubtful_border: whether the preview of what would be saved has issues.
-            confirms: whether it answers the question whether this command was meant: the person said one of ANSWERS.
+            confirms: whether the person confirmed this command, by one of ANSWERS.
             identity: the id of a stop; "": it gets one.
             seen_stop: number of the newest stop that the sender knew of; a command that is older than a stop is void.
         """
@@ -252,8 +252,8 @@ class Interaction:
             self.state, self.entered = target, self._counted_until
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
-        more = "_stopped" * self.latch.stopped if target.guides else "_again" * again
-        return Answer(True, target.prompt + more)
+        suffix = "_stopped" * self.latch.stopped if target.guides else "_again" * again
+        return Answer(True, target.prompt + suffix)
 
     def _cancel(self) -> Answer:
         if self.state == DEFAULT:
@@ -324,7 +324,7 @@ class Interaction:
 
     @property
     def unseen(self) -> bool:
-        """Returns whether no spot was seen although the person should have drawn or pointed by now."""
+        """Whether no spot was seen although the person should have drawn or pointed by now."""
         return (
             bool(self.state.collects)
             and not self.pending

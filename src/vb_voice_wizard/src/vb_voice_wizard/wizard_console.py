@@ -56,9 +56,9 @@ class ConsoleContent:
     def lines(self, now: float = 0.0) -> List[RenderableType]:
         """Renders the content at a ROS time [s]: state, drawing, keys, what saving would do, and notices, each once."""
         said = dict(self._preview())
-        for one in self.notices:
-            if self.state is None or one.code not in _IN_STATE_LINE:
-                said.setdefault(f"! {one.sentence(self.language)}", SEVERITIES[one.severity])
+        for notice in self.notices:
+            if self.state is None or notice.code not in _IN_STATE_LINE:
+                said.setdefault(f"! {notice.sentence(self.language)}", SEVERITIES[notice.severity])
         return [self._state_line(now), self._keys(), *(printable(text, style) for text, style in said.items())]
 
     def _state_line(self, now: float) -> Text:
@@ -93,8 +93,8 @@ class ConsoleContent:
             if preview.free_parts > 1:
                 text += " " + self.words("preview_parts", parts=preview.free_parts)
         issues = [
-            (sentence_in(one, self.language), WRONG if one.severity == BorderIssue.ERROR else BAD)
-            for one in preview.issues
+            (sentence_in(issue, self.language), WRONG if issue.severity == BorderIssue.ERROR else BAD)
+            for issue in preview.issues
         ]
         return ([(text, GOOD if good else BAD)] if text else []) + [
             (f"! {what}", style) for what, style in issues if what not in text

@@ -44,7 +44,7 @@ class WizardConsoleNode:
 
     Args:
         source: who sends the commands, for the record.
-        language: of everything that is shown.
+        language: language of everything that is shown.
     """
 
     def __init__(self, source: str, language: str = sentences.ENGLISH) -> None:
@@ -69,9 +69,9 @@ class WizardConsoleNode:
         before, self._answered = self._answered, message.last_answered
         # an answer given before the console started is not news
         if message.last_command and before not in (None, message.last_answered):
-            who = message.last_source or self._view.words("console_somebody")
+            sender = message.last_source or self._view.words("console_somebody")
             said = sentence_in(message, self._view.language, "last_")
-            text = f"{who}, {self._view.words('command_' + message.last_command)}: {said}"
+            text = f"{sender}, {self._view.words('command_' + message.last_command)}: {said}"
             self._say(text, GOOD if message.last_success else BAD)
 
     # ------------------------------------------------------------------ commands
@@ -90,8 +90,8 @@ class WizardConsoleNode:
     ) -> None:
         # answers arrive with the state, except for these
         if error is not None:
-            what = sentences.translate(error.code, error.values, self._view.language, error.message)
-            self._say(self._view.words("console_try_again", what=what), BAD)
+            sentence = sentences.translate(error.code, error.values, self._view.language, error.message)
+            self._say(self._view.words("console_try_again", what=sentence), BAD)
         elif answer is not None and answer.code in ("busy", "expired", "stop_held"):
             self._say(sentence_in(answer, self._view.language), BAD)
 

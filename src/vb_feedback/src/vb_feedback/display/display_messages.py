@@ -133,6 +133,6 @@ def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Pan
         return [PanelNotice(sentences.translate("preview_refused", {"why": why}, language), warning=True)]
     notices = [PanelNotice(sentences.translate("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
     if warnings:
-        what = sentence_in(warnings[0], language)
-        notices.append(PanelNotice(sentences.translate("preview_note", {"what": what}, language), warning=True))
+        sentence = sentence_in(warnings[0], language)
+        notices.append(PanelNotice(sentences.translate("preview_note", {"what": sentence}, language), warning=True))
     return notices

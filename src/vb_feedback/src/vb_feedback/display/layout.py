@@ -86,7 +86,7 @@ def fit_view(extent: Box, aspect: float) -> Layout:
     """Returns the smallest view that shows the whole map beside panel and strip.
 
     Args:
-        extent: the map's.
+        extent: extent of the map.
         aspect: the screen's width divided by its height.
 
     Raises:

@@ -49,7 +49,7 @@ class FloorImage:
     """Renders a projector's image.
 
     Args:
-        calibration: the projector's.
+        calibration: calibration of the projector.
         brightness: 0 .. 1, share of the full light.
     """
 

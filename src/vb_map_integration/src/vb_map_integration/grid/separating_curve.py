@@ -76,7 +76,7 @@ class _Stop:
 
     Attributes:
         extension: [cells] how far the end must be extended to reach it; 0 if it is within the drawn chain.
-        cell: its (row, column).
+        cell: (row, column) of the blocked cell.
         inset: how many cells of the trace lie farther out; None if it is beside the end and not on the trace.
     """
 
@@ -182,7 +182,9 @@ def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop
         met = value(stop)
         if met == other:
             fill(stop, _MET_BY_BOTH)
-            start, end = (next(one for one in stops if value(one) == _MET_BY_BOTH) for stops in (starts, ends))
+            start, end = (
+                next(candidate for candidate in stops if value(candidate) == _MET_BY_BOTH) for stops in (starts, ends)
+            )
             return start, end
         if met == _BLOCKED:
             fill(stop, mark)
@@ -251,8 +253,8 @@ def _cut(
 def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
     """Returns, for both sides' points (2, K, 2) (column, row), the filled share of free cells; NaN if none is free."""
     # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
-    at = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
-    values = cells[at[..., 1], at[..., 0]]
+    positions = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
+    values = cells[positions[..., 1], positions[..., 0]]
     filled = (values == _FILLED).sum(axis=1)
     count = filled + (values == _FREE).sum(axis=1)
     return [f / c if c else math.nan for f, c in zip(filled.tolist(), count.tolist())]

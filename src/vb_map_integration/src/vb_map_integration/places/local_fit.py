@@ -54,7 +54,7 @@ class LocalFit:
 
     @property
     def is_certain(self) -> bool:
-        """Returns whether the border is certainly there: near where it was expected, or elsewhere on more evidence."""
+        """Whether the border is certainly there: near where it was expected, or elsewhere on more evidence."""
         lower, higher = self.agreement
         if self.known < _KNOWN:
             return False
@@ -64,12 +64,12 @@ class LocalFit:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Returns whether the walls are found, but fit other positions about as well."""
+        """Whether the walls are found, but fit other positions about as well."""
         return self.is_possible and self.margin < _MARGIN_THERE
 
     @property
     def is_possible(self) -> bool:
-        """Returns whether the walls allow that the border is there."""
+        """Whether the walls allow that the border is there."""
         return self.known >= _KNOWN and self.agreement[1] >= _AGREEMENT_THERE
 
 
@@ -125,7 +125,7 @@ _EIGHT = np.arange(8) * (math.pi / 4.0)
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:
     """Scores (K,), 0 .. 1, how near walls (N, 2) are to the new map's, at each of the shifts (K, 2) [m]."""
     points = transform.apply(walls)[None] + shifts[:, None]
-    distance, known = new.distances(points.reshape(-1, 2))
-    near = np.maximum(0.0, 1.0 - np.square(distance / _NEAR)) * known
-    counts = known.reshape(len(shifts), -1).sum(axis=1)
+    distance, is_known = new.distances(points.reshape(-1, 2))
+    near = np.maximum(0.0, 1.0 - np.square(distance / _NEAR)) * is_known
+    counts = is_known.reshape(len(shifts), -1).sum(axis=1)
     return near.reshape(len(shifts), -1).sum(axis=1) / np.maximum(counts, _KNOWN * len(walls))

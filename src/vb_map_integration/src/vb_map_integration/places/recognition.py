@@ -44,7 +44,7 @@ class PlaceRecognition:
 
     Attributes:
         place: the place's number in the database; 0: a new place, which has no borders.
-        transform: from the place's frame to the map's.
+        transform: transform from the place's frame to the map's.
         certain: if False, the borders need confirmation.
         floor_cells: number of free cells of the map when it was recognised.
         other: a second possible transform, until a person confirms one; None if there is none.
@@ -70,7 +70,7 @@ class BorderLocation:
         others: the border at other possible positions, until a person says where it is.
         accepted: the border as a person accepted it, on `accepted_on`; None if that is the current map.
         accepted_on: the map on which it was accepted.
-        transform: from that map's frame to the current one's.
+        transform: transform from that map's frame to the current one's.
     """
 
     border: VirtualBorder
@@ -91,8 +91,8 @@ class BorderLocation:
         corners = self.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         start, *ends = grid.world_to_grid(self.transform.apply(corners))
         matrix = np.column_stack([*(end - start for end in ends), start])
-        there = effect.restricted_cells.view(np.uint8)
-        here = cv2.warpAffine(there, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
+        restricted = effect.restricted_cells.view(np.uint8)
+        here = cv2.warpAffine(restricted, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
         left, top, width, height = cv2.boundingRect(here)
         window = slice(top, top + height), slice(left, left + width)
         free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
@@ -105,7 +105,7 @@ class PlaceRecognizer:
     """Recognises maps by comparing them with those in the database.
 
     Args:
-        database: only read.
+        database: the database, which is only read.
         name: the place's name, from the launch file; empty: any.
     """
 
@@ -148,28 +148,28 @@ class PlaceRecognizer:
     def _walls_round_borders_agree(self) -> bool:
         """Returns whether most of the borders on known floor have the walls round them where they should be."""
         places = [self.locate(border) for border in self._database.borders(self._recognition.place)]
-        seen = [place for place in places if place.floor_is_known]
-        return 2 * sum(place.walls_agree for place in seen) > len(seen)
+        comparable = [place for place in places if place.floor_is_known]
+        return 2 * sum(place.walls_agree for place in comparable) > len(comparable)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""
         places: Dict[int, List[KnownMap]] = {}
-        for one in self._database.maps():
-            if self._database.borders(one.place):
-                places.setdefault(one.place, []).append(one)
+        for known_map in self._database.maps():
+            if self._database.borders(known_map.place):
+                places.setdefault(known_map.place, []).append(known_map)
         if not self._name:
             return places
         name = self._name if self._database.find_place(self._name) else ""
         return {place: maps for place, maps in places.items() if self._database.get_name(place) == name}
 
-    def _wall_map_of(self, one: KnownMap) -> WallMap:
-        if one.fingerprint not in self._wall_maps:
-            self._wall_maps[one.fingerprint] = WallMap(one.grid)
-        return self._wall_maps[one.fingerprint]
+    def _wall_map_of(self, known_map: KnownMap) -> WallMap:
+        if known_map.fingerprint not in self._wall_maps:
+            self._wall_maps[known_map.fingerprint] = WallMap(known_map.grid)
+        return self._wall_maps[known_map.fingerprint]
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
         """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
-        starts = ((self._wall_map_of(one), transform.after(one.transform.inverse)) for one in maps)
+        starts = ((self._wall_map_of(known_map), transform.after(known_map.transform.inverse)) for known_map in maps)
         return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
     def _register(
@@ -177,29 +177,35 @@ class PlaceRecognizer:
     ) -> PlaceRecognition:
         best: Dict[int, Tuple[PlaceRecognition, Registration]] = {}
         for place, maps in candidates.items():
-            for one in maps[:1] + maps[1:][1 - _COMPARED :]:
-                reference = self._wall_map_of(one)
-                guesses = [IDENTITY, recognition.transform.after(one.transform.inverse)]
-                found = register(reference, wall_map, guesses)
-                if found is None:
+            for stored_map in maps[:1] + maps[1:][1 - _COMPARED :]:
+                reference = self._wall_map_of(stored_map)
+                guesses = [IDENTITY, recognition.transform.after(stored_map.transform.inverse)]
+                registration = register(reference, wall_map, guesses)
+                if registration is None:
                     continue
                 other = None
-                if not (found.is_unambiguous or found.is_unique):
-                    found, other = self._prefer_unmoved(reference, wall_map, found, guesses)
-                    other = other.after(one.transform) if other else None
-                transform = _snap(found.transform.after(one.transform), recognition.transform, wall_map.grid)
-                new = PlaceRecognition(place, transform, found.is_unambiguous, other=other), found
+                if not (registration.is_unambiguous or registration.is_unique):
+                    registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
+                    other = other.after(stored_map.transform) if other else None
+                transform = _snap(
+                    registration.transform.after(stored_map.transform), recognition.transform, wall_map.grid
+                )
+                new = PlaceRecognition(place, transform, registration.is_unambiguous, other=other), registration
                 if place not in best or _rank(new) > _rank(best[place]):
                     best[place] = new
-        certain = [one for one, _ in best.values() if one.certain]
+        certain = [candidate for candidate, _ in best.values() if candidate.certain]
         if len(certain) == 1:
             return certain[0]
         # several floors may have the same walls: then none is certain
-        plausible = [one for one in best.values() if one[1].is_unique or one[1].agreement >= _PLAUSIBLE_AGREEMENT]
+        plausible = [
+            candidate
+            for candidate in best.values()
+            if candidate[1].is_unique or candidate[1].agreement >= _PLAUSIBLE_AGREEMENT
+        ]
         if plausible:
-            likeliest, found = max(plausible, key=_rank)
-            others = [other.agreement for one, other in plausible if one is not likeliest]
-            likely = found.is_unique and found.agreement >= max(others, default=0.0) + _DOUBT
+            likeliest, registration = max(plausible, key=_rank)
+            others = [other.agreement for candidate, other in plausible if candidate is not likeliest]
+            likely = registration.is_unique and registration.agreement >= max(others, default=0.0) + _DOUBT
             return replace(likeliest, certain=False, likely=likely)
         last = self._database.last_place
         place = last if last in candidates else max(candidates)
@@ -207,16 +213,18 @@ class PlaceRecognizer:
 
     @staticmethod
     def _prefer_unmoved(
-        reference: WallMap, wall_map: WallMap, found: Registration, guesses: List[Transform]
+        reference: WallMap, wall_map: WallMap, registration: Registration, guesses: List[Transform]
     ) -> Tuple[Registration, Optional[Transform]]:
         """Leaves borders where they are, unless another transform is plausible and fits clearly better.
 
         Returns:
             The proposed registration, and the other transform if it is possible too.
         """
-        still = max((measure(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
-        moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
-        proposed, other = (found, still) if moves else (still, found)
+        still = max(
+            (measure(reference, wall_map, guess) for guess in guesses), key=lambda candidate: candidate.agreement
+        )
+        moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
+        proposed, other = (registration, still) if moves else (still, registration)
         possible = other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform
         return proposed, other.transform if possible else None
 
@@ -224,7 +232,11 @@ class PlaceRecognizer:
     def start_map(self, grid: GridMap, map_id: str, recognition: PlaceRecognition) -> None:
         """Prepares `locate` for a map and what it was recognised as."""
         self._current, self._current_id, self._recognition = grid, map_id, recognition
-        self._maps = {one.fingerprint: one for one in self._database.maps() if one.place == recognition.place}
+        self._maps = {
+            known_map.fingerprint: known_map
+            for known_map in self._database.maps()
+            if known_map.place == recognition.place
+        }
         self._current_walls: Optional[WallMap] = None
 
     def locate(self, border: VirtualBorder) -> BorderLocation:
@@ -269,13 +281,13 @@ def is_extension(before: GridMap, after: GridMap) -> bool:
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
     """Snaps a transform to the identity or the expected one if it is within half a cell + 0.2 % of the map's size."""
-    for known in (IDENTITY, expected):
-        apart = np.linalg.norm(transform.apply(grid.corners()) - known.apply(grid.corners()), axis=1).max()
-        if apart < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
-            return known
+    for target in (IDENTITY, expected):
+        distance = np.linalg.norm(transform.apply(grid.corners()) - target.apply(grid.corners()), axis=1).max()
+        if distance < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
+            return target
     return transform
 
 
-def _rank(one: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
+def _rank(candidate: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
     """Ranks a possible recognition of a map, with the registration that it is based on."""
-    return one[0].certain, one[1].is_unique, one[1].score
+    return candidate[0].certain, candidate[1].is_unique, candidate[1].score

@@ -100,7 +100,7 @@ class Registration:
     """How well two maps agree at a transform.
 
     Attributes:
-        transform: from the old map's frame to the new one's.
+        transform: transform from the old map's frame to the new one's.
         agreement: share found again of the long walls that both maps should show; the lower of both directions.
         overlap: share of the smaller map's free floor that the other map knows.
         walls_m: [m] length of long walls found again; the lower of both directions.
@@ -117,17 +117,17 @@ class Registration:
 
     @property
     def is_unique(self) -> bool:
-        """Returns whether no other transform comes near, however well the maps agree; then this one is proposed."""
+        """Whether no other transform comes near, however well the maps agree; then this one is proposed."""
         return self.margin >= _UNIQUE_MARGIN and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
     def is_unambiguous(self) -> bool:
-        """Returns whether it may be used without asking a person."""
+        """Whether it may be used without asking a person."""
         return self.agrees and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property
     def agrees(self) -> bool:
-        """Returns whether the maps agree at this transform, however well they do at others."""
+        """Whether the maps agree at this transform, however well they do at others."""
         return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP
 
     @property
@@ -210,7 +210,7 @@ class WallMap:
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """Returns up to some thousand points (N, 2) [m] of free floor, spread evenly."""
+        """Up to some thousand points (N, 2) [m] of free floor, spread evenly."""
         return self._some_floor(2000)[0]
 
     def _some_floor(self, most: int) -> Tuple[np.ndarray, int]:
@@ -239,21 +239,21 @@ class WallMap:
 
     @cached_property
     def center(self) -> np.ndarray:
-        """Returns the middle (2,) [m] of the known part of a map with walls."""
+        """The middle (2,) [m] of the known part of a map with walls."""
         points = np.concatenate([self.walls, self.floor])
         return (points.min(axis=0) + points.max(axis=0)) / 2.0
 
     @cached_property
     def radius(self) -> float:
-        """Returns the radius [m] round the centre that contains the known part."""
+        """The radius [m] round the centre that contains the known part."""
         points = np.concatenate([self.walls, self._some_floor(_DRAWN_FLOOR)[0]])
         return float(np.linalg.norm(points - self.center, axis=1).max())
 
 
 def _known_part(grid: GridMap) -> GridMap:
     """Crops a map to its known part, and a few cells round it."""
-    known = np.ascontiguousarray(grid.data).view(np.uint8) < 128
-    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    known_mask = np.ascontiguousarray(grid.data).view(np.uint8) < 128
+    rows, columns = np.flatnonzero(known_mask.any(axis=1)), np.flatnonzero(known_mask.any(axis=0))
     if not len(rows):
         return grid
     top, left = max(0, int(rows[0]) - _RIM), max(0, int(columns[0]) - _RIM)
@@ -272,30 +272,34 @@ def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTIT
         return None
     samples = _sample(old), _sample(new)
     refined = [refine(old, new, start, *samples, old.center, _INLIER_M) for start in [*guesses, *_search(old, new)]]
-    best, *others = sorted((measure(old, new, one) for one in refined), key=lambda one: -one.balance_m)
+    best, *others = sorted(
+        (measure(old, new, candidate) for candidate in refined), key=lambda candidate: -candidate.balance_m
+    )
     if best.balance_m <= 0.0:
         return best
-    rest = [one.balance_m for one in others if not _is_same(best.transform, one.transform, old.center)]
+    rest = [
+        candidate.balance_m for candidate in others if not _is_same(best.transform, candidate.transform, old.center)
+    ]
     return replace(best, margin=1.0 - max([0.0, *rest]) / best.balance_m)
 
 
 def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
     """Measures how well the maps agree at one transform."""
     shares, lengths, balances, overlaps = [], [], [], []
-    for one, other, motion in ((old, new, transform), (new, old, transform.inverse)):
-        points = motion.apply(one.walls[one.is_structure])
-        expected = points[other.is_known(points)]
-        hits = int((other.look_up(expected)[0] < TOLERANCE + other.grid.resolution / 2.0).sum())
+    for moved, fixed, motion in ((old, new, transform), (new, old, transform.inverse)):
+        points = motion.apply(moved.walls[moved.is_structure])
+        expected = points[fixed.is_known(points)]
+        hits = int((fixed.look_up(expected)[0] < TOLERANCE + fixed.grid.resolution / 2.0).sum())
         shares.append(hits / max(1, len(expected)))
-        lengths.append(hits * one.grid.resolution)
-        balances.append((2 * hits - len(expected)) * one.grid.resolution)
-        overlaps.append(float(other.is_known(motion.apply(one.floor)).mean()) if len(one.floor) else 0.0)
+        lengths.append(hits * moved.grid.resolution)
+        balances.append((2 * hits - len(expected)) * moved.grid.resolution)
+        overlaps.append(float(fixed.is_known(motion.apply(moved.floor)).mean()) if len(moved.floor) else 0.0)
     return Registration(transform, min(shares), max(overlaps), min(lengths), float(np.mean(balances)))
 
 
-def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
-    apart, turned = float(np.linalg.norm(one.apply(place) - other.apply(place))), one.yaw - other.yaw
-    return apart < _SAME_DISTANCE and abs(math.remainder(turned, 2.0 * math.pi)) < _SAME_ANGLE
+def _is_same(transform: Transform, other: Transform, place: np.ndarray) -> bool:
+    distance, rotation = float(np.linalg.norm(transform.apply(place) - other.apply(place))), transform.yaw - other.yaw
+    return distance < _SAME_DISTANCE and abs(math.remainder(rotation, 2.0 * math.pi)) < _SAME_ANGLE
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
@@ -386,7 +390,7 @@ def refine(
 
 def find_share(points: np.ndarray, other: WallMap) -> Tuple[float, float]:
     """Returns, of wall cells (N, 2) [m] known to another map, the share that are walls there, and the share known."""
-    distance, known = other.distances(points)
-    if not known.any():
+    distance, is_known = other.distances(points)
+    if not is_known.any():
         return 0.0, 0.0
-    return float((distance[known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(known.mean())
+    return float((distance[is_known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(is_known.mean())

@@ -45,10 +45,10 @@ class KnownMap:
     """A map that the database knows.
 
     Attributes:
-        number: of the map.
+        number: number of the map.
         place: the number of the map on which the place's first border was drawn; its borders are in that map's frame.
         fingerprint: see `fingerprint`.
-        transform: from the place's frame to this map's.
+        transform: transform from the place's frame to this map's.
     """
 
     number: int
@@ -89,7 +89,7 @@ class Database(DurableValues):
 
     def find_map(self, map_id: str) -> Optional[KnownMap]:
         """Finds the map with a fingerprint; None if it is not known."""
-        return next((one for one in self.maps() if one.fingerprint == map_id), None)
+        return next((record for record in self.maps() if record.fingerprint == map_id), None)
 
     def add_map(
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
@@ -97,13 +97,14 @@ class Database(DurableValues):
         """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
         maps = self.maps()
         number = next(
-            (one.number for one in maps if one.fingerprint == map_id), 1 + max((one.number for one in maps), default=0)
+            (record.number for record in maps if record.fingerprint == map_id),
+            1 + max((record.number for record in maps), default=0),
         )
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
-        others = [one for one in maps if one.place == place and one.number not in (place, number)]
+        others = [record for record in maps if record.place == place and record.number not in (place, number)]
         changes: Dict[str, Any] = {
-            f"maps/{one.fingerprint}": None for one in others[:-MAX_MAPS] if one.fingerprint not in needed
+            f"maps/{record.fingerprint}": None for record in others[:-MAX_MAPS] if record.fingerprint not in needed
         }
         changes[f"maps/{map_id}"] = {
             "id": number,
@@ -169,8 +170,8 @@ class Database(DurableValues):
         Raises:
             CodedError: "unknown_border".
         """
-        for place, found in (name.split("/") for name in self.names("borders")):
-            if found == border_id:
+        for place, key in (name.split("/") for name in self.names("borders")):
+            if key == border_id:
                 return int(place), _read_border(self._values[f"borders/{place}/{border_id}"])
         raise CodedError("unknown_border", id=border_id)
 
@@ -184,7 +185,7 @@ class Database(DurableValues):
             raise CodedError("id_not_empty", id=border.id)
         taken = {other.name for other in self.borders(place)}
         unnamed = (f"{'wall' if border.wall else 'border'} {i}" for i in itertools.count(1))
-        name = border.name or next(one for one in unnamed if one not in taken)
+        name = border.name or next(name for name in unnamed if name not in taken)
         return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now)
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:
@@ -223,12 +224,14 @@ class Database(DurableValues):
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each only if there is something to undo or redo."""
         undone = {change["undone"] for change in self.of_kind("changes").values() if change["place"] == place}
-        return [("undo", "redo")[one] for one in sorted(undone)]
+        return [("undo", "redo")[is_undone] for is_undone in sorted(undone)]
 
     def _newest(self, place: int, kind: str) -> str:
         """Returns the number of the change that undo would revert, or redo repeat."""
         changes = self.of_kind("changes")
-        numbers = [key for key, one in changes.items() if one["place"] == place and one["undone"] == (kind == "redo")]
+        numbers = [
+            key for key, change in changes.items() if change["place"] == place and change["undone"] == (kind == "redo")
+        ]
         if not numbers:
             raise CodedError(f"nothing_to_{kind}")
         return (max if kind == "undo" else min)(numbers, key=int)

@@ -29,7 +29,7 @@ class BorderServices:
     """Calls the services of border_fusion and map_integrator, each with a timeout.
 
     Args:
-        occupancy: of every border.
+        occupancy: occupancy of every border.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
     did not answer (the request may or may not have been carried out), or the service's own error.
@@ -49,8 +49,8 @@ class BorderServices:
 
     def add(self, border: VirtualBorder, source: str, interaction_id: str) -> str:
         """Adds the border of an interaction to the map, once, however often it is sent; returns its id."""
-        more = {"frame_id": names.MAP_FRAME, "source": source, "request_id": interaction_id}
-        return _checked(self._ask(names.ADD_BORDER, AddBorder, border=border, **more)).id
+        fields = {"frame_id": names.MAP_FRAME, "source": source, "request_id": interaction_id}
+        return _checked(self._ask(names.ADD_BORDER, AddBorder, border=border, **fields)).id
 
     def change(self, command: str, request_id: str) -> None:
         """Undoes the newest change of the borders ("undo"), or redoes it ("redo"); once, however often it is sent."""

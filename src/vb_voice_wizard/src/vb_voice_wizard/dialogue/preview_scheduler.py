@@ -28,7 +28,7 @@ class PreviewInputs:
     """Everything that a preview depends on; equal inputs give previews that look the same.
 
     Attributes:
-        interaction_id: of the current interaction; "": none.
+        interaction_id: id of the current interaction; "": none.
         chain, seed: `to_key` of the border and the seed so far, map frame.
         borders: changes with every change of the map or the borders in it.
         missing: why there is no border or no seed, if known.
@@ -44,7 +44,7 @@ class PreviewInputs:
 
     @property
     def complete(self) -> bool:
-        """Returns whether there is something to preview."""
+        """Whether there is something to preview."""
         return bool(self.interaction_id and self.chain and self.seed)
 
 
@@ -74,7 +74,7 @@ class PreviewScheduler:
         """Records that a preview was made.
 
         Args:
-            inputs: those of the preview.
+            inputs: the inputs of the preview.
             started, now: [s] when work on it began and ended.
             answered: False if a service did not answer; the preview is then tried again.
         """
@@ -109,7 +109,7 @@ class DrawingWarnings:
 
     @property
     def all(self) -> Tuple[Notice, ...]:
-        """Returns the current warnings, then one for each camera whose error is over."""
+        """The current warnings, then one for each camera whose error is over."""
         over = sorted(self._failed - self._cameras())
         return self._standing + tuple(
             Notice("camera_failed_meanwhile", Severity.WARNING, camera=name, values={"camera": name}) for name in over
