@@ -1,6 +1,7 @@
 """Stages of the extraction against oracles: the same rules, written a second time with plain loops."""
 
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -115,11 +116,14 @@ def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     seen = make_observations(points, times, cameras, None, cameras == 2)
     found = strokes.find_clusters(seen)
     groups = {}
-    for index, number in enumerate(strokes.time_bins(seen.stamps).tolist()):
+    bins = strokes.time_bins(seen.stamps).tolist()
+    for index, number in enumerate(bins):
         groups.setdefault(number, []).append(index)
     places = list(groups.values())
     for axis in (0, 1, 0):
         places = [part for group in places for part in chained(group, seen.points[:, axis])]
+    # of more in one bin, only the strongest are kept, as the next test shows
+    assume(max(Counter(bins[place[0]] for place in places).values()) <= strokes.MAX_SIMULTANEOUS_CLUSTERS)
     assert len(found.points) == len(places)
     wanted = sorted(
         (
