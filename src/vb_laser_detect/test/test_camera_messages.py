@@ -23,7 +23,7 @@ from vb_laser_detect.ros.camera_feed import LensFile
 from vb_laser_detect.ros.camera_geometry import is_rectified
 from vb_laser_detect.ros.camera_setup import CameraImages
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
-from vb_laser_detect.detector_params import DetectorParams
+from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_msgs.msg import DetectorStatus
 
 

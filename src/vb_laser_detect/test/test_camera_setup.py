@@ -27,7 +27,7 @@ from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_laser_detect.ros.camera_feed import ReceivedImage
 from vb_laser_detect.ros.camera_setup import CameraImages
-from vb_laser_detect.detector_params import CaptureParams
+from vb_laser_detect.camera.controls import CaptureParams
 
 WIDE = CameraModel(
     1280, 720, np.array([[820.0, 0, 655], [0, 824.0, 350], [0, 0, 1]]), np.array([-0.25, 0.08, 0.001, 0, 0])

@@ -39,7 +39,7 @@ from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import connections_from_message
 from vb_laser_detect.camera.report import REPORTED, describe, describing_command
-from vb_laser_detect.detector_params import CaptureParams
+from vb_laser_detect.camera.controls import CaptureParams
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}

@@ -1,13 +1,14 @@
-"""Sets a device's exposure and white balance, by v4l2-ctl (Debian's v4l-utils)."""
+"""How a camera is read, and how a device's exposure and white balance are set: by v4l2-ctl (Debian's v4l-utils)."""
 
 from __future__ import annotations
 
 import re
 import subprocess
+from dataclasses import dataclass
 from typing import Dict, List, Optional
 
 from vb_core.errors import CodedError
-from vb_laser_detect.detector_params import CaptureParams
+from vb_core.parameters import Parameters, param
 
 _TIMEOUT = 5.0  # [s]
 _CONTROL = re.compile(r"^\s*(\w+) 0x[0-9a-f]+ \((\w+)\)\s*:(.*)$", re.MULTILINE)
@@ -16,6 +17,19 @@ _AUTO_EXPOSURE = ("auto_exposure", "exposure_auto")
 _EXPOSURE = ("exposure_time_absolute", "exposure_absolute")
 _AUTO_WHITE = ("white_balance_automatic", "white_balance_temperature_auto")
 _MANUAL = 1  # of auto_exposure, as V4L2 defines it
+
+
+@dataclass(frozen=True)
+class CaptureParams(Parameters):
+    """How a camera is read; see config/stationary.yaml."""
+
+    width: int = param(1280, "px", low=0, high=16384)
+    height: int = param(720, "px", low=0, high=16384)
+    rate: float = param(0.0, "images/s", low=0.0, high=1000.0)
+    pixel_format: str = param("mjpeg")
+    delay_ms: float = param(0.0, "ms", low=0.0, high=5000.0, doc="time from an image to its arrival")
+    exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
+    white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
 
 
 def run_v4l2(device: str, *arguments: str) -> str:

@@ -11,9 +11,8 @@ import av
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_laser_detect.camera.controls import run_v4l2
+from vb_laser_detect.camera.controls import CaptureParams, run_v4l2
 from vb_laser_detect.camera.source import CameraSource, Shot, is_device, printable
-from vb_laser_detect.detector_params import CaptureParams
 
 # the notices that the lines help to explain: a camera cannot be read, is slow, or refuses a setting
 REPORTED = frozenset(

@@ -25,7 +25,7 @@ import simplejpeg
 
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
-from vb_laser_detect.detector_params import CaptureParams
+from vb_laser_detect.camera.controls import CaptureParams
 
 _OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] for a phone that sleeps, and for a cable that was unplugged
 _RETRY_PERIOD = 1.0  # [s]

@@ -24,12 +24,14 @@ frame, including those without a spot, which show it what the floor looks like.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
+from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.background import BLOCK
 from vb_laser_detect.detection.features import SpotClassifier
@@ -37,7 +39,6 @@ from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import RegionProposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
 from vb_laser_detect.detection.stage_results import Box, Detection, SearchedImage, Spot
-from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["Detection", "DetectorParams", "Spot", "SpotDetector"]
 
@@ -46,6 +47,29 @@ _MAX_DIAGONAL_SHARE = 0.09  # a spot's largest diameter if no pose is known, as 
 _MAX_LATENESS = 1.0  # [s] if an image is older than the last one by more, it is not late: the clock was set
 # a spot at least this probable is never averaged into the background; a less probable one may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
+
+
+@dataclass(frozen=True)
+class DetectorParams(Parameters):
+    """The detector's parameters, by default those of a stationary camera.
+
+    config/stationary.yaml lists them with their meanings, config/mobile.yaml those that differ.
+    """
+
+    moving_camera: bool = param(False)
+    confirm_frames: int = param(4, "frames", low=1, high=50, doc="number of images in which a spot must be seen")
+    min_probability: float = param(
+        0.5, "", above=0.0, high=0.999, doc="probability that the classifier must give to a spot"
+    )
+    max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="largest diameter of a spot on the floor")
+    max_dwell_time: float = param(
+        25.0, "s", low=10.0, high=3600.0, doc="time after which a light that stays in one place is a lamp, not a spot"
+    )
+
+    @classmethod
+    def mobile(cls, **changes) -> "DetectorParams":
+        """Returns the parameters for a camera on a robot."""
+        return cls(**{**dict(moving_camera=True, confirm_frames=3), **changes})
 
 
 class SpotDetector:

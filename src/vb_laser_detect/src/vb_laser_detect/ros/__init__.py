@@ -1,1 +1,1 @@
-"""The detector's connection to ROS: images, poses, notices. All other folders of this package work without ROS."""
+"""Connects detector and camera setup to ROS: images, poses, notices. The other folders of this package work without ROS."""

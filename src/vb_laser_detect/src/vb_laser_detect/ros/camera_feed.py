@@ -22,7 +22,8 @@ from vb_laser_detect.camera.camera_files import load_lens, save_lens
 from vb_laser_detect.camera.source import CameraSource, Shot, is_device, is_file, printable
 from vb_laser_detect.ros.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
-from vb_laser_detect.detector_params import CaptureParams, SpotDetectorNodeParams
+from vb_laser_detect.camera.controls import CaptureParams
+from vb_laser_detect.detector_params import SpotDetectorNodeParams
 
 FOLDER = "~/.ros/virtual_borders"
 

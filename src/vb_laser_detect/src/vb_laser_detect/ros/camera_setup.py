@@ -31,7 +31,8 @@ from vb_laser_detect.camera.exposure import WHITE, Brightness, find_exposure, me
 from vb_laser_detect.camera.source import printable
 from vb_laser_detect.ros.camera_feed import ReceivedImage, lens_path, subscribe_images
 from vb_laser_detect.ros.camera_geometry import is_rectified, require_size, sibling_topic
-from vb_laser_detect.detector_params import DetectorParams, image_topic
+from vb_laser_detect.detection.spot_detector import DetectorParams
+from vb_laser_detect.detector_params import image_topic
 
 _TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] to wait for the next image, and between two polls
 _SETTLED = 0.5  # [s] until a new exposure time shows in the images
