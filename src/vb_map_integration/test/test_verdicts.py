@@ -39,7 +39,7 @@ def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as was wanted
     notice = next(notice for notice in keeper.notices if notice.border_id == "b1")
-    assert notice.code == "to_be_confirmed" and "something else" in notice.sentence()
+    assert notice.code == "to_be_confirmed" and notice.values["why"] == "$closes_something_else"
     assert float(notice.values["before"]) == pytest.approx(accepted, abs=0.5)
     assert float(notice.values["now"]) > 2.0 * accepted
     before, after = (cv2.contourArea(np.float32(outline)) for outline in keeper.in_force.outlines("b1"))

@@ -133,9 +133,9 @@ class MapIntegrator:
     @property
     def needs_confirmation(self) -> bool:
         """Whether a person has to confirm which place the map shows, or that borders are right on it."""
-        return not self._recognition.certain or bool(self._waiting())
+        return not self._recognition.certain or bool(self._unconfirmed_verdicts())
 
-    def _waiting(self) -> List[Verdict]:
+    def _unconfirmed_verdicts(self) -> List[Verdict]:
         """Returns the verdicts of the borders that a person can accept as they are now."""
         verdicts = self._in_force.verdicts.values() if self._in_force else ()
         return [verdict for verdict in verdicts if verdict.can_be_confirmed]
@@ -159,7 +159,7 @@ class MapIntegrator:
         before = self.physical if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self.map_id = map_id
-        self._start_map(grid, recognition)
+        self._adopt_map(grid, recognition)
         if recognition.place:
             name = self._expected_name
             try:
@@ -171,13 +171,13 @@ class MapIntegrator:
                 self._place_notices = [Notice.from_error(error, Severity.WARNING)]
         return True
 
-    def _start_map(self, grid: GridMap, recognition: PlaceRecognition) -> None:
+    def _adopt_map(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._recognizer.start_map(grid, self.map_id, recognition)
         self._recognition, self._in_force = recognition, None
-        self._put_in_force(grid)
+        self._recompute_borders(grid)
 
-    def _put_in_force(self, grid: GridMap, checked: Optional[Integration] = None) -> None:
+    def _recompute_borders(self, grid: GridMap, checked: Optional[Integration] = None) -> None:
         """Puts in force the borders that the database has now; `checked` is one of them, just integrated."""
         borders = self._database.borders(self._recognition.place)
         self._in_force = compute_in_force(grid, borders, self._recognizer.locate, self._in_force, checked)
@@ -211,8 +211,8 @@ class MapIntegrator:
             if drawn_here and not same and self._database.borders(stored_map.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self.map_id, place, transform, name)
-        waiting = self._waiting() if same else []
-        self._start_map(grid, PlaceRecognition(place, transform))
+        waiting = self._unconfirmed_verdicts() if same else []
+        self._adopt_map(grid, PlaceRecognition(place, transform))
         if waiting:  # from now on, what these borders close off here counts as accepted
             accepted = [self._to_place_frame(verdict.border.replace(map_id=self.map_id)) for verdict in waiting]
             self._make_change(
@@ -271,7 +271,7 @@ class MapIntegrator:
         # again, even after a preview: the map, the borders or the robots may have changed since
         check = self.check(new, robot_positions)
         self._check_confirmed()
-        self._keep_map()
+        self._store_map()
         change = (BorderChange(new.id, None, self._to_place_frame(new)),)
         return self._make_change(change, request_id=request_id, check=check)
 
@@ -298,7 +298,7 @@ class MapIntegrator:
         else:
             check = self.check(border, robot_positions)
             self._check_confirmed()
-            self._keep_map()
+            self._store_map()
             after = self._to_place_frame(after.replace(map_id=self.map_id))
         return self._make_change((BorderChange(border.id, before, after),), check=check)
 
@@ -357,7 +357,7 @@ class MapIntegrator:
         """Converts a border from the current map's frame to that of its place."""
         return border.moved(self._recognition.transform.inverse)
 
-    def _keep_map(self) -> None:
+    def _store_map(self) -> None:
         """Stores the map on which a person draws, unless its place has it: later maps are compared with it."""
         place, transform = self._recognition.place, self._recognition.transform
         stored_map = self._database.find_map(self.map_id)
@@ -385,7 +385,7 @@ class MapIntegrator:
         self._database.commit(place, change, kind, request_id)
         ids, issues = tuple(entry.id for entry in change), ()
         if place == self._recognition.place:
-            self._put_in_force(physical, check.integration if check else None)
+            self._recompute_borders(physical, check.integration if check else None)
             verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(verdict.code, **verdict.values) for verdict in verdicts if verdict.code)
         return ChangeResult(ids, check.issues if check else issues)

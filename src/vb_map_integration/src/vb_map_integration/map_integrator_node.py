@@ -155,7 +155,7 @@ class MapIntegratorNode:
         response.area_m2, response.line = integration.area_m2, messages.points_from_array(integration.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
-        response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
+        response.issues = messages_from_issues((*check.issues, *self._warn_if_soft_cost_is_ignored(border)))
         return response
 
     def _add(self, request: srv.AddBorderRequest) -> srv.AddBorderResponse:
@@ -163,7 +163,7 @@ class MapIntegratorNode:
             border = self._read_border(request).replace(enabled=not request.disabled)
             robots, now = self._robot_positions(border), rospy.get_time()
             result = self._integrator.add(border, now, robots, request.expected_revision, request.request_id)
-            return ChangeResult(result.ids, result.issues + self._soft_issues(border))
+            return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
         return self._change(add, srv.AddBorderResponse())
 
@@ -172,7 +172,7 @@ class MapIntegratorNode:
             border = self._read_border(request)
             robots, now = self._robot_positions(border), rospy.get_time()
             result = self._integrator.update(border, now, robots, request.expected_revision)
-            return ChangeResult(result.ids, result.issues + self._soft_issues(border))
+            return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
         return self._change(update, srv.UpdateBorderResponse())
 
@@ -196,7 +196,7 @@ class MapIntegratorNode:
             positions.append((float(pose[0, 3]), float(pose[1, 3])))
         return positions
 
-    def _soft_issues(self, border: VirtualBorder) -> Tuple[Notice, ...]:
+    def _warn_if_soft_cost_is_ignored(self, border: VirtualBorder) -> Tuple[Notice, ...]:
         """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
         if border.value in (0, 100):
             return ()

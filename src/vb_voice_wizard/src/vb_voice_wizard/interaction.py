@@ -122,8 +122,8 @@ class Interaction:
         self._spots = {BORDER: 0, SEED: 0, GUIDE: 0}
         self._laser_seen = -math.inf
         self._pending_source = ""
-        self._sent = False  # whether the pending border is on its way to the map
-        self._unanswered_before = False  # `unanswered_save` before it was sent
+        self._save_sent = False  # whether the pending border is on its way to the map
+        self._unanswered_before_save = False  # `unanswered_save` before it was sent
         self.latch = latch or StopLatch()
         self.undo_redo: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
         self._record: Optional[Record] = None
@@ -159,20 +159,22 @@ class Interaction:
         if self.pending and (void or name != RESUME):
             # not kept as the last answer, which will be the pending command's
             return self._stopped_since(name) if void else Answer(False, "busy")
-        answer = self._stopped_since(name) if void else self._unknown(name)
+        answer = self._stopped_since(name) if void else self._refuse_unknown(name)
         if answer is None:
             self._active = now
             if self.state != DEFAULT:
-                self._note(source)
+                self._add_source(source)
             # before any question: nobody should have to confirm a command that is refused anyway
-            answer = self._check(name, seen_stop) or self._ask(name, source, uncertain, doubtful_border, confirms)
+            answer = self._refuse_now(name, seen_stop) or self._ask_if_meant(
+                name, source, uncertain, doubtful_border, confirms
+            )
             if answer is None or answer.code not in QUESTIONS:
                 self.question = Question()
-        return self._answered(name, source, answer or self._apply(name, source, seen_stop))
+        return self._record_answer(name, source, answer or self._apply(name, source, seen_stop))
 
     def mark_save_sent(self) -> None:
         """Records that the border is on its way to the map; until `finish` its arrival is unknown."""
-        self._sent, self._unanswered_before, self.unanswered_save = True, self.unanswered_save, True
+        self._save_sent, self._unanswered_before_save, self.unanswered_save = True, self.unanswered_save, True
 
     def finish(self, answer: Answer, now: float, border_id: str = "") -> Answer:
         """Completes a pending command with the answer of the nodes that carried it out.
@@ -185,13 +187,13 @@ class Interaction:
         if command == SAVE and answer.success:
             self._end(SAVED, border_id)
         elif command == SAVE:
-            if self._sent:
+            if self._save_sent:
                 # an error from the service itself shows that no earlier request has arrived either
-                arrived = {"no_response": True, "internal_error": True, "no_service": self._unanswered_before}
+                arrived = {"no_response": True, "internal_error": True, "no_service": self._unanswered_before_save}
                 self.unanswered_save = arrived.get(answer.code, False)
             if self.unanswered_save and answer.code in ("no_response", "no_service"):
                 answer = Answer(False, "save_unanswered", answer.values)
-        return self._answered(command, self._pending_source, answer)
+        return self._record_answer(command, self._pending_source, answer)
 
     def _stop(self, identity: str, source: str) -> Answer:
         self.question = Question()
@@ -200,26 +202,28 @@ class Interaction:
         new = self.latch.stop(identity, source)
         # one press may arrive twice, on the topic and as a command: it is one stop, and is reported once
         answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
-        return self._answered(STOP, source, answer) if new and not before else answer
+        return self._record_answer(STOP, source, answer) if new and not before else answer
 
     @staticmethod
     def _stopped_since(name: str) -> Answer:
         return Answer(False, "stopped_since", {"command": spelled_out(name)})
 
-    def _ask(self, name: str, source: str, uncertain: bool, doubtful_border: bool, confirms: bool) -> Optional[Answer]:
+    def _ask_if_meant(
+        self, name: str, source: str, uncertain: bool, doubtful_border: bool, confirms: bool
+    ) -> Optional[Answer]:
         """Returns the question whether this command is meant, or None if that was answered or need not be asked."""
         if self.question[:2] == (name, source) and (confirms or not uncertain):
             return None
         if confirms:
             return Answer(False, "nothing_asked", {"command": spelled_out(name)})
-        matters = {
+        must_be_certain = {
             ALWAYS: True,
             NEVER: False,
             WHILE_DRAWN: len(self.missing()) < 2,
             WHILE_STOPPED: self.latch.stopped,
             WHILE_POINTING: self.laser_is_on(self._counted_until) and self._target(name) != self.state,
         }
-        if not (uncertain and matters[COMMANDS[name].matters]) and not (name == SAVE and doubtful_border):
+        if not (uncertain and must_be_certain[COMMANDS[name].matters]) and not (name == SAVE and doubtful_border):
             return None
         self.question = Question(name, source, self._counted_until)
         answer = spelled_out(name if not uncertain else "yes_" + name)
@@ -228,7 +232,7 @@ class Interaction:
 
     def _apply(self, name: str, source: str, seen_stop: str) -> Answer:
         if COMMANDS[name].carried_out_elsewhere:
-            self.pending, self._pending_source, self._sent = name, source, False
+            self.pending, self._pending_source, self._save_sent = name, source, False
             return Answer(True, "saving" if name == SAVE else "changing")
         if name == CANCEL:
             return self._cancel()
@@ -247,7 +251,7 @@ class Interaction:
         again = target in self._visited
         if self.state == DEFAULT:
             self._begin()
-            self._note(source)
+            self._add_source(source)
         if self.state != target:
             self.state, self.entered = target, self._counted_until
         if target.robots_act:
@@ -263,13 +267,13 @@ class Interaction:
         self._end(UNANSWERED if lost else CANCELLED, "")
         return Answer(True, "cancelled_unanswered" if lost else "cancelled")
 
-    def _unknown(self, name: str) -> Optional[Answer]:
+    def _refuse_unknown(self, name: str) -> Optional[Answer]:
         """Returns the answer to a command that does not exist here, or None."""
         if name not in COMMANDS:
             return Answer(False, "unknown_command", {"commands": ", ".join(map(spelled_out, COMMANDS))})
         return Answer(False, "no_robot_to_guide") if name == GUIDE_ROBOT and not self._params.robot else None
 
-    def _check(self, name: str, seen_stop: str) -> Optional[Answer]:
+    def _refuse_now(self, name: str, seen_stop: str) -> Optional[Answer]:
         """Returns the answer that refuses a command now, or None."""
         if name in (UNDO, REDO) and self.state != DEFAULT:
             # the newest change of the map is not what the person is drawing
@@ -347,7 +351,7 @@ class Interaction:
             return False
         self._end(UNANSWERED if self.unanswered_save else ABANDONED, "")
         minutes = f"{self._params.idle_timeout / 60.0:g}"
-        self._answered(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
+        self._record_answer(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
         return True
 
     def take_record(self) -> Optional[Record]:
@@ -412,11 +416,11 @@ class Interaction:
         self._visited = []
         self.last_outcome, self.last_border_id = outcome, border_id
 
-    def _note(self, source: str) -> None:
+    def _add_source(self, source: str) -> None:
         if source and source not in self._sources:
             self._sources.append(source)
 
-    def _answered(self, name: str, source: str, answer: Answer) -> Answer:
+    def _record_answer(self, name: str, source: str, answer: Answer) -> Answer:
         self.last_command, self.last_source, self.last_answer = name, source, answer
         self.last_answered = self._counted_until
         return answer

@@ -40,7 +40,7 @@ class BorderServices:
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added."""
-        drawn = self._ask(names.GET_DRAWN_BORDER, GetDrawnBorder, "$border_fusion", interaction_id=interaction_id)
+        drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, "$border_fusion", interaction_id=interaction_id)
         border = _checked(drawn).border
         border.id = ""
         border.occupancy = self._occupancy
@@ -50,22 +50,24 @@ class BorderServices:
     def add(self, border: VirtualBorder, source: str, interaction_id: str) -> str:
         """Adds the border of an interaction to the map, once, however often it is sent; returns its id."""
         fields = {"frame_id": names.MAP_FRAME, "source": source, "request_id": interaction_id}
-        return _checked(self._ask(names.ADD_BORDER, AddBorder, border=border, **fields)).id
+        return _checked(self._call(names.ADD_BORDER, AddBorder, border=border, **fields)).id
 
     def change(self, command: str, request_id: str) -> None:
         """Undoes the newest change of the borders ("undo"), or redoes it ("redo"); once, however often it is sent."""
-        _checked(self._ask(names.UNDO_REDO, UndoRedo, redo=command == REDO, request_id=request_id))
+        _checked(self._call(names.UNDO_REDO, UndoRedo, redo=command == REDO, request_id=request_id))
 
     def fetch_borders(self) -> Dict[str, VirtualBorder]:
         """Fetches all borders, by their ids."""
-        return {border.id: border for border in self._ask(names.LIST_BORDERS, ListBorders).borders.borders}
+        return {border.id: border for border in self._call(names.LIST_BORDERS, ListBorders).borders.borders}
 
     def preview(self, border: VirtualBorder) -> PreviewBorderArrayResponse:
         """Asks what adding the border would do; an error is in the response."""
-        return self._ask(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
+        return self._call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
 
-    def _ask(self, name: str, service: Type, who: str = "$map_integrator", **fields: Any) -> Any:
-        return services.call(name, service, service._request_class(**fields), who, SERVICE_TIMEOUT, RESPONSE_TIMEOUT)
+    def _call(self, name: str, service: Type, answering_node: str = "$map_integrator", **fields: Any) -> Any:
+        return services.call(
+            name, service, service._request_class(**fields), answering_node, SERVICE_TIMEOUT, RESPONSE_TIMEOUT
+        )
 
 
 def _checked(response: Any) -> Any:
@@ -88,12 +90,12 @@ class Previewer:
 
     def __init__(self, services: BorderServices, list_notices: Callable[[], List[Notice]]) -> None:
         self._services, self._list_notices = services, list_notices
-        self._pace = PreviewScheduler()
+        self._scheduler = PreviewScheduler()
         self._condition = threading.Condition()
         self._inputs = PreviewInputs()
         self._warnings = DrawingWarnings()
         self._progress: Optional[BorderProgress] = None
-        self._held = False
+        self._is_saving = False
         self._closed = False
         self._shown = BorderPreviewArray()
         self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
@@ -106,7 +108,7 @@ class Previewer:
         While it is being saved, no preview is made.
         """
         with self._condition:
-            self._held = saving
+            self._is_saving = saving
             self._warnings.update(self._list_notices())
             if interaction_id != self._inputs.interaction_id:
                 self._warnings.start()
@@ -155,7 +157,7 @@ class Previewer:
         """Waits for inputs that need a preview; None once closed. For the worker only."""
         with self._condition:
             while not self._closed:
-                delay = None if self._held else self._pace.delay(self._inputs, time.monotonic())
+                delay = None if self._is_saving else self._scheduler.delay(self._inputs, time.monotonic())
                 if delay == 0.0:
                     return self._inputs
                 self._condition.wait(delay)
@@ -178,10 +180,10 @@ class Previewer:
                 preview = self._empty(inputs, Notice.from_error(error, Severity.INFO))
         with self._condition:
             # if the interaction has ended or is being saved meanwhile, its preview is obsolete
-            if self._inputs.interaction_id == inputs.interaction_id and not self._held:
+            if self._inputs.interaction_id == inputs.interaction_id and not self._is_saving:
                 self._publisher.publish(preview)
                 self._shown = preview
-                self._pace.record_preview(inputs, started, time.monotonic(), answered)
+                self._scheduler.record_preview(inputs, started, time.monotonic(), answered)
 
     def border_to_save(self, interaction_id: str) -> VirtualBorder:
         """Returns the border that was previewed; fetches the drawn one if more was drawn since, or nothing previewed.
@@ -190,7 +192,7 @@ class Previewer:
             CodedError: "no_service", "no_response", or why there is no border.
         """
         with self._condition:
-            current = self._inputs.interaction_id == interaction_id and self._inputs == self._pace.shown
+            current = self._inputs.interaction_id == interaction_id and self._inputs == self._scheduler.shown
             if current and self._shown.available:
                 return self._shown.border
         return self._services.fetch_drawn_border(interaction_id)
