@@ -188,7 +188,7 @@ class BorderFusionNode:
             if collection.interaction_id != self._collector.interaction_id:
                 return True  # another interaction began meanwhile
             self._progress.publish(self._progress_message(collection, drawn))
-            if self._collector.to_forget:  # now that the spots were shown
+            if self._collector.can_forget:  # now that the spots were shown
                 self._collector.forget()
         return True
 
