@@ -1,4 +1,4 @@
-"""Computes an occupancy grid's costs, obstacles and their inflation, as move_base's costmap_2d does, and finds shortest paths on them."""
+"""Computes an occupancy grid's costs as move_base's costmap_2d does, and finds the cheapest paths on them."""
 
 from __future__ import annotations
 
