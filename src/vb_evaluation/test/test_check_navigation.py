@@ -87,9 +87,9 @@ def test_check_names_what_a_move_base_lacks_for_soft_borders(monkeypatch, trinar
     Planner(monkeypatch)
     layer = {"static_layer": {"map_topic": names.MAP_WITH_BORDERS, "trinary_costmap": trinary}}
     monkeypatch.setattr(rospy, "get_param", lambda name, default: layer if name.endswith("costmap") else default)
-    checks = {check.what: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
+    checks = {check.name: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
     soft = checks["a soft border is gone round where that is possible"]
-    assert soft.good is good and ("trinary_costmap" in soft.found) is (good is None)
+    assert soft.good is good and ("trinary_costmap" in soft.result) is (good is None)
 
 
 def test_a_goal_that_is_too_near_is_reported(monkeypatch):

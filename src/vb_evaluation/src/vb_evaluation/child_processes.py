@@ -18,19 +18,19 @@ from typing import Any, Dict, List, Optional, Sequence
 _PORTS = range(20000, 32768)  # below Linux's ephemeral ports
 
 
-def free_port(wanted: int = 0) -> int:
-    """Finds an unused TCP port on loopback: the wanted one if it is free.
+def free_port(preferred: int = 0) -> int:
+    """Finds an unused TCP port on loopback: the preferred one if it is free.
 
     Any other port lies outside the ephemeral range, so that no connection takes it before its server listens.
     """
     while True:
-        port = wanted or secrets.choice(_PORTS)
+        port = preferred or secrets.choice(_PORTS)
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections in TIME_WAIT do not count
             with contextlib.suppress(OSError):
                 probe.bind(("127.0.0.1", port))
                 return port
-        wanted = 0
+        preferred = 0
 
 
 def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:

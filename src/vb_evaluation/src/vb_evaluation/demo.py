@@ -74,23 +74,25 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
     parser.add_argument("--out", default=str(repository_top() / "out" / "demo"))
     parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
-    given = parser.parse_args(arguments)
-    path = Path(given.world).expanduser().resolve() if given.world else repository_top() / "src/vb_sim/worlds/lab.yaml"
+    options = parser.parse_args(arguments)
+    path = (
+        Path(options.world).expanduser().resolve() if options.world else repository_top() / "src/vb_sim/worlds/lab.yaml"
+    )
     world = load_world(str(path))
-    for key, value, known in (
-        ("METHOD", given.method, METHOD_TITLES),
-        ("NAVIGATION", given.navigation, NAVIGATIONS),
-        ("SCENARIO", given.scenario, world.scenarios),
+    for key, value, choices in (
+        ("METHOD", options.method, METHOD_TITLES),
+        ("NAVIGATION", options.navigation, NAVIGATIONS),
+        ("SCENARIO", options.scenario, world.scenarios),
     ):
-        if value not in known:
-            raise ParameterError(key, f"must be one of {', '.join(known)}, got '{value}'")
-    if given.navigation == "move_base" and not find_node("move_base", "move_base"):
+        if value not in choices:
+            raise ParameterError(key, f"must be one of {', '.join(choices)}, got '{value}'")
+    if options.navigation == "move_base" and not find_node("move_base", "move_base"):
         raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
-    if not given.seed.isdigit():
-        raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'")
-    given.world_path, given.world, given.scenario = path, world, world.scenarios[given.scenario]
-    given.seed, given.out = int(given.seed), Path(given.out).resolve()
-    return given
+    if not options.seed.isdigit():
+        raise ParameterError("SEED", f"expected a whole number, got '{options.seed}'")
+    options.world_path, options.world, options.scenario = path, world, world.scenarios[options.scenario]
+    options.seed, options.out = int(options.seed), Path(options.out).resolve()
+    return options
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -115,7 +117,7 @@ class Demo:
         self.options, self.console, self._stack = options, console, stack
         self._started = time.monotonic()
         self._cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
-        self._told: Dict[str, str] = {}
+        self._printed: Dict[str, str] = {}
 
     def run(self) -> int:
         """Runs the demonstration from beginning to end; returns the exit code."""
@@ -196,19 +198,19 @@ class Demo:
         return child
 
     def _wait_until_ready(self, observer: Observer) -> None:
-        wanted = {
+        ready_conditions = {
             "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
             "the physical map (/map)": lambda: observer.prior is not None,
             "the map with borders (/virtual_borders/map)": lambda: observer.posterior is not None,
             "the simulated lab (/sim/lab_state)": lambda: observer.lab is not None,
         }
         for camera in [*self._cameras, "robot"]:
-            wanted[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
+            ready_conditions[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
                 lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0
             )
 
         def missing() -> List[str]:
-            return [name for name, there in wanted.items() if not there()]
+            return [name for name, is_ready in ready_conditions.items() if not is_ready()]
 
         if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
             raise CodedError(
@@ -250,11 +252,11 @@ class Demo:
             hundreds = progress.border_spots // 100 * 100
             news["spots"] = f"more than {hundreds} spots" if hundreds else ""
             news["seed"] = "a seed point is shown" if progress.has_seed else ""
-        for what, words in news.items():
-            if words != self._told.get(what, ""):
-                self._told[what] = words
-                if words:
-                    self._print(words)
+        for topic, text in news.items():
+            if text != self._printed.get(topic, ""):
+                self._printed[topic] = text
+                if text:
+                    self._print(text)
 
     def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> List[GoalOutcome]:
         """Sends the robot to the start of the proof, and from there to its goal; returns both outcomes."""

@@ -114,10 +114,10 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
     with warnings.catch_warnings():
         # SciPy warns that the normal approximation is poor for n < 10; the exact p is reported beside it
         warnings.simplefilter("ignore", UserWarning)
-        found = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
+        approximation = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
     tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
     p_exact = min(1.0, 2.0 * float(tail))
-    return SignedRank(w_plus, w_minus, float(found.zstatistic), p_exact)
+    return SignedRank(w_plus, w_minus, float(approximation.zstatistic), p_exact)
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -213,9 +213,9 @@ def holm(ps: Sequence[float]) -> np.ndarray:
     from statsmodels.stats.multitest import multipletests
 
     corrected = np.array(ps, dtype=float)
-    there = np.isfinite(corrected)
-    if there.any():
-        corrected[there] = multipletests(corrected[there], ALPHA, "holm")[1]
+    is_known = np.isfinite(corrected)
+    if is_known.any():
+        corrected[is_known] = multipletests(corrected[is_known], ALPHA, "holm")[1]
     return corrected
 
 

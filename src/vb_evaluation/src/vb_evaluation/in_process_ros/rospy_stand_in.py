@@ -120,7 +120,7 @@ class Graph:
         names.update({kind.__name__: partial(kind, self) for kind in _CONNECTIONS})
         for word, level in _LEVELS.items():
             names[f"log{word}"] = names[f"log{word}_once"] = partial(functions.log, level)
-            names[f"log{word}_throttle"] = lambda _period, *given, level=level: functions.log(level, *given)
+            names[f"log{word}_throttle"] = lambda _period, *args, level=level: functions.log(level, *args)
         return {name: value for name, value in names.items() if hasattr(rospy, name)}
 
     def _replacements(self) -> Dict[Any, Dict[str, Any]]:

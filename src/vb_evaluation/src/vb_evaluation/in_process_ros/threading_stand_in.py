@@ -64,7 +64,7 @@ class Scheduler:
         task.scheduler = self
         task.owner = owner if owner is not None else getattr(greenlet.getcurrent(), "owner", None)
         if len(self._tasks) > 2000:
-            self._tasks = [known for known in self._tasks if not known.dead]
+            self._tasks = [task for task in self._tasks if not task.dead]
         self._tasks.append(task)
         self._ready.append((task, 0))
         return task
@@ -105,9 +105,9 @@ class Scheduler:
         """Calls a short function after a time [ns]; it must not wait."""
         self._push(delay_ns, None, work)
 
-    def _push(self, delay_ns: int, task: Optional[Task], what: Any) -> None:
+    def _push(self, delay_ns: int, task: Optional[Task], wake_reason: Any) -> None:
         self._count += 1
-        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, what))
+        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, wake_reason))
 
     def run(self, is_over: Callable[[], bool], until_ns: int) -> None:
         """Runs the tasks until `is_over` returns true, a time [ns] is reached or nothing is left to do.
@@ -120,13 +120,13 @@ class Scheduler:
                 task, waits = self._ready.popleft()
                 self._resume(task, waits, True)
             elif self._due:
-                due, _, task, what = heapq.heappop(self._due)
+                due, _, task, wake_reason = heapq.heappop(self._due)
                 if task is None:
                     self.now_ns = due
-                    what()
-                elif not task.dead and task.waits == what:
+                    wake_reason()
+                elif not task.dead and task.waits == wake_reason:
                     self.now_ns = due
-                    self._resume(task, what, False)
+                    self._resume(task, wake_reason, False)
             else:
                 return
             if self._fault is not None:
@@ -307,8 +307,8 @@ class Lock:
 class Thread(real_threading.Thread):
     """Replaces threading.Thread by a task."""
 
-    def __init__(self, scheduler: Scheduler, event_class: Any, *given: Any, **named: Any) -> None:
-        super().__init__(*given, **named)
+    def __init__(self, scheduler: Scheduler, event_class: Any, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
         self._scheduler, self._ended = scheduler, event_class()
         self._task: Optional[Task] = None
 

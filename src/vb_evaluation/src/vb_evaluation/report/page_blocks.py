@@ -31,8 +31,8 @@ HEADINGS = {
 
 def columns(*keys: str, **headings: str) -> Dict[str, str]:
     """Returns a table's columns with their headings: those given here, those of HEADINGS, or the capitalised key."""
-    known = {**HEADINGS, **headings}
-    return {key: known.get(key, key.replace("_", " ").capitalize()) for key in keys}
+    titles = {**HEADINGS, **headings}
+    return {key: titles.get(key, key.replace("_", " ").capitalize()) for key in keys}
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,7 @@ def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
     return table[np.logical_and.reduce([table[column] == value for column, value in where.items()])] if where else table
 
 
-def known(table: pandas.DataFrame, column: str) -> np.ndarray:
+def known_values(table: pandas.DataFrame, column: str) -> np.ndarray:
     """Returns the known numbers of a column, (N,)."""
     return table[column].dropna().to_numpy()
 
@@ -220,10 +220,10 @@ def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
     return table
 
 
-def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
+def yes_or_no(text: str, place: str, code: str) -> Optional[bool]:
     """Parses a person's yes or no; None if the cell is empty."""
     if text and text.lower() not in _FLAGS:
-        raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
+        raise CodedError(code, f"{place}: expected yes or no or nothing, got '{text}'")
     return _FLAGS.get(text.lower())
 
 
@@ -238,9 +238,9 @@ def read_meta(path: Path) -> Dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        meta = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise CodedError("bad_study", f"cannot read {path}: {error}") from None
-    if not isinstance(found, dict):
+    if not isinstance(meta, dict):
         raise CodedError("bad_study", f"{path}: expected keys and values")
-    return found
+    return meta

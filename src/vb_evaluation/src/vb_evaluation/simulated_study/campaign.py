@@ -140,8 +140,8 @@ def measure(run: LiveRun) -> Dict[str, object]:
     enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in study_files.STATES]
-    saved, asked, script = run.seed is not None, Polygon(run.scenario.region), run.script
-    seed_is_right = int(saved and asked.contains(Point(run.seed)))
+    saved, requested_area, script = run.seed is not None, Polygon(run.scenario.region), run.script
+    seed_is_right = int(saved and requested_area.contains(Point(run.seed)))
     return {
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
         "completed": seed_is_right,
@@ -151,7 +151,7 @@ def measure(run: LiveRun) -> Dict[str, object]:
         "reason": "" if saved else script.reason,
         "seed_is_right": seed_is_right,
         # 0: the person was drawn to point at the wrong side
-        "pointed_right": int(asked.contains(Point(script.person.seed))),
+        "pointed_right": int(requested_area.contains(Point(script.person.seed))),
         "tries": script.person.tries,
         "spots": len(run.spots),
         "robot_collisions": sum(robot.collisions for robot in run.lab.robots),

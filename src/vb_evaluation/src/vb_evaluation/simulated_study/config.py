@@ -257,10 +257,10 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
 
 def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
     """Builds and checks the study that a document and the files named in it describe; see `Study`."""
-    known = ("design", "timing", "participants", "marks")
+    known_keys = ("design", "timing", "participants", "marks")
     for key in document:
-        if key not in known:
-            raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known)}")
+        if key not in known_keys:
+            raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known_keys)}")
     design = Design.from_mapping(document.get("design"), "design")
     world = world_from_mapping(sources["world"])
     for key in design.scenarios:

@@ -116,9 +116,9 @@ class LiveRun:
         import_nodes(repository_top() / LAUNCH, arguments, (*OMITTED, *lab_nodes))
         extract = extraction.extract_border
 
-        def delayed_extraction(*drawn: Any, **seen: Any) -> Any:
+        def delayed_extraction(*args: Any, **kwargs: Any) -> Any:
             try:
-                return extract(*drawn, **seen)
+                return extract(*args, **kwargs)
             finally:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 

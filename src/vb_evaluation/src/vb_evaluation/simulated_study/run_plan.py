@@ -172,14 +172,14 @@ def world_jobs(study: Study) -> List[Job]:
     ]
 
 
-def select(among: List[Job], **wanted: Any) -> List[Job]:
+def select(candidates: List[Job], **values: Any) -> List[Job]:
     """Selects the jobs with these values of columns; None is any.
 
     Raises:
         CodedError: "no_such_run" if there is none.
     """
-    asked = {name: value for name, value in wanted.items() if value is not None}
-    found = [job for job in among if asked.items() <= job.columns(0).items()]
-    if not found:
-        raise CodedError("no_such_run", f"the study has no run with {asked}")
-    return found
+    filters = {name: value for name, value in values.items() if value is not None}
+    matches = [job for job in candidates if filters.items() <= job.columns(0).items()]
+    if not matches:
+        raise CodedError("no_such_run", f"the study has no run with {filters}")
+    return matches

@@ -74,9 +74,9 @@ def delete(path: Path, participant: str) -> List[str]:
     for name in SHEETS:
         if (path.parent / name).is_file():
             answers = read_sheet(path.parent / name, ("participant",))
-            kept = answers[answers.participant != participant]
-            _write(kept, path.parent / name)
-            deleted += [f"{len(answers) - len(kept)} line(s) of {name}"]
+            remaining = answers[answers.participant != participant]
+            _write(remaining, path.parent / name)
+            deleted += [f"{len(answers) - len(remaining)} line(s) of {name}"]
     _delete_pictures(path.parent, names)
     return deleted
 

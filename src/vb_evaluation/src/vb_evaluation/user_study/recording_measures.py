@@ -195,7 +195,10 @@ def _measured_row(
     differences = deviations(entry, recording)
     notes = [f"{run}: not as planned, left out of the analysis: {words}" for words in differences]
     # cancelled attempts took time too, as in the simulated study
-    times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in interactions), 3) for name in _TIMES}
+    times = {
+        f"time_{name}_s": round(sum(getattr(interaction, f"{name}_s") for interaction in interactions), 3)
+        for name in _TIMES
+    }
     row.update(times, as_planned=int(not differences), interaction=interactions[-1].interaction_id)
     result = recording.result(interactions[-1])
     if result is not None:
