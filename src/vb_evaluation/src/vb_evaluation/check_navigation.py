@@ -49,7 +49,7 @@ class NavigationCheck:
         goal: (x, y) [m] in the map frame, somewhere the robot could drive to from where it is.
         size: [m] edge of the square border that is put on the path.
         move_base: name of the node.
-        base_frame: the robot's.
+        base_frame: name of the robot's base frame.
         at_once: [s] after a border was added until plans have to go around it.
         timeout: [s] to wait for anything before giving up.
     """

@@ -59,7 +59,7 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Returns whether the process has not ended yet."""
+        """Whether the process has not ended yet."""
         return self._process.poll() is None
 
     def tail(self, lines: int = 8) -> str:

@@ -37,7 +37,7 @@ class GoalOutcome:
             reporting that the goal is reached when it was not.
         text: navigation's own words.
         path: (N, 2) [m] true path of the robot's centre, map frame.
-        seconds: of simulated time.
+        seconds: simulated time that the drive took.
         false_reports: how often navigation falsely reported the goal as reached, and was sent it again: move_base may
             still hold a plan to its last goal (ros-planning/navigation, issue 949).
     """

@@ -27,8 +27,8 @@ class SignedRank:
 
     Attributes:
         w_plus, w_minus: sums of the ranks of positive and of negative differences; those of zero are dropped.
-        z: of the smaller sum, at most 0; nan if nothing can be ranked.
-        p_exact: by the distribution of all 2^n signs, ties included ("Exact Sig.").
+        z: z value of the smaller sum, at most 0; nan if nothing can be ranked.
+        p_exact: p by the distribution of all 2^n signs, ties included ("Exact Sig.").
     """
 
     w_plus: float
@@ -241,7 +241,7 @@ def people_needed(effect: float, tests: int = 1) -> int:
 
     Args:
         effect: mean difference over the differences' standard deviation (Cohen's d_z), > 0.
-        tests: in the family; the strictest level of Holm's method is used.
+        tests: number of tests in the family; the strictest level of Holm's method is used.
     """
     from statsmodels.stats.power import TTestPower
 

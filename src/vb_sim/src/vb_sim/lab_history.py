@@ -27,7 +27,7 @@ class Snapshot:
     Attributes:
         robots: (x, y, yaw) by name.
         laser: (x, y) of the spot; None while the laser is off.
-        laser_velocity: [m/s] of the spot.
+        laser_velocity: [m/s] velocity of the spot.
         person: (x, y, yaw), or None.
     """
 

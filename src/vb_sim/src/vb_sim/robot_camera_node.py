@@ -41,7 +41,7 @@ def robot_camera(robot: Robot, view: RobotView, tf_prefix: str, depth_every: int
     """Creates a robot's camera with its topics, in the node's namespace.
 
     Args:
-        tf_prefix: of the names of the frames, for instance "robot2/".
+        tf_prefix: prefix of the frames' names, for instance "robot2/".
     """
     frame = f"{tf_prefix}camera_optical_frame"
     mount = message_from_transform(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())

@@ -140,7 +140,7 @@ class Lockstep:
 
     Args:
         expected: the names of these nodes.
-        timeout: [s] of wall time.
+        timeout: [s] wall time to wait at most.
     """
 
     def __init__(self, expected: Tuple[str, ...], timeout: float = 1.0) -> None:

@@ -50,7 +50,7 @@ def start_launch(
     """Starts the nodes of a launch file.
 
     Args:
-        arguments: of the launch file; "state" is this run's folder.
+        arguments: the launch file's arguments; "state" is this run's folder.
         without: types of nodes to omit.
         instead: for a type of node, what is called instead of its script, under the node's name.
     """

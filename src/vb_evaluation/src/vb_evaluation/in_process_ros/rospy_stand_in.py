@@ -27,8 +27,8 @@ class Node:
     """One node of the graph.
 
     Args:
-        name: with its namespace, "/robot1/move_base".
-        remappings: of names, as the launch file has them.
+        name: the node's name with its namespace, for instance "/robot1/move_base".
+        remappings: the launch file's remappings of names.
     """
 
     def __init__(self, name: str, remappings: Mapping[str, str]) -> None:
@@ -103,7 +103,7 @@ class Graph:
 
     @property
     def node(self) -> Node:
-        """Returns the node whose task is running."""
+        """The node whose task is running."""
         return getattr(greenlet.getcurrent(), "owner", None) or _NOBODY
 
     def sleep(self, duration: Any) -> None:

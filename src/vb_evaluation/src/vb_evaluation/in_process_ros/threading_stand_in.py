@@ -29,8 +29,8 @@ class Task(greenlet.greenlet):
     """One thread of a node.
 
     Attributes:
-        scheduler: of the run that it belongs to.
-        owner: the node that it belongs to; tasks that it starts inherit it.
+        scheduler: the scheduler of the task's run.
+        owner: the task's node, which tasks that it starts inherit.
         waits: number of its waits; a wake-up for an earlier one has no effect.
     """
 

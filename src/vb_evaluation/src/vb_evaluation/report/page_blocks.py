@@ -40,11 +40,11 @@ class Table:
     """A table of results; the page shows it, and a CSV file has its rows.
 
     Attributes:
-        name: of its file in tables/.
+        name: name of the table's file in tables/.
         columns: key to heading; the keys are the file's columns.
         rows: key to a text, a number, or an Interval, which becomes "estimate [low, high]" with the digits of
             `digits` and three columns in the file.
-        words: what its figures are.
+        words: explanation of the figures.
     """
 
     name: str

@@ -60,7 +60,7 @@ class StudyResults:
 
     @property
     def people(self) -> bool:
-        """Returns whether people took part."""
+        """Whether people took part."""
         return bool(self.meta.get("people", False))
 
     def scenario_title(self, key: str) -> str:

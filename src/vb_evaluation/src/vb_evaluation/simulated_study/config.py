@@ -168,9 +168,9 @@ class Study:
     """A configuration, ready to run. Made by `load`.
 
     Attributes:
-        document: the YAML document with all defaults filled in; what is hashed.
+        document: the YAML document with all defaults filled in, of which the hash is made.
         sources: YAML documents of the files that it names, by their name in the document; do not change them.
-        models: of sensors, robot and people; traits in which people differ are drawn by `traits`.
+        models: models of sensors, robot and people; traits in which people differ are drawn by `traits`.
     """
 
     document: Mapping[str, Any]

@@ -52,7 +52,7 @@ class LiveRun:
     """A lab with one participant, and the live system in it; its attributes are complete once `run` has ended.
 
     Attributes:
-        scenario: as this person sees it, by `personal_scenario`.
+        scenario: the scenario as this person sees it, by `personal_scenario`.
         truth: (H, W) bool, the cells to restrict.
         prior, posterior: the map without and with borders.
         seed: (x, y) [m] of the border that was saved; None if none was.

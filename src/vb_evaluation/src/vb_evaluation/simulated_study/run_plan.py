@@ -114,8 +114,8 @@ class Job:
     """One run; its result depends on this and the study alone.
 
     Attributes:
-        draw: the plausible world that it is in, from 1; 0 for a main run.
-        changes: of the configuration, for worlds; see `Study.changed`.
+        draw: number of the run's plausible world, from 1; 0 for a main run.
+        changes: changes of the configuration, for worlds; see `Study.changed`.
         order: the run's position among its participant's runs, from 1; 0 if there is no such order.
     """
 

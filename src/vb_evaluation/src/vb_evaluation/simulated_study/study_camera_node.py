@@ -71,8 +71,8 @@ class StudyCameras(CameraNode):
     """Cameras whose frames do not depend on those before, and that skip most images in which there can be no spot.
 
     Args:
-        seed: of the frames' noise.
-        idle_every: of images without a spot, at most every n-th is sent; 1 sends every image.
+        seed: seed of the frames' noise.
+        idle_every: at most every n-th image without a spot is sent; 1 sends every image.
     """
 
     def __init__(self, cameras: List[SimulatedCamera], latency_ms: float, seed: int, idle_every: int) -> None:

@@ -23,9 +23,9 @@ class Body:
 
     Attributes:
         key: the same for bodies that look the same.
-        build: builds its pieces.
+        build: builds the body's pieces.
         pose: (x, y, yaw) [m, m, rad].
-        radius: [m] of its shadow.
+        radius: [m] radius of the body's shadow.
     """
 
     name: str
@@ -39,12 +39,12 @@ class View:
     """Renders the images of a camera.
 
     Args:
-        name: of the view; the noise differs between names.
+        name: the view's name; the noise differs between names.
         model: the camera.
-        encoding: of the images, as named in sensor_msgs.
+        encoding: the images' encoding, as named in sensor_msgs.
         radii: radius [m] of each robot by its name.
         models: parameters of optics and noise.
-        seed: of the noise.
+        seed: seed of the noise.
         full_well_e: [electrons] at 255, which determines the photon noise.
     """
 
@@ -128,7 +128,7 @@ class View:
         """Adds the laser's light to an image, in place.
 
         Args:
-            exposure: of the camera, as a multiple of the exposure of the image.
+            exposure: the camera's exposure, as a multiple of the image's.
         """
         spot = self.spot(snapshot)
         visible = 0.0 if spot is None else self._visible(spot)

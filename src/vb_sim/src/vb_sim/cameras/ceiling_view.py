@@ -90,7 +90,7 @@ class CeilingView(View):
         radii: radius [m] of each robot by its name.
         floor, mesh: the world's floor, walls and furniture.
         models: parameters of optics and noise.
-        seed: of the noise.
+        seed: seed of the noise.
     """
 
     def __init__(

@@ -119,9 +119,9 @@ class Person:
 
     Args:
         scenario: the task.
-        random_seed: of everything that differs between people.
+        random_seed: seed of everything that differs between people.
         start_near: (2,) [m] point near which the person starts.
-        method: with which the person draws. A person has one style, but aim, tremor and mistakes differ between
+        method: the method with which the person draws. A person has one style, but aim, tremor and mistakes differ between
             scenarios and methods, as nobody repeats a movement or a mistake.
     """
 

@@ -60,8 +60,8 @@ class Follower:
     A new path to the same goal does not reset its state.
 
     Args:
-        radius: [m] of the robot.
-        max_speed, max_turn_rate: [m/s], [rad/s] of the robot.
+        radius: [m] radius of the robot.
+        max_speed, max_turn_rate: [m/s], [rad/s] the robot's limits.
     """
 
     def __init__(self, radius: float = 0.18, max_speed: float = 0.5, max_turn_rate: float = MAX_TURN_RATE) -> None:

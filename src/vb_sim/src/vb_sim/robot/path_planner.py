@@ -42,7 +42,7 @@ class Costmap:
         """Computes the costs of a map.
 
         Args:
-            radius: [m] of the robot or person.
+            radius: [m] radius of the robot or person.
             obstacles: (H, W) bool, obstacle cells that are not on the map.
             inflation: [m] beyond the radius, within which cells near obstacles cost more.
         """

@@ -32,7 +32,7 @@ class RobotBody:
 
     Args:
         start: true start pose, (x, y, yaw) [m, m, rad], map frame.
-        radius: [m] of the round body.
+        radius: [m] radius of the round body.
         clearance: returns the distance [m] from a point to the nearest obstacle.
         rng: generates all noise.
     """

@@ -26,7 +26,7 @@ class SpotImage:
     """The light of a spot.
 
     Attributes:
-        column, row: [px] of the patch's first pixel.
+        column, row: [px] position of the patch's first pixel.
         center: (u, v) [px] of the spot in the middle of the exposure.
         light: (h, w) float32 [grey levels] on a white floor, before any colour filter.
     """
@@ -60,7 +60,7 @@ def render_spot(
 
     Args:
         point: [m] position of the spot, map frame.
-        velocity: [m/s] of the spot.
+        velocity: [m/s] velocity of the spot.
         source: (3,) [m] position of the pointer; if None, it is straight above the spot.
     """
     projection = _project(point, velocity, camera, T_map_optical, optics)
@@ -113,7 +113,7 @@ def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, 
 
     Args:
         weights: (3,) shares for red, green, blue.
-        column, row: of the light's first pixel in the image, on which a Bayer pattern's phase depends.
+        column, row: position of the light's first pixel in the image, on which a Bayer pattern's phase depends.
     """
     red, green, blue = (np.float32(weight) for weight in weights)
     if encoding == "rgb8":

@@ -205,7 +205,7 @@ class Scenario(Parameters):
     """A participant's task; its points are converted to arrays [m].
 
     Attributes:
-        key: its name in the file.
+        key: the task's name in the file.
         border: (N, 2) the polygonal chain to draw.
         closed: whether the border is a polygon.
         seed: (2,) the seed point.
