@@ -35,7 +35,7 @@ _SIGNS = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/y
 
 
 class Check(NamedTuple):
-    """One line of the result; `good` is None where it could not be determined."""
+    """One line of the result. `good` is None where it could not be determined."""
 
     name: str
     good: Optional[bool]
@@ -189,7 +189,7 @@ def find_robot(name: str) -> RobotStatus:
 
 
 def main() -> None:
-    """Runs the command; exits with 1 if a check failed or none could be made."""
+    """Runs the command. Exits with 1 if a check failed or none could be made."""
     parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--goal",

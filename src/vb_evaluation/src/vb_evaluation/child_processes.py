@@ -34,7 +34,7 @@ def free_port(preferred: int = 0) -> int:
 
 
 def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
-    """Starts a command that gets SIGTERM when the calling thread ends; `options` are Popen's.
+    """Starts a command that gets SIGTERM when the calling thread ends. `options` are Popen's.
 
     Its own children get no signal: it has to end them itself, as roslaunch does.
     """
@@ -42,7 +42,7 @@ def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
 
 
 class Child:
-    """A child process in its own group, so that everything it started ends with it; see `spawn`."""
+    """A child process in its own group, so that everything it started ends with it. See `spawn`."""
 
     def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
         self.log = log
@@ -67,7 +67,7 @@ class Child:
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
     def stop(self, timeout: float = 12.0) -> None:
-        """Interrupts the process; if it does not end in time, terminates and then kills its group."""
+        """Interrupts the process. If it does not end in time, terminates and then kills its group."""
         for sign, seconds in ((signal.SIGINT, timeout), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
             if not self.running:
                 return

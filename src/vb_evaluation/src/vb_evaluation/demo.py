@@ -96,7 +96,7 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs the demonstration; returns 0 if a saved border is respected, 1 if not, 2 for an error, 130 on Ctrl-C."""
+    """Runs the demonstration. Returns 0 if a saved border is respected, 1 if not, 2 for an error, 130 on Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True)
     try:
         options = parse(arguments)
@@ -111,7 +111,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 
 class Demo:
-    """One run, from starting the nodes to writing the summary; `stack` ends the processes that it starts."""
+    """One run, from starting the nodes to writing the summary. `stack` ends the processes that it starts."""
 
     def __init__(self, options: argparse.Namespace, console: Console, stack: contextlib.ExitStack) -> None:
         self.options, self.console, self._stack = options, console, stack
@@ -120,7 +120,7 @@ class Demo:
         self._printed: Dict[str, str] = {}
 
     def run(self) -> int:
-        """Runs the demonstration from beginning to end; returns the exit code."""
+        """Runs the demonstration from beginning to end. Returns the exit code."""
         options, proof = self.options, self.options.scenario.proof
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method].lower()}")
         self._launch()
@@ -259,7 +259,7 @@ class Demo:
                     self._print(text)
 
     def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> List[GoalOutcome]:
-        """Sends the robot to the start of the proof, and from there to its goal; returns both outcomes."""
+        """Sends the robot to the start of the proof, and from there to its goal. Returns both outcomes."""
         runner = GoalRunner()
         first = runner.drive(start, DRIVE_TIMEOUT)
         if first.outcome != "reached":
@@ -286,7 +286,7 @@ class Demo:
 
     # ------------------------------------------------------------- the end
     def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
-        """Writes the summary, and says whether the border is respected; returns the exit code.
+        """Writes the summary, and says whether the border is respected. Returns the exit code.
 
         Args:
             plans: (N, 2) [m] the paths planned "before" and "after" the border was drawn.

@@ -39,7 +39,7 @@ class SignedRank:
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its confidence interval; `confidence` is the level reached, 0 .. 1."""
+    """An estimate with its confidence interval. `confidence` is the level reached, 0 .. 1."""
 
     estimate: float
     low: float = math.nan
@@ -64,7 +64,7 @@ UNKNOWN = Interval(math.nan)
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """All statistics of two paired samples; differences are first minus second.
+    """All statistics of two paired samples. Differences are first minus second.
 
     Attributes:
         n: pairs.
@@ -104,7 +104,7 @@ def compare_paired(first: np.ndarray, second: np.ndarray, confidence: float = CO
 
 
 def signed_rank(differences: np.ndarray) -> SignedRank:
-    """Tests differences (N,) by Wilcoxon's signed ranks; equal ones must be equal to the last bit to be ties."""
+    """Tests differences (N,) by Wilcoxon's signed ranks. Equal ones must be equal to the last bit to be ties."""
     differences = _sample(differences)
     ranked = differences[differences != 0.0]
     if not len(ranked):
@@ -208,7 +208,7 @@ def noninferiority_p(gains: np.ndarray, margin: float) -> float:
 
 
 def holm(ps: Sequence[float]) -> np.ndarray:
-    """Corrects the p of one family of tests by Holm's method, (N,); unknown ones stay unknown and do not count."""
+    """Corrects the p of one family of tests by Holm's method, (N,). Unknown ones stay unknown and do not count."""
     # imported here and below: statsmodels takes a second to import, and a simulation does not need it
     from statsmodels.stats.multitest import multipletests
 

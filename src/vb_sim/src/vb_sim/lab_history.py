@@ -64,7 +64,7 @@ class History:
             self._snapshots.append(snapshot)
 
     def at(self, stamp: float) -> Snapshot:
-        """Interpolates the scene at time `stamp` [s]; the scene is empty if all snapshots differ by over a second."""
+        """Interpolates the scene at time `stamp` [s]. The scene is empty if all snapshots differ by over a second."""
         with self._lock:
             snapshots = list(self._snapshots)
         if not snapshots or stamp - snapshots[-1].stamp > _STALE or snapshots[0].stamp - stamp > _STALE:

@@ -41,7 +41,7 @@ CONTROL_STEPS = 5
 
 @dataclass(frozen=True)
 class LabSimulatorParams(Parameters):
-    """The node's parameters; the models' are in config/models.yaml."""
+    """The node's parameters. The models' are in config/models.yaml."""
 
     world: str = param("")
     seed: int = param(1, "", low=0)

@@ -19,7 +19,7 @@ from vb_sim.room.world import load_world
 
 @dataclass(frozen=True)
 class MapServerParams(Parameters):
-    """The map's file; exactly one of the two must be set."""
+    """The map's file. Exactly one of the two must be set."""
 
     world: str = param("")
     map_yaml: str = param("")

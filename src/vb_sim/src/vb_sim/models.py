@@ -175,7 +175,7 @@ class Models(Parameters):
 
 
 def load_models() -> Models:
-    """Reads this package's models file; omitted keys have their defaults.
+    """Reads this package's models file. Omitted keys have their defaults.
 
     Raises:
         CodedError: "no_models" or "bad_models"; see `read_document`.
@@ -185,7 +185,7 @@ def load_models() -> Models:
 
 
 def read_document(path: Path, what: str) -> Any:
-    """Reads a YAML file; returns None if it is empty.
+    """Reads a YAML file. Returns None if it is empty.
 
     Args:
         what: the kind of document, for instance "world", named in codes and sentences.

@@ -87,7 +87,7 @@ def cast_disc(
 
 
 class Lab:
-    """Steps the robots and simulates their scanners. Not thread-safe; the caller must hold a lock.
+    """Steps the robots and simulates their scanners. It is not thread-safe: the caller must hold a lock.
 
     Attributes:
         person: (x, y, yaw) [m, m, rad] of the participant, or None.

@@ -121,7 +121,7 @@ class Subscriber:
                 publisher.send(self, publisher.latched)
 
     def put(self, delivery: Delivery) -> None:
-        """Queues a message; a full queue drops its oldest one, as in rospy."""
+        """Queues a message. A full queue drops its oldest one, as in rospy."""
         if not self._ended:
             self._queue.append(delivery)
             self._waiting.wake()

@@ -45,7 +45,7 @@ class Node:
 
 
 class Graph:
-    """All nodes of one run; `installed` makes rospy act on it. Transport options, such as tcp_nodelay, have no effect.
+    """All nodes of one run. `installed` makes rospy act on it. Transport options, such as tcp_nodelay, have no effect.
 
     Args:
         scheduler: runs its tasks.
@@ -66,7 +66,7 @@ class Graph:
 
     # ------------------------------------------------------------- for a run
     def start(self, node: Node, main: Callable[[], Any]) -> None:
-        """Starts a node; `main` does what its executable would do."""
+        """Starts a node. `main` does what its executable would do."""
         self.scheduler.spawn(main, node)
 
     @contextlib.contextmanager

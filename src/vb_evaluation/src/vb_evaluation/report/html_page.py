@@ -34,7 +34,7 @@ SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
 
 
 def write_report(folder: Path) -> Path:
-    """Writes report.html and tables/*.csv into a study's folder; the page omits what the folder lacks.
+    """Writes report.html and tables/*.csv into a study's folder. The page omits what the folder lacks.
 
     Returns:
         The page.

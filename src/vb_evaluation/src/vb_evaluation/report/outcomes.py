@@ -21,7 +21,7 @@ _EXPLANATIONS = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
 def summary_section(study: StudyResults) -> List[Block]:
-    """Reports the method's effects with their intervals; with people, also without runs that had help or a problem."""
+    """Reports the method's effects with their intervals. With people, also without runs that had help or a problem."""
     if len(study.methods) < 2:
         return []
     names = [paper_results.method_title(method).lower() for method in study.comparison]
@@ -219,7 +219,7 @@ def _count_who_completed(study: StudyResults) -> List[Block]:
 
 
 def _count_outcomes(study: StudyResults) -> List[Block]:
-    """Counts the outcomes, and the help and problems that the experimenter noted; lists the runs not completed."""
+    """Counts the outcomes, and the help and problems that the experimenter noted. Lists the runs not completed."""
     if "outcome" not in study.runs:
         return []
     outcomes = list(dict.fromkeys(study.runs.outcome))

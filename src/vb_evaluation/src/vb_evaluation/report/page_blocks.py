@@ -37,7 +37,7 @@ def columns(*keys: str, **headings: str) -> Dict[str, str]:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of results; the page shows it, and a CSV file has its rows.
+    """A table of results. The page shows it, and a CSV file has its rows.
 
     Attributes:
         name: name of the table's file in tables/.

@@ -1,4 +1,4 @@
-"""Reads the files in a study's folder as pandas tables. Only runs.csv must be there; nothing here knows a simulator.
+"""Reads the files in a study's folder as pandas tables. Only runs.csv must be there. Nothing here knows a simulator.
 
 A table's index is the line number in its file. Measures are numbers, nan where unknown; everything else is text.
 """
@@ -76,7 +76,7 @@ class StudyResults:
 
     @property
     def methods(self) -> List[str]:
-        """The methods in runs.csv; the baseline comes last."""
+        """The methods in runs.csv. The baseline comes last."""
         return sorted(self.runs.method.unique(), key=lambda name: (name == BASELINE, name != "nrs", name))
 
     @property
@@ -169,7 +169,7 @@ def read_study(folder: Path) -> StudyResults:
 
 
 def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:
-    """Reads a CSV file with a header as text, with commas or semicolons, as spreadsheets write it; skips empty rows.
+    """Reads a CSV file with a header as text, with commas or semicolons, as spreadsheets write it. Skips empty rows.
 
     Raises:
         CodedError: `code` if it cannot be read or a column is missing.
@@ -196,7 +196,7 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
 
 
 def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
-    """Reads a study's CSV file; measures that it lacks are unknown.
+    """Reads a study's CSV file. Measures that it lacks are unknown.
 
     Args:
         conditions: columns that it must have too, a number in every row.

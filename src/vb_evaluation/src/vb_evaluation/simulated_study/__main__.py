@@ -21,7 +21,7 @@ ONLY = {"participant": int, "scenario": str, "method": str, "draw": int}
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs the study; returns 0 if all went well, 1 if runs failed, 2 for an error (one line), 130 if interrupted."""
+    """Runs the study. Returns 0 if all went well, 1 if runs failed, 2 for an error (one line), 130 if interrupted."""
     options = _parser().parse_args(arguments)
     console = Console(highlight=False, soft_wrap=True)
     try:
@@ -46,7 +46,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _interrupt(_number: int, _frame: object) -> None:
-    """Interrupts once; ignores further signals while the workers end."""
+    """Interrupts once. Ignores further signals while the workers end."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt

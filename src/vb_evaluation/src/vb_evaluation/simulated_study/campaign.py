@@ -57,13 +57,13 @@ class Outcome:
 
 
 def columns(file: str) -> Tuple[str, ...]:
-    """Lists the columns of one of a study's CSV files; what was varied comes first, where readers look for it."""
+    """Lists the columns of one of a study's CSV files. What was varied comes first, where readers look for it."""
     order = ("order", "map") if file == RUNS else ()
     return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
 def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1) -> int:
-    """Carries out the remaining runs; returns how many failed because of a fault in the program.
+    """Carries out the remaining runs. Returns how many failed because of a fault in the program.
 
     Raises:
         CodedError: "other_study".
@@ -111,7 +111,7 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
 
 
 def _row(folder: Path, job: Job) -> Path:
-    """Returns the file of a run's row; it exists only once the run is done, so that nothing is ever half written."""
+    """Returns the file of a run's row. It exists only once the run is done, so that nothing is ever half written."""
     return folder / ROWS / f"{job.name}.json"
 
 

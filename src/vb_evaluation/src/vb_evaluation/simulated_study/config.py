@@ -234,7 +234,7 @@ def _set(document: Any, path: str, value: Any) -> None:
 
 
 def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
-    """Reads a study's configuration; what the file omits is as in config/study.yaml.
+    """Reads a study's configuration. What the file omits is as in config/study.yaml.
 
     Args:
         seed: instead of the file's.
@@ -256,7 +256,7 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
 
 
 def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
-    """Builds and checks the study that a document and the files named in it describe; see `Study`."""
+    """Builds and checks the study that a document and the files named in it describe. See `Study`."""
     known_keys = ("design", "timing", "participants", "marks")
     for key in document:
         if key not in known_keys:
@@ -285,7 +285,7 @@ def _read(path: Path) -> Dict[str, Any]:
 
 
 def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Dict[str, Any]:
-    """Merges sections key by key; replaces a distribution, a list or a number as a whole."""
+    """Merges sections key by key. Replaces a distribution, a list or a number as a whole."""
     merged = dict(base)
     for key, value in changes.items():
         nested = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not DISTRIBUTIONS & set(value)

@@ -49,7 +49,7 @@ LAUNCH = "launch/simulation.launch"
 
 
 class LiveRun:
-    """A lab with one participant, and the live system in it; its attributes are complete once `run` has ended.
+    """A lab with one participant, and the live system in it. Its attributes are complete once `run` has ended.
 
     Attributes:
         scenario: the scenario as this person sees it, by `personal_scenario`.
@@ -199,5 +199,5 @@ def _kept_cache() -> RenderCache:
 
 
 def run(study: Study, job: Job) -> LiveRun:
-    """Carries out one run; the result depends on the arguments alone, not on earlier runs."""
+    """Carries out one run. The result depends on the arguments alone, not on earlier runs."""
     return LiveRun(study, job).run()

@@ -111,7 +111,7 @@ def _get(study: Study, key: str) -> Any:
 
 @dataclass(frozen=True)
 class Job:
-    """One run; its result depends on this and the study alone.
+    """One run. Its result depends on this and the study alone.
 
     Attributes:
         draw: number of the run's plausible world, from 1; 0 for a main run.
@@ -138,7 +138,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Its name among its file's runs; names sort in the order of the rows."""
+        """Its name among its file's runs. Names sort in the order of the rows."""
         place = f"d{self.draw:04d}" if self.draw else f"p{self.participant:04d}_{self.order}"
         return f"{self.file[: -len('.csv')]}_{place}_{self.scenario}_{self.method}"
 
@@ -163,7 +163,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
 
 
 def world_jobs(study: Study) -> List[Job]:
-    """Lists a run of each method in each world, each world with a different person; scenarios take turns."""
+    """Lists a run of each method in each world, each world with a different person. Scenarios take turns."""
     scenarios = study.design.scenarios
     return [
         Job(draw, scenarios[draw % len(scenarios)], method, draw, changes(study, factors))

@@ -41,7 +41,7 @@ class RenderCache:
         self._floor_key: object = None
 
     def enter(self, world: World, models: Models) -> None:
-        """Prepares for runs in a world; the participant's body may differ each time."""
+        """Prepares for runs in a world. The participant's body may differ each time."""
         floor_key = repr((world.room, world.floor, world.walls, world.furniture, world.patches, world.lights))
         if floor_key != self._floor_key:
             self._floor, self._mesh = render_floor(world, FLOOR_SEED), world_mesh(world)
@@ -95,7 +95,7 @@ class StudyCameras(CameraNode):
 
 
 class StudyCeilingCameras(StudyCameras):
-    """Skips images of the bare floor; sends every n-th with bodies but no spot, for the detector to learn the floor.
+    """Skips images of the bare floor. Sends every n-th with bodies but no spot, for the detector to learn the floor.
 
     Attributes:
         too_bright: whether a camera's image of the empty room is too bright by the lab's own check of exposure.

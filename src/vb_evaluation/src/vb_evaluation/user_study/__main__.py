@@ -17,7 +17,7 @@ from vb_evaluation.report.html_page import write_report
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs a command and prints its output; returns 0 if it worked, 2 and one line on stderr if not."""
+    """Runs a command and prints its output. Returns 0 if it worked, 2 and one line on stderr if not."""
     options = _parser().parse_args(arguments)
     try:
         for line in options.run(options):

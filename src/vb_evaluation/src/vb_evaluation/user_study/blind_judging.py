@@ -20,7 +20,7 @@ FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
 
 
 def write(study: Path, results: Path) -> Path:
-    """Writes the pictures of all measured runs with a saved border, and an empty sheet; returns their folder.
+    """Writes the pictures of all measured runs with a saved border, and an empty sheet. Returns their folder.
 
     Raises:
         CodedError: "cannot_write_into", also if they exist: judgements must not be lost.

@@ -52,7 +52,7 @@ def _age_band(text: str) -> str:
 
 
 def delete(path: Path, participant: str) -> List[str]:
-    """Deletes a participant's recordings, answers and judged pictures for good; returns what was deleted.
+    """Deletes a participant's recordings, answers and judged pictures for good. Returns what was deleted.
 
     The protocol keeps the lines, without recording, completion and note, so that the others' plan stays. Results must
     be measured again.

@@ -38,7 +38,7 @@ class Entry:
 
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
-    """Returns the rows of a protocol to fill in; see `order_runs`."""
+    """Returns the rows of a protocol to fill in. See `order_runs`."""
     return [
         {
             "participant": f"p{number:02d}",
@@ -66,7 +66,7 @@ def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
 
 
 def read(path: Path) -> List[Entry]:
-    """Reads a protocol; runs without a recording did not take place.
+    """Reads a protocol. Runs without a recording did not take place.
 
     Raises:
         CodedError: "bad_protocol" naming the line.

@@ -184,7 +184,7 @@ def _empty_row(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
 def _measured_row(
     entry: protocol.Entry, noted: Optional[bool], recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
 ) -> Tuple[Dict[str, Any], List[str]]:
-    """Makes a run's row. Each interaction of its recording is an attempt at it; there may be none, or several."""
+    """Makes a run's row. Each interaction of its recording is an attempt at it. There may be none, or several."""
     interactions = recording.interactions
     row, run = _empty_row(entry, "not_started"), _describe(entry)
     row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))

@@ -64,7 +64,7 @@ class View:
         self._rng = make_generator(seed, name)
 
     def frame(self, snapshot: Snapshot) -> np.ndarray:
-        """Renders the image of a scene, (H, W) or (H, W, 3) uint8; the next call may change it."""
+        """Renders the image of a scene, (H, W) or (H, W, 3) uint8. The next call may change it."""
         raise NotImplementedError
 
     def camera_pose(self, snapshot: Snapshot) -> np.ndarray:
@@ -72,7 +72,7 @@ class View:
         raise NotImplementedError
 
     def restart(self, models: Models) -> None:
-        """Resets the moving objects for another person in the same room; `models` may differ only in the body."""
+        """Resets the moving objects for another person in the same room. `models` may differ only in the body."""
         self._body, self._hand_height = models.body, models.hand_height
 
     def set_noise_generator(self, source: np.random.Generator) -> None:
@@ -80,7 +80,7 @@ class View:
         self._rng = source
 
     def _bodies(self, snapshot: Snapshot) -> List[Body]:
-        """Lists the moving bodies of a scene; bodies that look the same have the same name and key."""
+        """Lists the moving bodies of a scene. Bodies that look the same have the same name and key."""
         result = []
         for name, pose in snapshot.robots.items():
             radius = self._radii.get(name, 0.18)
@@ -96,7 +96,7 @@ class View:
 
     # ------------------------------------------------------------- the laser
     def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
-        """Renders the light of the spot as if nothing hid it; returns None if the laser is off or out of view."""
+        """Renders the light of the spot as if nothing hid it. Returns None if the laser is off or out of view."""
         if snapshot.laser is None:
             return None
         person, pose = snapshot.person, self.camera_pose(snapshot)
@@ -104,7 +104,7 @@ class View:
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, pose, self._optics)
 
     def spot_share(self, snapshot: Snapshot) -> float:
-        """Returns the share of the laser's light on the floor that reaches the camera; call `frame` first."""
+        """Returns the share of the laser's light on the floor that reaches the camera. Call `frame` first."""
         spot = self.spot(snapshot)
         return 0.0 if spot is None else self._visible(spot)
 

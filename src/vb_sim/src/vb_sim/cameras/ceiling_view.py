@@ -34,7 +34,7 @@ def _to_fixed_point(points: np.ndarray) -> np.ndarray:
 
 
 def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """Encodes rgb (H, W, 3) as (H, W) or (H, W, 3) in a sensor_msgs encoding; for Bayer, H and W must be even."""
+    """Encodes rgb (H, W, 3) as (H, W) or (H, W, 3) in a sensor_msgs encoding. For Bayer, H and W must be even."""
     if encoding == "bgr8":
         return np.ascontiguousarray(rgb[..., ::-1])
     if encoding == "mono8":
@@ -161,7 +161,7 @@ class CeilingView(View):
 
     # ------------------------------------------------------------- moving parts
     def restart(self, models: Models) -> None:
-        """Resets the moving objects for another person in the same room; `models` may differ only in the body."""
+        """Resets the moving objects for another person in the same room. `models` may differ only in the body."""
         super().restart(models)
         self._undo_changes()
         self._sprites.clear()
@@ -178,7 +178,7 @@ class CeilingView(View):
         self._undo.clear()
 
     def frame(self, snapshot: Snapshot) -> np.ndarray:
-        """Renders a scene, (H, W) or (H, W, 3) uint8 in the camera's encoding; the next call overwrites it."""
+        """Renders a scene, (H, W) or (H, W, 3) uint8 in the camera's encoding. The next call overwrites it."""
         self._undo_changes()
         count = len(self._images)
         if self._image_index is None:
@@ -265,7 +265,7 @@ class CeilingView(View):
         return (cv2.convertScaleAbs(color, alpha=gain) if gain != 1.0 else color), opacity
 
     def _shadow_outline(self, pose, radius: float) -> np.ndarray:
-        """Returns the outline (N, 2) [px] of a shadow on the floor; it is small, as lamps are all over the ceiling."""
+        """Returns the outline (N, 2) [px] of a shadow on the floor. It is small, as lamps are all over the ceiling."""
         circle = bodies._CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
         points = np.column_stack([circle, np.zeros(len(circle))]) - self.pose[:3, 3]
         in_camera = points @ self.pose[:3, :3]

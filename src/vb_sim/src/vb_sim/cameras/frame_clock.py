@@ -24,7 +24,7 @@ class SmoothClock:
         self._last: Optional[float] = None
 
     def now(self) -> float:
-        """Returns the time [s]; it stops when the simulated time does."""
+        """Returns the time [s]. It stops when the simulated time does."""
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             self._last = simulated

@@ -52,7 +52,7 @@ class RobotView(View):
         self._make_noise()
 
     def restart(self, models: Models) -> None:
-        """Resets the moving objects for another person in the same room; `models` may differ only in the body."""
+        """Resets the moving objects for another person in the same room. `models` may differ only in the body."""
         super().restart(models)
         self._pose = self.robot.start_pose()
         self._drawn_key = None

@@ -107,7 +107,7 @@ class Action:
 
 
 class ParticipantGaveUp(Exception):
-    """The person gave up; the message says why."""
+    """The person gave up. The message says why."""
 
 
 class DrawingSlip(Exception):
@@ -260,7 +260,7 @@ class Person:
         raise ParticipantGaveUp(f"{command} was not accepted: {self.last_answer.message} [{self.last_answer.code}]")
 
     def _maybe_give_wrong_command(self, command: str, source: str) -> Step:
-        """Sometimes gives another command, as if the person misspoke or was misheard; the display shows its effect.
+        """Sometimes gives another command, as if the person misspoke or was misheard. The display shows its effect.
 
         Raises:
             DrawingSlip: if the state changed, so that the person must start over.
@@ -354,7 +354,7 @@ class ParticipantScript:
         raise NotImplementedError
 
     def draw(self) -> Step:
-        """Draws the border; the state is Border."""
+        """Draws the border. The state is Border."""
         raise NotImplementedError
 
     def show_seed(self) -> Step:
@@ -412,7 +412,7 @@ class ParticipantScript:
         raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
 
     def _attempt(self) -> Generator[None, None, bool]:
-        """Makes one attempt to draw, show the seed and save; returns whether a border was saved.
+        """Makes one attempt to draw, show the seed and save. Returns whether a border was saved.
 
         Raises:
             DrawingSlip: if the person notices a mistake.

@@ -273,7 +273,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.spot = None
 
     def _draw_along(self, stroke: Stroke, start: float, end: float) -> Generator[None, None, float]:
-        """Draws from one arc length [m] to another, in either direction; returns where the spot was first seen."""
+        """Draws from one arc length [m] to another, in either direction. Returns where the spot was first seen."""
         person = self.person
         sign = 1.0 if end >= start else -1.0
         arc = last_seen = start

@@ -140,7 +140,7 @@ class Walker:
     def _plan(
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
     ) -> np.ndarray:
-        """Plans a path (N, 2) [m]; returns (0, 2) if there is none."""
+        """Plans a path (N, 2) [m]. Returns (0, 2) if there is none."""
         # if no path leads round the robot, which may be in a doorway, plans without it, as it may move away
         planners = [self._planner] if robot is None else [self._planner_avoiding(robot), self._planner]
         for planner in planners:

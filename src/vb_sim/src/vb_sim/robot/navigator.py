@@ -169,13 +169,13 @@ class Navigator:
         return costmap
 
     def static(self) -> Planner:
-        """Returns the planner on the map alone; raises CodedError "no_map"."""
+        """Returns the planner on the map alone. Raises CodedError "no_map"."""
         if self._planner is None:
             raise CodedError("no_map")
         return self._planner
 
     def _planner_with_obstacles(self, static: Planner, pose: Pose, points: np.ndarray) -> Planner:
-        """Creates a planner on map and scan; returns that on the map alone if the scan shows no new obstacle."""
+        """Creates a planner on map and scan. Returns that on the map alone if the scan shows no new obstacle."""
         grid, distance = static.costmap.grid, static.costmap.distance
         points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
         cells = grid.world_to_cell(to_map(points, pose))
@@ -190,7 +190,7 @@ class Navigator:
 
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:
-        """Sets a new goal (x, y, yaw) [m, m, rad], map frame; raises CodedError "no_map"."""
+        """Sets a new goal (x, y, yaw) [m, m, rad], map frame. Raises CodedError "no_map"."""
         self.static()  # checks for a map before the robot's pose is looked up, which may fail too
         self._goal = goal
         self._follower.set_goal(goal)
@@ -232,7 +232,7 @@ class Navigator:
         return replace(motion, path=path)
 
     def _replan(self, static: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
-        """Plans the follower's new path; raises CodedError if planning has failed for too long."""
+        """Plans the follower's new path. Raises CodedError if planning has failed for too long."""
         start, end = np.array(pose[:2]), np.array(self._goal[:2])
         try:
             try:

@@ -76,7 +76,7 @@ def static_costs(data: np.ndarray) -> np.ndarray:
 
 
 def inflate(static: np.ndarray, distance: np.ndarray, radius: float, inflation: float) -> np.ndarray:
-    """Inflates costs (H, W) uint8 with the decay of inflation_layer's computeCost; the higher cost counts."""
+    """Inflates costs (H, W) uint8 with the decay of inflation_layer's computeCost. The higher cost counts."""
     decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - radius))
     # a cell at a distance of exactly the radius is inscribed; the tolerance covers rounding errors
     inflated = np.where(distance <= radius + 1e-6, INSCRIBED, decay)
@@ -178,7 +178,7 @@ class Planner:
 
     @cached_property
     def _graph(self) -> csr_matrix:
-        """The cost of moving from each cell to its neighbours; cells are numbered row by row."""
+        """The cost of moving from each cell to its neighbours. Cells are numbered row by row."""
         rows, columns = self._free.shape
         nodes = np.arange(self._free.size).reshape(self._free.shape)
         sources: List[np.ndarray] = []

@@ -56,7 +56,7 @@ def render_spot(
     T_map_optical: np.ndarray,
     optics: Optics,
 ) -> Optional[SpotImage]:
-    """Renders the light of a spot; returns None if it is out of view.
+    """Renders the light of a spot. Returns None if it is out of view.
 
     Args:
         point: [m] position of the spot, map frame.

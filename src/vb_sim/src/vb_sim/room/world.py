@@ -202,7 +202,7 @@ class DetourCheck(Parameters):
 
 @dataclass(frozen=True)
 class Scenario(Parameters):
-    """A participant's task; its points are converted to arrays [m].
+    """A participant's task. Its points are converted to arrays [m].
 
     Attributes:
         key: the task's name in the file.
@@ -295,7 +295,7 @@ def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) ->
 
 
 def load_world(path: str) -> World:
-    """Reads a world file; with the key `like`, it extends another file in the same folder.
+    """Reads a world file. With the key `like`, it extends another file in the same folder.
 
     Raises:
         CodedError: "no_world" if there is no such file, "bad_world" if it is not YAML.
