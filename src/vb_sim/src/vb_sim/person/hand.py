@@ -96,7 +96,7 @@ class Stroke:
     Args:
         border: (N, 2) [m] the intended chain.
         closed: whether the chain returns to its start.
-        style: the movement's style; `model.stroke_scale` multiplies its deviations, and 0 draws straight and evenly.
+        style: the movement's style. The model's `stroke_scale` multiplies its deviations, and 0 draws straight and evenly.
         is_floor: returns whether points (N, 2) [m] are on the floor; the ends of an open border are drawn only there.
     """
 
