@@ -128,8 +128,7 @@ def test_an_interval_is_written_with_what_is_known_of_it(values, text):
 def test_a_comparison_of_few_participants_claims_no_more_than_they_show():
     three = statistics.compare_paired([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
     assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25
-    single_pair = statistics.compare_paired([2.0], [1.0])
-    assert single_pair.test.p_exact == 1.0
+    assert statistics.compare_paired([2.0], [1.0]).test.p_exact == 1.0
     none = statistics.compare_paired([], [])
     assert none.n == 0 and math.isnan(none.r) and math.isnan(none.shift.estimate)
     # ties hidden by floating-point error

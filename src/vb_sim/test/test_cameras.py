@@ -292,8 +292,7 @@ def floor_errors(camera, pose, far=8.0):
 
 @pytest.mark.parametrize("camera", [*CAMERAS, TILTED], ids=lambda camera: camera.name)
 def test_exact_measurements_give_the_true_pose(camera):
-    pose = calibrated_pose(camera, Optics(calibration_point_m=0.0), 1)
-    np.testing.assert_allclose(pose, camera.pose(), atol=1e-6)
+    np.testing.assert_allclose(calibrated_pose(camera, Optics(calibration_point_m=0.0), 1), camera.pose(), atol=1e-6)
 
 
 def test_floor_is_as_wrong_as_least_squares_says():

@@ -150,7 +150,8 @@ class NavigationCheck:
         check = self._soon(name, plan_avoids_border, self._at_once)
         if not check.good:
             return check
-        plans, end = [], time.monotonic() + WATCHED
+        plans = []
+        end = time.monotonic() + WATCHED
         while time.monotonic() < end:
             plans.append(plan_avoids_border())
         return Check(

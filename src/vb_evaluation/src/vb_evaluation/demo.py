@@ -121,7 +121,8 @@ class Demo:
 
     def run(self) -> int:
         """Runs the demonstration from beginning to end. Returns the exit code."""
-        options, proof = self.options, self.options.scenario.proof
+        options = self.options
+        proof = options.scenario.proof
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method].lower()}")
         self._launch()
         self._register()
@@ -131,7 +132,8 @@ class Demo:
         before = observer.plan(start, goal, "/move_base/make_plan")
         self._follow(observer)
         saved = observer.state is not None and observer.state.last_outcome == "saved"
-        after, drives = np.zeros((0, 2)), []
+        after = np.zeros((0, 2))
+        drives = []
         if saved:
             # the map with the border was published before the state became "saved"; move_base's
             # costmap picks it up a little later
@@ -157,7 +159,8 @@ class Demo:
         shutil.rmtree(str(state), ignore_errors=True)
         for old in options.out.glob("summary.json"):
             old.unlink()
-        self._port, page = free_port(), free_port(PAGE_PORT)
+        self._port = free_port()
+        page = free_port(PAGE_PORT)
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{self._port}"
         os.environ["ROS_LOG_DIR"] = str(options.out / "log")
         has_screen = bool(os.environ.get("DISPLAY"))

@@ -75,7 +75,8 @@ class GoalRunner:
         message.target_pose.header.stamp = rospy.Time.now()
         message.target_pose.pose = message_from_pose2d(*goal)
         self._path = []
-        began, false_reports = rospy.get_time(), -1
+        began = rospy.get_time()
+        false_reports = -1
         is_false_report = True
         while is_false_report and false_reports < FALSE_REPORTS:
             false_reports += 1

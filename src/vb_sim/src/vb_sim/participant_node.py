@@ -102,7 +102,8 @@ class ParticipantNode:
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
-            self._percept.state, self._sees_state = message.name, True
+            self._percept.state = message.name
+            self._sees_state = True
 
     # ------------------------------------------------------------ steps
     def _step_person(self, lab: LabState) -> None:
@@ -129,8 +130,10 @@ class ParticipantNode:
 
     def _publish(self, action: Action, now: rospy.Time) -> None:
         message = ParticipantState(laser_color=self._params.color, person_present=True, doing=action.doing)
-        message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
-        message.laser_on, message.laser = action.laser is not None, Point(*(action.laser or (0.0, 0.0)), 0.0)
+        message.header.stamp = now
+        message.header.frame_id = names.MAP_FRAME
+        message.laser_on = action.laser is not None
+        message.laser = Point(*(action.laser or (0.0, 0.0)), 0.0)
         message.person = Pose2D(*action.pose)
         self._state.publish(message)
 

@@ -179,7 +179,8 @@ class ServiceProxy:
         if service is None:
             raise rospy.ServiceException(f"service [{self.resolved_name}] unavailable")
         request_received = Delivery(request, {}).message(service.kind._request_class)
-        caller, answers = greenlet.getcurrent(), []
+        caller = greenlet.getcurrent()
+        answers = []
 
         def serve() -> None:
             try:

@@ -185,7 +185,8 @@ class _Rospy:
         self._scheduler.wait()
 
     def wait_for_service(self, name: str, timeout: Any = None) -> None:
-        full, waited = self.resolve_name(name), 0.0
+        full = self.resolve_name(name)
+        waited = 0.0
         limit = timeout.to_sec() if isinstance(timeout, genpy.Duration) else timeout
         while full not in self._graph.services:
             if limit is not None and waited >= limit:

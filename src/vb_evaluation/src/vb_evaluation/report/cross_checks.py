@@ -50,7 +50,8 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
 
 def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, Interval, int, float]]:
     """Yields (quantity, the paper's figure, ours, digits, the paper's rounding step) of a scenario, if it was run."""
-    scenario_runs, published = select(study.runs, scenario=scenario), PAPER[scenario]
+    scenario_runs = select(study.runs, scenario=scenario)
+    published = PAPER[scenario]
     if not len(scenario_runs):
         return
     yield "speed-up", published.speedup, effect_sizes.ratio(scenario_runs, METHODS), 2, 0.1
@@ -58,7 +59,8 @@ def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, I
         with_nrs, alone = pairs(scenario_runs, "time_border_s", METHODS)
         yield "Border state shorter by [s]", published.border_gain_s, statistics.mean(alone - with_nrs), 1, 1.0
     for method in METHODS:
-        title, runs = paper_results.method_title(method).lower(), select(scenario_runs, method=method)
+        title = paper_results.method_title(method).lower()
+        runs = select(scenario_runs, method=method)
         done = select(runs, completed=1)
         similarity = statistics.median(known_values(done, "jaccard"))
         yield f"Jaccard index, {title}", published.jaccard[method], similarity, 3, 1e-3

@@ -42,7 +42,8 @@ def write_report(folder: Path) -> Path:
     Raises:
         CodedError: "bad_study" naming the file, and the line or column; "cannot_write_into".
     """
-    study, template_folder = read_study(folder), Path(__file__).parent
+    study = read_study(folder)
+    template_folder = Path(__file__).parent
     sections = [(name, title, make(study)) for name, title, make in SECTIONS]
     sections = [section for section in sections if section[2]]
     environment = jinja2.Environment(

@@ -135,12 +135,15 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
 
 def measure(run: LiveRun) -> Dict[str, object]:
     """Computes all columns of a run except those that identify it: measures (paper, Sect. 5.5), and what explains them."""
-    restricted, floor = metrics.restricted_cells(run.prior, run.posterior), run.prior.data == FREE
+    restricted = metrics.restricted_cells(run.prior, run.posterior)
+    floor = run.prior.data == FREE
     # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides the drawing's errors
     enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in study_files.STATES]
-    saved, requested_area, script = run.seed is not None, Polygon(run.scenario.region), run.script
+    saved = run.seed is not None
+    requested_area = Polygon(run.scenario.region)
+    script = run.script
     seed_is_right = int(saved and requested_area.contains(Point(run.seed)))
     return {
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)

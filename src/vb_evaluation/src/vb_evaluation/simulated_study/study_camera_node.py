@@ -102,7 +102,8 @@ class StudyCeilingCameras(StudyCameras):
     """
 
     def __init__(self, cache: RenderCache, cameras: List[CeilingCamera], seed: int, idle_every: int) -> None:
-        optics, simulated = cache.models.optics, []
+        optics = cache.models.optics
+        simulated = []
         self.too_bright = False
         for camera in cameras:
             view = cache.view(CeilingView, camera)

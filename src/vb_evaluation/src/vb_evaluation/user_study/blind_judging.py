@@ -29,7 +29,8 @@ def write(study: Path, results: Path) -> Path:
     rows = rows[rows["map"] != ""]
     # from 100: a spreadsheet strips leading zeros
     codes = [str(code) for code in secrets.SystemRandom().sample(range(100, 1000), len(rows))]
-    physical, key = read_map(results / "maps" / "physical.yaml"), []
+    physical = read_map(results / "maps" / "physical.yaml")
+    key = []
     try:
         (study / FOLDER).mkdir()
         for code, row in zip(codes, rows.to_dict("records")):

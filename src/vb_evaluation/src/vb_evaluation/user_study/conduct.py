@@ -102,7 +102,8 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
         if not remaining:
             raise CodedError("all_done", f"{participant} has done all runs", participant=participant)
         entry = remaining[0]
-    planned, number = entry.folder(path), 2
+    planned = entry.folder(path)
+    number = 2
     folder = planned
     while folder.exists():
         folder, number = planned.with_name(f"{planned.name}_{number}"), number + 1

@@ -152,7 +152,9 @@ class Person:
         self.dt = 0.0
         self.tries = 0
         self.last_answer = self.percept.answer
-        self._command, self._number, self._source = "", 0, "participant"
+        self._command = ""
+        self._number = 0
+        self._source = "participant"
         self._draw_mistakes()
 
     def _draw_mistakes(self) -> None:
@@ -320,7 +322,8 @@ class Person:
 
     def hold_until_seen(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
         """Holds the spot until it was seen for `seconds` [s] in total, or `patience` [s] more have passed."""
-        seen_time, start = 0.0, self.percept.now
+        seen_time = 0.0
+        start = self.percept.now
         while seen_time < seconds and self.percept.now - start < patience + seconds:
             if self.unseen_for(by_robot) < FEEDBACK_GAP:
                 seen_time += self.dt
@@ -366,7 +369,8 @@ class ParticipantScript:
         person = self.person
         while not person.percept.now:
             yield
-        start, course = person.percept.now, self._attempt_repeatedly()
+        start = person.percept.now
+        course = self._attempt_repeatedly()
         try:
             for _ in course:
                 if person.percept.now - start > person.model.time_limit:
@@ -375,7 +379,8 @@ class ParticipantScript:
             outcome = "saved"
         except ParticipantGaveUp as reason:
             course.close()
-            outcome, self.reason = "gave_up", str(reason)
+            outcome = "gave_up"
+            self.reason = str(reason)
             person.spot = None
             yield from person.give_command("cancel", self.source)
         person.spot = None

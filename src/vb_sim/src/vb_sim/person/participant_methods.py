@@ -145,7 +145,8 @@ class RobotOnlyScript(ParticipantScript):
     def _is_on_seed_side(self, place: np.ndarray) -> bool:
         """Returns whether a point (2,) [m] is clearly on the same side of the border as the seed."""
         person = self.person
-        region, border = Polygon(person.scenario.region), person.scenario.border
+        region = Polygon(person.scenario.region)
+        border = person.scenario.border
         chain = np.vstack([border, border[:1]]) if person.scenario.closed else border
         same_side = region.contains(Point(place)) == region.contains(Point(person.seed))
         return bool(same_side and distance_to_chain(np.asarray(place), chain) > 0.2)

@@ -153,7 +153,8 @@ class Walker:
         if self._planner_with_robot is None or np.linalg.norm(self._planner_with_robot[0] - robot) > 0.1:
             rows, columns = np.indices(self._grid.shape)
             column, row = self._grid.world_to_grid(robot)[0]
-            radius, distances = self._model.body_radius, np.hypot(rows - row, columns - column) * self._grid.resolution
+            radius = self._model.body_radius
+            distances = np.hypot(rows - row, columns - column) * self._grid.resolution
             # the disc's and the person's radius add up to the distance from the robot
             costmap = Costmap(self._grid, radius, distances < ROBOT_DISTANCE - radius, BERTH)
             self._planner_with_robot = (np.array(robot), Planner(costmap))

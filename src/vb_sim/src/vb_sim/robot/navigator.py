@@ -212,10 +212,12 @@ class Navigator:
         Raises:
             CodedError: says why the goal cannot be reached.
         """
-        static, path = self.static(), None
+        static = self.static()
+        path = None
         is_due = self._planned_at is None or not 0.0 <= now - self._planned_at < _PLANNER_PERIOD
         if is_due or static is not self._planned_on:
-            self._planned_at, self._planned_on = now, static
+            self._planned_at = now
+            self._planned_on = static
             path = self._replan(static, pose, obstacles, now)
         if self._failed:
             # stops, as the map may no longer permit the last path
@@ -246,6 +248,7 @@ class Navigator:
             if now - self._last_plan_at >= _PLANNER_PATIENCE:
                 raise
             return None
-        self._failed, self._last_plan_at = False, now
+        self._failed = False
+        self._last_plan_at = now
         self._follower.set_path(path)
         return path

@@ -200,7 +200,9 @@ class Planner:
     # ------------------------------------------------------------ shape of the path
     def _simplify(self, cells: np.ndarray, costs: np.ndarray) -> np.ndarray:
         """Selects the cells of a path (N, 2) between which straight lines cost no more than steps from cell to cell."""
-        spent, last, corners = costs[tuple(cells.T)], len(cells) - 1, [0]
+        spent = costs[tuple(cells.T)]
+        last = len(cells) - 1
+        corners = [0]
 
         def line_is_cheap(a: int, b: int) -> bool:
             start, end = cells[[a, b]].astype(float)

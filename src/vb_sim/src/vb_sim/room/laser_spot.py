@@ -179,7 +179,8 @@ def _determinant(matrix: np.ndarray) -> float:
 
 def _footprint_covariance(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
     """Computes the covariance (2, 2) [m^2] of the light on the floor, an ellipse if the beam is oblique."""
-    distance, covariance = 1.5, np.eye(2)
+    distance = 1.5
+    covariance = np.eye(2)
     if source is not None:
         along = np.array(point) - source[:2]
         horizontal = float(np.linalg.norm(along))
