@@ -63,10 +63,10 @@ class LabSimulatorTest(unittest.TestCase):
         if blocked is not None:
             low, high = self.grid.world_to_cell(np.array(blocked).reshape(2, 2))
             data[low[0] : high[0], low[1] : high[1]] = 100
-        before = self.costmap.count
+        count = self.costmap.count
         wait_until(lambda: self.maps.get_num_connections() > 0, "navigation to listen")
         self.maps.publish(message_from_grid(self.grid.with_data(data), rospy.Time.now()))
-        wait_until(lambda: self.costmap.count > before, "the costmap with it")
+        wait_until(lambda: self.costmap.count > count, "the costmap with it")
 
     def path(self, start, goal, tolerance=0.0):
         reply = self.make_plan(pose(*start), pose(*goal), tolerance)

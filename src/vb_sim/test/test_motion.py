@@ -127,10 +127,10 @@ def test_localisation_error_has_its_sigma_and_varies_slowly():
 
 def test_a_standing_robot_is_not_relocalised_by_itself():
     robot = body(seed=1)
-    before = robot.estimate()
+    estimate = robot.estimate()
     for step in range(100):
         robot.step(DT, step * DT)
-    assert robot.estimate() == before
+    assert robot.estimate() == estimate
 
 
 # ------------------------------------------------------------ scanner

@@ -208,9 +208,9 @@ def test_open_strokes_end_where_the_floor_ends():
 
 
 def test_marks_on_the_floor_lie_beside_the_map():
-    meant = perceive_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
-    assert np.allclose(meant, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
-    assert np.allclose(perceive_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
+    border = perceive_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
+    assert np.allclose(border, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
+    assert np.allclose(perceive_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], border - (0.03, -0.01))
     turned = perceive_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
     x, y = (SQUARE - SQUARE.mean(axis=0)).T
     assert np.allclose(turned - turned.mean(axis=0), np.column_stack([-y, x]))

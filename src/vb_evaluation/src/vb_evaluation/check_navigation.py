@@ -160,10 +160,10 @@ class NavigationCheck:
 
     def _soon(self, name: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
         """Checks that a condition comes to hold within a limit [s] of wall time."""
-        begin = time.monotonic()
+        start = time.monotonic()
         if not wait_until(condition, self._timeout, 0.02):
             return Check(name, False, f"not within {self._timeout:g} s")
-        seconds = time.monotonic() - begin
+        seconds = time.monotonic() - start
         return Check(
             name, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else "")
         )

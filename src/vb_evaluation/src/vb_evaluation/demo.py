@@ -129,26 +129,26 @@ class Demo:
         observer = Observer()
         self._wait_until_ready(observer)
         start, goal = ((x, y, math.radians(yaw)) for x, y, yaw in (proof.start, proof.goal))
-        before = observer.plan(start, goal, "/move_base/make_plan")
+        plan_before = observer.plan(start, goal, "/move_base/make_plan")
         self._follow(observer)
         saved = observer.state is not None and observer.state.last_outcome == "saved"
-        after = np.zeros((0, 2))
+        plan_after = np.zeros((0, 2))
         drives = []
         if saved:
             # the map with the border was published before the state became "saved"; move_base's
             # costmap picks it up a little later
             region = metrics.restricted_cells(observer.prior, observer.posterior)
-            later_plans = [after]
+            later_plans = [plan_after]
             wait_until(
                 lambda: later_plans.append(observer.plan(start, goal, "/move_base/make_plan"))
                 or not metrics.crosses(later_plans[-1], observer.prior, region),
                 5.0,
                 0.25,
             )
-            after, drives = later_plans[-1], self._drive(start, goal)
+            plan_after, drives = later_plans[-1], self._drive(start, goal)
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
-        return self._conclude(observer, {"before": before, "after": after}, drives)
+        return self._conclude(observer, {"before": plan_before, "after": plan_after}, drives)
 
     # ------------------------------------------------------------- starting
     def _launch(self) -> None:

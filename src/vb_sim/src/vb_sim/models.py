@@ -184,23 +184,23 @@ def load_models() -> Models:
     return Models.from_mapping(read_document(MODELS, "models"))
 
 
-def read_document(path: Path, what: str) -> Any:
+def read_document(path: Path, kind: str) -> Any:
     """Reads a YAML file. Returns None if it is empty.
 
     Args:
-        what: the kind of document, for instance "world", named in codes and sentences.
+        kind: the kind of document, for instance "world", named in codes and sentences.
 
     Raises:
-        CodedError: "no_<what>" if there is no such file, "bad_<what>" if it is not YAML.
+        CodedError: "no_<kind>" if there is no such file, "bad_<kind>" if it is not YAML.
     """
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise CodedError(f"no_{what}", f"cannot read the {what} file '{path}': {error.strerror}") from None
+        raise CodedError(f"no_{kind}", f"cannot read the {kind} file '{path}': {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f" in line {mark.line + 1}" if mark else ""
-        raise CodedError(f"bad_{what}", f"the {what} file '{path}' is not valid YAML{line}") from None
+        raise CodedError(f"bad_{kind}", f"the {kind} file '{path}' is not valid YAML{line}") from None
 
 
 def make_generator(seed: int, name: str) -> np.random.Generator:

@@ -72,7 +72,7 @@ class Graph:
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
         """Replaces rospy, and threading and time in all nodes' modules, with this graph's."""
-        before = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
+        previous_clock = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
         with replaced(self._replacements()):
             rospy.rostime.set_rostime_initialized(True)
             rospy.rostime._set_rostime(rospy.Time(0))
@@ -82,7 +82,7 @@ class Graph:
             finally:
                 self.scheduler.close()
                 self._stand_ins.restore()
-                rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = before
+                rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = previous_clock
 
     def delay_of(self, name: str) -> int:
         """Returns the time [ns] that a topic's messages or a service's answers take."""

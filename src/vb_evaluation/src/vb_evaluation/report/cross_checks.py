@@ -101,7 +101,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         return []
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).columns[1:]
     table, (first, baseline) = study.tables[WORLDS], study.comparison
-    both = select(table, method=first).merge(
+    paired_rows = select(table, method=first).merge(
         select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base")
     )
     return [
@@ -112,7 +112,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         Table(
             "worlds",
             columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number"),
-            conclusions(study, both),
+            conclusions(study, paired_rows),
             {"holds": 0},
             words="Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "
             "true. A world is a draw of all assumptions, with one person who tries both methods. "

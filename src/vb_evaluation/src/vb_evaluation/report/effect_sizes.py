@@ -47,8 +47,8 @@ def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool
     if not study.people or len(study.methods) < 2:
         return []
     rows = []
-    for title, here in study.by_scenario():
-        samples = pairs(here, column, study.comparison, completed)
+    for title, runs in study.by_scenario():
+        samples = pairs(runs, column, study.comparison, completed)
         if len(samples[0]):
             rows.append({"scenario": title, **wilcoxon_row(statistics.compare_paired(*samples))})
     add_holm(rows)

@@ -206,8 +206,8 @@ def _count_who_completed(study: StudyResults) -> List[Block]:
     if len(study.methods) < 2:
         return []
     rows: List[Dict[str, Any]] = []
-    for title, here in study.by_scenario():
-        counts = statistics.compare_completed(*pairs(here, "completed", study.comparison))
+    for title, runs in study.by_scenario():
+        counts = statistics.compare_completed(*pairs(runs, "completed", study.comparison))
         rows.append({"scenario": title, **counts, "p": statistics.format_p(counts["p"]), "p_value": counts["p"]})
     titles = [f"Only {paper_results.method_title(method).lower()}" for method in study.comparison]
     if study.people:

@@ -104,16 +104,16 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     for key in settings:
         if key not in ("traits", "body", "stand_offset", "margin"):
             raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
-    drawn: Dict[str, Dict[str, Any]] = {}
+    values: Dict[str, Dict[str, Any]] = {}
     for part, kind, stream in (("traits", ParticipantModel, ""), ("body", BodyProportions, "body ")):
         specs = settings.get(part) or {}
         for key in specs:
             if key not in [field.name for field in fields(kind)]:
                 raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
-        drawn[part] = {
+        values[part] = {
             key: draw(f"participants/{part}/{key}", spec, streams(stream + key)) for key, spec in specs.items()
         }
-    traits = drawn["traits"]
+    traits = values["traits"]
     # models.yaml gives these as ranges; a person has one speed
     traits.update({key: (traits[key],) * 2 for key in ("drawing_speed", "tremor_band") if key in traits})
 
@@ -123,7 +123,7 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     stand = streams("stand")
     return Traits(
         replace(model, **_possible(ParticipantModel, traits)),
-        BodyProportions(**_possible(BodyProportions, drawn["body"])),
+        BodyProportions(**_possible(BodyProportions, values["body"])),
         (length("stand_offset", stand), length("stand_offset", stand)),
         length("margin", streams("margin")),
     )

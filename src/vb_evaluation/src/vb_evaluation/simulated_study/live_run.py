@@ -181,8 +181,8 @@ def personal_scenario(
     Args:
         marks: (dx, dy) [m], turn [rad] by which the marks are off the map.
     """
-    meant = perceive_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
-    scenario = replace(scenario, border=meant)
+    border = perceive_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
+    scenario = replace(scenario, border=border)
     planner = Planner(Costmap(grid, traits.model.body_radius))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
     for share in (1.0, 0.75, 0.5, 0.25):

@@ -94,6 +94,6 @@ def _delete_pictures(study: Path, recordings: List[str]) -> None:
     for code in codes:
         (study / blind_judging.FOLDER / f"{code}.png").unlink(missing_ok=True)
     if (study / blind_judging.FOLDER / blind_judging.SHEET).is_file():  # it may be with the judge
-        said = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
-        _write(said[~said.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
+        judgements = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
+        _write(judgements[~judgements.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
     _write(key[~key.code.isin(codes)], study / blind_judging.KEY)

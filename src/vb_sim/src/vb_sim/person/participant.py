@@ -67,18 +67,18 @@ class Perception:
     answered: int = 0
 
     def record_spot(
-        self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool
+        self, spot: Optional[Tuple[float, float]], stamp: float, sighting: Tuple[float, float], mobile: bool
     ) -> None:
         """Records that a camera saw a spot, if it is the person's.
 
         Args:
             spot: (x, y) [m] of the person's spot now; None while the laser is off.
             stamp: [s] of the camera's image.
-            seen: (x, y) [m] of the spot that the camera saw.
+            sighting: (x, y) [m] of the spot that the camera saw.
             mobile: whether it is a robot's camera.
         """
         # a spot from seconds ago, or from the future, is not feedback
-        if spot is None or not -0.2 < self.now - stamp < 1.0 or math.dist(seen, spot) > OWN_SPOT:
+        if spot is None or not -0.2 < self.now - stamp < 1.0 or math.dist(sighting, spot) > OWN_SPOT:
             return
         # the time of feedback is now, when people hear the sound, not the image's
         self.last_seen = self.now

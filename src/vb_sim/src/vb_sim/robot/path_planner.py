@@ -188,9 +188,9 @@ class Planner:
             a = (slice(0, rows - dy), slice(max(0, -dx), columns - max(0, dx)))
             b = (slice(dy, rows), slice(max(0, dx), columns + min(0, dx)))
             # a diagonal step must not pass a blocked cell
-            both = self._free[a] & self._free[b] & self._free[a[0], b[1]] & self._free[b[0], a[1]]
-            i, j = nodes[a][both], nodes[b][both]
-            w = (self._weights[a][both] + self._weights[b][both]) / 2.0 * np.hypot(dx, dy)
+            passable = self._free[a] & self._free[b] & self._free[a[0], b[1]] & self._free[b[0], a[1]]
+            i, j = nodes[a][passable], nodes[b][passable]
+            w = (self._weights[a][passable] + self._weights[b][passable]) / 2.0 * np.hypot(dx, dy)
             sources += [i, j]
             targets += [j, i]
             weights += [w, w]
