@@ -49,7 +49,7 @@ class NavigationCheckTest(unittest.TestCase):
 
     def test_a_navigation_on_the_physical_map_is_found_out(self):
         checks = NavigationCheck(GOAL, move_base="miswired/move_base", timeout=2.0).run()
-        bad = {check.what for check in checks if check.good is False}
+        bad = {check.name for check in checks if check.good is False}
         self.assertIn("plans respect a new border at once", bad)
         self.assertIn("a soft border is gone round where that is possible", bad)
         self.assertEqual(self.borders(), [])

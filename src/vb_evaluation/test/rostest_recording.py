@@ -40,15 +40,15 @@ RATE = 50.0
 ROOM = GridMap(np.zeros((100, 120), np.int8), 0.05)
 
 
-def drawn():
+def drawn_spots():
     """Returns (N, 2) [m], one spot per image: a rectangle drawn with a trembling hand."""
     path = resample_chain(np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.5], [1.0, 2.5], [1.0, 1.0]]), 0.05)
     return path + np.random.default_rng(3).normal(0.0, 0.01, path.shape)
 
 
-def wait(holds, what):
+def wait(holds, event):
     """Waits for a condition in ROS time."""
-    wait_until(holds, what, clock=rospy.get_time, sleep=rospy.sleep)
+    wait_until(holds, event, clock=rospy.get_time, sleep=rospy.sleep)
 
 
 class Session:
@@ -90,7 +90,7 @@ class Session:
         self.map.publish(message_from_grid(ROOM, rospy.Time.now()))
         wait(lambda: self.grid is not None, "the map")
         # the previewed seed is saved, perhaps a mean of fewer spots: exact for 2.0 and 1.75, whatever their number
-        border, seed = drawn(), np.tile([2.0, 1.75], (25, 1))
+        border, seed = drawn_spots(), np.tile([2.0, 1.75], (25, 1))
         self.give_command("define_border")
         wait(lambda: self.state.name == "border", "the state Border")
         # the fusion may hear of the state later than this test, and collects nothing until then
@@ -159,9 +159,9 @@ class RecordingTest(unittest.TestCase):
         counts: Counter = Counter()
         for path in (self.folder / "bags").glob("*.bag"):
             with rosbag.Bag(str(path)) as bag:
-                for topic, held in bag.get_type_and_topic_info().topics.items():
-                    counts[topic] += held.message_count
-        self.assertGreaterEqual(counts[names.SPOTS], len(drawn()) + 25)
+                for topic, contents in bag.get_type_and_topic_info().topics.items():
+                    counts[topic] += contents.message_count
+        self.assertGreaterEqual(counts[names.SPOTS], len(drawn_spots()) + 25)
         self.assertTrue({names.STATE, names.PHYSICAL_MAP, names.BORDERS, "/rosout"} <= set(counts))
         self.assertNotIn("/green/image_raw", counts)
 
@@ -189,7 +189,7 @@ class RecordingTest(unittest.TestCase):
         it; roslaunch restarts the recorder with the next bag, which gets the latched messages."""
         recording = Recording(self.folder)
         with contextlib.suppress(CodedError):
-            if [recording.result(one) for one in recording.interactions]:
+            if [recording.result(interaction) for interaction in recording.interactions]:
                 return recording
         with contextlib.suppress(OSError, rosgraph.MasterException):
             if self.is_subscribed():

@@ -43,5 +43,5 @@ def write_maps(folder, names):
     prior = GridMap(np.where(areas["floor"], np.int8(0), np.int8(100)), 0.025)
     write_truths(folder, prior, {name[len("truth_") :]: areas[name] for name in areas if name.startswith("truth_")})
     for name in map(Path, names):
-        drawn = np.where(areas[name.stem], np.int8(100), prior.data)
-        write_map(folder / name.with_suffix(""), prior.with_data(drawn))
+        occupancy = np.where(areas[name.stem], np.int8(100), prior.data)
+        write_map(folder / name.with_suffix(""), prior.with_data(occupancy))

@@ -56,7 +56,7 @@ class Planner:
 
 
 @pytest.mark.parametrize(
-    "robots, name, found",
+    "robots, name, expected",
     [
         ([], "", ("/move_base", "base_link")),
         ([], "ada", ("/ada/move_base", "ada/base_link")),
@@ -66,20 +66,20 @@ class Planner:
         (["ada", "bob"], "eve", "ada, bob"),
     ],
 )
-def test_the_robot_is_the_only_one_or_the_one_that_is_named(monkeypatch, robots, name, found):
+def test_the_robot_is_the_only_one_or_the_one_that_is_named(monkeypatch, robots, name, expected):
     def answer(*_):
         if not robots:
             raise rospy.ROSException("timeout exceeded")
-        known = [RobotStatus(robot=one, move_base=f"/{one}/nav", frame=f"{one}_base") for one in robots]
-        return RobotStatusArray(robots=known)
+        statuses = [RobotStatus(robot=key, move_base=f"/{key}/nav", frame=f"{key}_base") for key in robots]
+        return RobotStatusArray(robots=statuses)
 
     monkeypatch.setattr(rospy, "wait_for_message", answer)
-    if isinstance(found, str):
-        with pytest.raises(CodedError, match=found):
+    if isinstance(expected, str):
+        with pytest.raises(CodedError, match=expected):
             check_navigation.find_robot(name)
     else:
         robot = check_navigation.find_robot(name)
-        assert (robot.move_base, robot.frame) == found
+        assert (robot.move_base, robot.frame) == expected
 
 
 @pytest.mark.parametrize("trinary, good", [(True, None), (False, True)])
@@ -87,9 +87,9 @@ def test_check_names_what_a_move_base_lacks_for_soft_borders(monkeypatch, trinar
     Planner(monkeypatch)
     layer = {"static_layer": {"map_topic": names.MAP_WITH_BORDERS, "trinary_costmap": trinary}}
     monkeypatch.setattr(rospy, "get_param", lambda name, default: layer if name.endswith("costmap") else default)
-    checks = {check.what: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
+    checks = {check.name: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
     soft = checks["a soft border is gone round where that is possible"]
-    assert soft.good is good and ("trinary_costmap" in soft.found) is (good is None)
+    assert soft.good is good and ("trinary_costmap" in soft.result) is (good is None)
 
 
 def test_a_goal_that_is_too_near_is_reported(monkeypatch):

@@ -37,12 +37,12 @@ def test_free_port_is_the_wanted_one_while_that_is_free():
     with socket.socket() as first:
         first.bind(("127.0.0.1", free_port()))
         first.listen()
-        taken = first.getsockname()[1]
-        other = free_port(taken)
-        assert other != taken
+        used_port = first.getsockname()[1]
+        free = free_port(used_port)
+        assert free != used_port
         with socket.socket() as second:
-            second.bind(("127.0.0.1", other))
-        assert free_port(other) == other
+            second.bind(("127.0.0.1", free))
+        assert free_port(free) == free
 
 
 LAB = """
@@ -59,10 +59,9 @@ time.sleep(3600)
 
 
 def commands_with(mark):
-    """Returns the command lines of the processes with this value in their environment."""
-    found = [one.info for one in psutil.process_iter(["environ", "cmdline"])]
-    # a zombie has none
-    return [one["cmdline"] for one in found if one["cmdline"] and mark in (one["environ"] or {}).values()]
+    """Returns the command lines of the processes with this value in their environment; a zombie has none."""
+    infos = [process.info for process in psutil.process_iter(["environ", "cmdline"])]
+    return [info["cmdline"] for info in infos if info["cmdline"] and mark in (info["environ"] or {}).values()]
 
 
 def test_a_script_that_is_ended_leaves_nothing_behind(tmp_path):

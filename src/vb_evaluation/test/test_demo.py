@@ -19,7 +19,7 @@ TOP = Path(__file__).resolve().parents[3]
 
 
 @pytest.mark.parametrize(
-    "given, word",
+    "arguments, word",
     [
         (["--scenario", "garden"], "SCENARIO"),
         (["--method", "magic"], "METHOD"),
@@ -35,11 +35,11 @@ TOP = Path(__file__).resolve().parents[3]
         ("just text", "world"),
     ],
 )
-def test_a_wrong_argument_or_world_is_one_line_and_status_2(given, word, tmp_path, capfd):
-    if isinstance(given, str):
-        (tmp_path / "a.yaml").write_text(given)
-        given = ["--world", str(tmp_path / "a.yaml")]
-    assert demo.main(given) == 2
+def test_a_wrong_argument_or_world_is_one_line_and_status_2(arguments, word, tmp_path, capfd):
+    if isinstance(arguments, str):
+        (tmp_path / "a.yaml").write_text(arguments)
+        arguments = ["--world", str(tmp_path / "a.yaml")]
+    assert demo.main(arguments) == 2
     text = capfd.readouterr().err
     assert word in text and text.count("\n") == 1 and "Traceback" not in text
 
@@ -75,11 +75,11 @@ def test_verdict_distinguishes_entering_from_standing_inside(
     posterior = prior.with_data(np.where(restricted, np.int8(100), prior.data))
     lab = LabState(robot_poses=[Pose2D(*at_save, 0.0)])
     observer = SimpleNamespace(state=InteractionState(), prior=prior, posterior=posterior, lab_at_save=lab)
-    ways = [np.array(way, dtype=float).reshape(-1, 2) for way in (after, first or [], driven)]
-    drives = [] if first is None else [GoalOutcome("refused", path=ways[1]), GoalOutcome(outcome, path=ways[2])]
+    paths = [np.array(points, dtype=float).reshape(-1, 2) for points in (after, first or [], driven)]
+    drives = [] if first is None else [GoalOutcome("refused", path=paths[1]), GoalOutcome(outcome, path=paths[2])]
     with contextlib.ExitStack() as stack:
         show = demo.Demo(options, Console(width=200), stack)
-        status = show._conclude(observer, {"before": ways[2], "after": ways[0]}, drives)
+        status = show._conclude(observer, {"before": paths[2], "after": paths[0]}, drives)
     assert json.loads((tmp_path / "summary.json").read_text())["verdict"] == code
     assert status == (0 if code in ("went_round", "out_of_reach") else 1)
     assert demo.VERDICTS[code].format(drive_outcome=outcome) in capsys.readouterr().out

@@ -51,10 +51,10 @@ def test_an_interruption_is_no_fault_of_the_node_that_it_meets():
 
 def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
     before = Scheduler(0)
-    kept = StandIns(before).modules["queue"].Queue()
+    queue = StandIns(before).modules["queue"].Queue()
     before.close()
     after = Scheduler(0)
-    after.spawn(lambda: kept.get(timeout=1.0))
+    after.spawn(lambda: queue.get(timeout=1.0))
     with pytest.raises(RuntimeError, match="earlier run"):
         after.run(lambda: False, 20 * SECOND)
 
@@ -79,6 +79,6 @@ def test_a_node_sees_the_graph_it_is_in_and_no_other():
         graph.start(Node("/driver", {}), driver)
         graph.start(Node("/base", {}), base)
         scheduler.run(lambda: bool(graphs), 5 * SECOND)
-    (seen,) = graphs
-    assert dict(seen.publishers) == {"/cmd_vel": ["/driver"]} and dict(seen.subscribers) == {"/cmd_vel": ["/base"]}
-    assert seen.types == {"/cmd_vel": "geometry_msgs/Twist"}
+    (state,) = graphs
+    assert dict(state.publishers) == {"/cmd_vel": ["/driver"]} and dict(state.subscribers) == {"/cmd_vel": ["/base"]}
+    assert state.types == {"/cmd_vel": "geometry_msgs/Twist"}

@@ -28,8 +28,7 @@ def test_jaccard_needs_equal_shapes():
 def test_only_free_cells_count_as_restricted():
     prior = GridMap(np.array([[0, 0, 100], [-1, 0, 20]], np.int8), 1.0)
     posterior = prior.with_data(np.array([[0, 100, 100], [100, 75, 100]], np.int8))
-    expected = [[False, True, False], [False, False, True]]
-    assert metrics.restricted_cells(prior, posterior).tolist() == expected
+    assert metrics.restricted_cells(prior, posterior).tolist() == [[False, True, False], [False, False, True]]
     with pytest.raises(CodedError):
         metrics.restricted_cells(prior, GridMap(posterior.data, 0.5))
 

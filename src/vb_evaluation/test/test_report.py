@@ -85,11 +85,11 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
     study_rows.write(tmp_path / "runs.csv", rows)
     study_rows.write(tmp_path / "worlds.csv", rows)
     study_rows.write(tmp_path / "draws.csv", [{"draw": draw, "a": 1} for draw in range(1, 8)])
-    found = {"all": [], "no camera too bright": []}
+    counts = {"all": [], "no camera too bright": []}
     for row in cross_checks.plausible_worlds_section(read_study(tmp_path))[1].rows:
-        found[row["worlds"]].append((round(row["holds"].estimate * row["n"] / 100), row["n"]))
-    assert found["no camera too bright"] == [(3, 6), (2, 3), (1, 3), (2, 3), (3, 4), (4, 6), (4, 6)]
-    assert found["all"] == [(4, 7), (3, 4), (2, 4), (3, 4), (4, 5), (5, 7), (5, 7)]
+        counts[row["worlds"]].append((round(row["holds"].estimate * row["n"] / 100), row["n"]))
+    assert counts["no camera too bright"] == [(3, 6), (2, 3), (1, 3), (2, 3), (3, 4), (4, 6), (4, 6)]
+    assert counts["all"] == [(4, 7), (3, 4), (2, 4), (3, 4), (4, 5), (5, 7), (5, 7)]
     study_rows.write(tmp_path / "runs.csv", rows[::2])
     assert cross_checks.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
 
@@ -165,8 +165,8 @@ def test_a_sheet_is_read_as_spreadsheets_write_it(tmp_path):
 def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path):
     columns = ["participant", "scenario", "method", "seed", "completed", *TIMES, "jaccard", "as_planned", "helped"]
     rows = [
-        {"participant": who, "scenario": scenario, "method": method, "completed": done, "as_planned": planned}
-        for who, scenario, method, done, planned in (
+        {"participant": person, "scenario": scenario, "method": method, "completed": done, "as_planned": planned}
+        for person, scenario, method, done, planned in (
             ("p2", "corner", "robot_only", "true", ""),
             ("p1", "door", "other", "2", "1"),
             ("p1", "desk", "nrs", "0", "1"),
@@ -202,9 +202,9 @@ def test_every_index_is_that_of_the_published_areas():
     saved = [row for row in rows_of(PUBLISHED / "runs.csv") if row["map"]]
     assert len(saved) > 20
     for row in saved:
-        drawn, asked = areas[Path(row["map"]).stem], areas[f"truth_{row['scenario']}"]
-        assert (drawn & asked).sum() / (drawn | asked).sum() == pytest.approx(float(row["jaccard"]), abs=6e-5)
-        inside = [one if row["scenario"] != "corner" else areas["floor"] & ~one for one in (drawn, asked)]
+        area, truth = areas[Path(row["map"]).stem], areas[f"truth_{row['scenario']}"]
+        assert (area & truth).sum() / (area | truth).sum() == pytest.approx(float(row["jaccard"]), abs=6e-5)
+        inside = [cells if row["scenario"] != "corner" else areas["floor"] & ~cells for cells in (area, truth)]
         index = (inside[0] & inside[1]).sum() / (inside[0] | inside[1]).sum()
         assert index == pytest.approx(float(row["jaccard_enclosed"]), abs=6e-5)
 
@@ -226,10 +226,10 @@ def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
     rows = [row for row in rows_of(folder / "runs.csv") if row["scenario"] == "room"]
     rows = [dict(row, scenario=scenario, pointed_right="") for row in rows]  # only a simulator knows pointed_right
     study_rows.write(folder / "runs.csv", rows)
-    found = answers(read_study(folder))
-    questions = [line.split("**")[1].rstrip("?") for line in found[1].splitlines()]
+    blocks = answers(read_study(folder))
+    questions = [line.split("**")[1].rstrip("?") for line in blocks[1].splitlines()]
     assert questions == ["Faster", "Not less exact", "Completed as often", *beside]
-    assert ("**Beside the paper**" in found) is bool(beside)
+    assert ("**Beside the paper**" in blocks) is bool(beside)
     study_rows.write(folder / "runs.csv", [row for row in rows if row["method"] == "nrs"])
     with refused("no_comparison"):
         answers(read_study(folder))
@@ -249,21 +249,21 @@ def person(name, nrs, robot_only, helped="yes"):
 
 def test_answers_not_given_are_left_out(tmp_path):
     people = [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")]
-    found = participants.read_questionnaire(write_answers(tmp_path / "a.csv", people))
-    assert found.answers[0].first.tolist() == [4.0, 5.0] and (found.helped, found.asked) == (1, 2)
+    questionnaire = participants.read_questionnaire(write_answers(tmp_path / "a.csv", people))
+    assert questionnaire.answers[0].first.tolist() == [4.0, 5.0]
+    assert (questionnaire.helped, questionnaire.asked) == (1, 2)
 
 
 def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_path):
     folder = study_rows.make_study(tmp_path / "study", 6, worlds=False, maps=False, people=True)
     # one answer for each statement; then boxes ticked: the good end of all pairs is on the right, the first four pragmatic
-    given = zip((5, 4, 5, 4, 5, 7, 7, 6, 5, 4, 3, 2, 1), (1, 2, 3, 3, 4, *(1,) * 8))
-    row = [answer for pair in given for answer in pair]
+    answer_pairs = zip((5, 4, 5, 4, 5, 7, 7, 6, 5, 4, 3, 2, 1), (1, 2, 3, 3, 4, *(1,) * 8))
+    row = [answer for pair in answer_pairs for answer in pair]
     rows = [[number, *row[:10], "yes", *row[10:]] for number in range(6)]
     write_answers(folder / "questionnaire.csv", rows, [*participants.COLUMNS, *participants.UEQ_COLUMNS])
     page, study = words_of(write_report(folder).read_text()), read_study(folder)
     assert "exact p" in page and "Yes: 6 of 6" in page and "This is a simulation" not in page
-    blocks = [block for _, _, make in SECTIONS for block in make(study) if isinstance(block, Table)]
-    tables = {block.name: block.rows for block in blocks}
+    tables = {table.name: table.rows for _, _, make in SECTIONS for table in make(study) if isinstance(table, Table)}
     statements, scales = tables["questionnaire"][:5], tables["questionnaire"][5:]
     assert [(row["nrs"], row["robot_only"]) for row in statements] == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4)]
     assert [(row["nrs"], row["robot_only"]) for row in scales] == [(2.25, -3.0), (-1.5, -3.0), (0.375, -3.0)]

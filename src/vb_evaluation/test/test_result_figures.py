@@ -36,24 +36,24 @@ def cells_of(line):
 
 def figure_of(path, row, column):
     """Returns the first number in a cell, as text."""
-    wanted = [cell.strip() for cell in row.split("|" if "|" in row else ",")]
+    row_cells = [cell.strip() for cell in row.split("|" if "|" in row else ",")]
     for line in path.read_text(encoding="utf-8").splitlines():
         cells = cells_of(line)
-        if cells[: len(wanted)] == wanted:
+        if cells[: len(row_cells)] == row_cells:
             return re.search(r"[-−]?\d*\.?\d+", cells[column - 1]).group()
-    raise AssertionError(f"{path} has no row that begins with {wanted}")
+    raise AssertionError(f"{path} has no row that begins with {row_cells}")
 
 
 def differences(text, top):
     """Lists the figures in which a page differs from the file."""
-    found = []
+    lines = []
     for mark in MARK.finditer(text):
-        said = mark["figure"].replace("−", "-").replace(",", "")
-        has = figure_of(top / mark["file"], mark["row"], int(mark["column"])).replace("−", "-")
-        digits = len(said.partition(".")[2])
-        if abs(float(said) - float(has)) > 0.5 * 10.0**-digits + 1e-9:
-            found.append(f"{mark['row']}: {said} here, {has} in {mark['file']}")
-    return found
+        quoted = mark["figure"].replace("−", "-").replace(",", "")
+        source = figure_of(top / mark["file"], mark["row"], int(mark["column"])).replace("−", "-")
+        digits = len(quoted.partition(".")[2])
+        if abs(float(quoted) - float(source)) > 0.5 * 10.0**-digits + 1e-9:
+            lines.append(f"{mark['row']}: {quoted} here, {source} in {mark['file']}")
+    return lines
 
 
 def unmarked(text):

@@ -28,19 +28,19 @@ HAMILTON = (
     [(ECSTASY, (0.0, 36.0), -2.53, 0.57), (ALCOHOL, (47.0, 8.0), -1.99, 0.44)],
 )
 def test_the_signed_rank_test_is_that_of_fields_textbook(sunday_wednesday, sums, z, r):
-    found = statistics.compare_paired(*sunday_wednesday)
-    assert (found.test.w_plus, found.test.w_minus) == sums and round(found.test.z, 2) == z
-    assert found.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
+    comparison = statistics.compare_paired(*sunday_wednesday)
+    assert (comparison.test.w_plus, comparison.test.w_minus) == sums and round(comparison.test.z, 2) == z
+    assert comparison.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
 
 
 def test_exact_p_estimate_and_interval_are_hollander_and_wolfes():
-    found = statistics.compare_paired(HAMILTON[1], HAMILTON[0], confidence=0.96)
-    assert (found.test.w_plus, found.test.w_minus) == (5.0, 40.0)
-    assert found.test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
-    assert found.shift.estimate == pytest.approx(-0.46)
-    assert (found.shift.low, found.shift.high) == pytest.approx((-0.786, -0.010))
-    assert found.shift.confidence == pytest.approx(0.961, abs=5e-4)
-    assert found.rank_biserial == pytest.approx((5.0 - 40.0) / 45.0)
+    comparison = statistics.compare_paired(HAMILTON[1], HAMILTON[0], confidence=0.96)
+    assert (comparison.test.w_plus, comparison.test.w_minus) == (5.0, 40.0)
+    assert comparison.test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
+    assert comparison.shift.estimate == pytest.approx(-0.46)
+    assert (comparison.shift.low, comparison.shift.high) == pytest.approx((-0.786, -0.010))
+    assert comparison.shift.confidence == pytest.approx(0.961, abs=5e-4)
+    assert comparison.rank_biserial == pytest.approx((5.0 - 40.0) / 45.0)
 
 
 @pytest.mark.parametrize(
@@ -93,27 +93,27 @@ def test_exact_p_is_the_share_of_all_signs(values):
 @given(st.lists(st.integers(-40, 40), min_size=2, max_size=10, unique=True), st.sampled_from([0.6, 0.8, 0.9, 0.95]))
 def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
     """This also holds for the widest interval, where there are too few values for the requested confidence."""
-    found = statistics.hodges_lehmann(np.array(values, float), confidence)
+    interval = statistics.hodges_lehmann(np.array(values, float), confidence)
     means = [(a + b) / 2 for a, b in itertools.combinations_with_replacement(values, 2)]
-    assert found.estimate == np.median(means) and {found.low, found.high} <= set(means)
-    for limit, outward in ((found.low, -1e-6), (found.high, 1e-6)):
+    assert interval.estimate == np.median(means) and {interval.low, interval.high} <= set(means)
+    for limit, outward in ((interval.low, -1e-6), (interval.high, 1e-6)):
         inside, outside = (statistics.signed_rank(np.array(values) - limit + by).p_exact for by in (outward, -outward))
-        assert outside <= 1 - found.confidence + 1e-9 and inside > 1 - found.confidence + 1e-9
+        assert outside <= 1 - interval.confidence + 1e-9 and inside > 1 - interval.confidence + 1e-9
     if 2.0 ** (1 - len(values)) <= 1 - confidence:
         # no narrower interval would have the requested confidence
-        assert found.confidence >= confidence
+        assert interval.confidence >= confidence
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=9), st.integers(1, 4))
 def test_not_worse_p_is_the_share_of_all_signs(values, margin):
     shifted = [value + margin for value in values if value + margin]
-    found = statistics.noninferiority_p(np.array(values), margin)
+    p = statistics.noninferiority_p(np.array(values), margin)
     if not shifted:
-        assert math.isnan(found)
+        assert math.isnan(p)
         return
     ranks, sums = ranks_of(np.array(shifted))
-    assert found == pytest.approx(np.mean(sums >= ranks[np.array(shifted) > 0].sum() - 1e-9))
+    assert p == pytest.approx(np.mean(sums >= ranks[np.array(shifted) > 0].sum() - 1e-9))
 
 
 @pytest.mark.parametrize(
@@ -128,8 +128,7 @@ def test_an_interval_is_written_with_what_is_known_of_it(values, text):
 def test_a_comparison_of_few_participants_claims_no_more_than_they_show():
     three = statistics.compare_paired([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
     assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25
-    one = statistics.compare_paired([2.0], [1.0])
-    assert one.test.p_exact == 1.0
+    assert statistics.compare_paired([2.0], [1.0]).test.p_exact == 1.0
     none = statistics.compare_paired([], [])
     assert none.n == 0 and math.isnan(none.r) and math.isnan(none.shift.estimate)
     # ties hidden by floating-point error
@@ -146,16 +145,16 @@ def test_samples_that_do_not_pair_are_refused(first, second):
 
 def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
     slow, fast = np.array([52.0, 61, 48, 75, 66, 58]), np.array([21.0, 25, 22, 30, 24, 26])
-    found = statistics.ratio_of_means(slow, fast)
-    assert found.estimate == pytest.approx(slow.mean() / fast.mean()) and found.low < found.estimate < found.high
-    assert found == statistics.ratio_of_means(slow, fast)
+    ratio = statistics.ratio_of_means(slow, fast)
+    assert ratio.estimate == pytest.approx(slow.mean() / fast.mean()) and ratio.low < ratio.estimate < ratio.high
+    assert ratio == statistics.ratio_of_means(slow, fast)
     assert statistics.ratio_of_means(np.ones(4), np.ones(4)) == statistics.Interval(1.0, 1.0, 1.0, 0.95)
     assert statistics.median([1.0, 2.0, 9.0]).estimate == 2.0
-    for method, wanted in (("BCa", statistics.mean(slow)), ("percentile", statistics.median(slow))):
+    for method, expected in (("BCa", statistics.mean(slow)), ("percentile", statistics.median(slow))):
         statistic = np.mean if method == "BCa" else np.median
         theirs = stats.bootstrap((slow,), statistic, n_resamples=4999, method=method, random_state=0)
         limits = theirs.confidence_interval
-        assert (wanted.low, wanted.high, wanted.confidence) == (limits.low, limits.high, 0.95)
+        assert (expected.low, expected.high, expected.confidence) == (limits.low, limits.high, 0.95)
     alone = statistics.median([1.0])
     assert alone.estimate == 1.0 and math.isnan(alone.low) and math.isnan(alone.confidence)
     with refused("bad_sample"):
@@ -166,20 +165,21 @@ def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
 def test_many_people_have_the_interval_of_the_normal_distribution():
     """For normal differences the signed-rank interval is 3 / pi as efficient as the mean's."""
     differences = np.random.default_rng(7).normal(1.0, 2.0, 250)
-    found = statistics.hodges_lehmann(differences)
+    interval = statistics.hodges_lehmann(differences)
     half = 1.96 * differences.std() / math.sqrt(len(differences)) / math.sqrt(3.0 / math.pi)
-    assert (found.high - found.low) / 2.0 == pytest.approx(half, rel=0.1)
-    assert found.estimate == pytest.approx(differences.mean(), abs=0.1)
-    assert found.confidence == pytest.approx(0.95, abs=1e-3)
+    assert (interval.high - interval.low) / 2.0 == pytest.approx(half, rel=0.1)
+    assert interval.estimate == pytest.approx(differences.mean(), abs=0.1)
+    assert interval.confidence == pytest.approx(0.95, abs=1e-3)
 
 
 def test_a_difference_of_two_shares_has_newcombes_interval():
     # Newcombe (1998), Statistics in Medicine 17, 873-890, Table II, method 10: 56 of 70 and 48 of 80, 98 of 98 and none
-    def shares(a, n, b, m, **given):
-        return statistics.difference_of_shares(np.arange(n) < a, np.arange(m) < b, **given)
+    def shares(a, n, b, m, **options):
+        return statistics.difference_of_shares(np.arange(n) < a, np.arange(m) < b, **options)
 
-    found = shares(56, 70, 48, 80)
-    assert (found.estimate, round(found.low, 4), round(found.high, 4)) == (pytest.approx(0.2), 0.0524, 0.3339)
+    difference = shares(56, 70, 48, 80)
+    assert difference.estimate == pytest.approx(0.2)
+    assert (round(difference.low, 4), round(difference.high, 4)) == (0.0524, 0.3339)
     few = shares(8, 8, 8, 8, confidence=0.9)
     assert few.estimate == 0.0 and few.low == pytest.approx(-few.high) and few.high > 0.2  # it may still differ
     assert math.isnan(shares(0, 0, 1, 1).estimate)
@@ -188,8 +188,8 @@ def test_a_difference_of_two_shares_has_newcombes_interval():
 def test_a_success_rate_has_newcombes_interval():
     assert math.isnan(statistics.proportion(0, 0).estimate)
     # Newcombe (1998), Statistics in Medicine 17, Table I, method 3: 15 of 148
-    found = statistics.proportion(15, 148)
-    assert (round(found.low, 4), round(found.high, 4)) == (0.0624, 0.1605)
+    interval = statistics.proportion(15, 148)
+    assert (round(interval.low, 4), round(interval.high, 4)) == (0.0624, 0.1605)
 
 
 @pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
@@ -210,15 +210,15 @@ def test_holm_corrects_a_family():
 
 def test_mcnemar_is_a_sign_test_of_those_who_differ():
     first, second = np.array([1, 1, 1, 1, 1, 1, 0, 1]), np.array([1, 0, 0, 0, 0, 0, 0, 1])
-    found = statistics.compare_completed(first, second)
-    assert (found["both"], found["first"], found["second"], found["neither"]) == (2, 5, 0, 1)
-    assert found["p"] == pytest.approx(2 * 0.5**5)
+    counts = statistics.compare_completed(first, second)
+    assert (counts["both"], counts["first"], counts["second"], counts["neither"]) == (2, 5, 0, 1)
+    assert counts["p"] == pytest.approx(2 * 0.5**5)
 
 
 def test_people_needed_reach_the_power_that_was_asked_for():
     """Of simulated studies with this many people, about 80 % find the effect."""
     rng, effect = np.random.default_rng(3), 0.8
     count = statistics.people_needed(effect)
-    found = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]
-    assert 0.77 < np.mean(found) < 0.87
+    rejections = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]
+    assert 0.77 < np.mean(rejections) < 0.87
     assert statistics.people_needed(effect, 3) > count > statistics.people_needed(1.2)

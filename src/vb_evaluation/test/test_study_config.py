@@ -125,11 +125,11 @@ def test_the_marks_are_laid_for_each_person_beside_the_map():
     laid = np.array([STUDY.marks(number, "room") for number in range(1, 201)])
     assert len(np.unique(laid, axis=0)) == 200 and np.allclose(laid[:, :2].std(axis=0), 0.02, rtol=0.2)
     for key in STUDY.design.scenarios:
-        marks, asked = STUDY.marks(1, key), STUDY.world.scenario(key)
+        marks, scenario = STUDY.marks(1, key), STUDY.world.scenario(key)
         assert marks == STUDY.marks(1, key) and marks != STUDY.marks(1, "elsewhere")
-        meant = [personal_scenario(STUDY.world, asked, STUDY.traits(number), grid, marks).border for number in (1, 2)]
-        assert 0.002 < np.linalg.norm(meant[0] - asked.border, axis=1).max() < 0.2
-        assert np.allclose(*meant) != asked.closed  # people who draw round an object keep a margin
+        lines = [personal_scenario(STUDY.world, scenario, STUDY.traits(n), grid, marks).border for n in (1, 2)]
+        assert 0.002 < np.linalg.norm(lines[0] - scenario.border, axis=1).max() < 0.2
+        assert np.allclose(*lines) != scenario.closed  # people who draw round an object keep a margin
 
 
 def test_people_stand_off_the_line_on_free_floor():
@@ -150,8 +150,8 @@ def leaves(document, path=""):
 def test_every_figure_has_its_source():
     """Figures of models, people, marks and delays: none lacks an entry, and no entry lacks its figure."""
     models = {key for key in leaves({"models": dict(STUDY.sources["models"])})}
-    drawn = set(STUDY.document["participants"]["traits"])
-    models -= {f"models/participant/{key}" for key in drawn} | {"models/body/height", "models/body/breadth"}
+    traits = set(STUDY.document["participants"]["traits"])
+    models -= {f"models/participant/{key}" for key in traits} | {"models/body/height", "models/body/breadth"}
     study = set(leaves({key: STUDY.document[key] for key in ("participants", "marks", "timing")}))
     study -= {"timing/idle_every", "timing/time_limit_s"}
     assert models | study == set(run_plan.load_assumptions())
@@ -159,15 +159,15 @@ def test_every_figure_has_its_source():
 
 
 def test_worlds_are_a_latin_hypercube_of_everything():
-    drawn = run_plan.draw_worlds(STUDY, 40, 1)
-    assert set(drawn[0]) == set(run_plan.varied_assumptions(STUDY)) and len(drawn[0]) > 60
+    worlds = run_plan.draw_worlds(STUDY, 40, 1)
+    assert set(worlds[0]) == set(run_plan.varied_assumptions(STUDY)) and len(worlds[0]) > 60
     for key, entry in run_plan.varied_assumptions(STUDY).items():
         low, high = entry.range
-        cells = np.floor(40 * np.log([factors[key] / low for factors in drawn]) / np.log(high / low) + 1e-3)
+        cells = np.floor(40 * np.log([factors[key] / low for factors in worlds]) / np.log(high / low) + 1e-3)
         assert len(set(np.clip(cells, 0, 39))) >= 39, key  # one draw in each of 40 equal parts
-    assert drawn == run_plan.draw_worlds(STUDY, 40, 1) != run_plan.draw_worlds(STUDY, 40, 2)
+    assert worlds == run_plan.draw_worlds(STUDY, 40, 1) != run_plan.draw_worlds(STUDY, 40, 2)
     # as independent of each other as 40 draws can be
-    values = np.array([list(factors.values()) for factors in drawn])
+    values = np.array([list(factors.values()) for factors in worlds])
     assert np.abs(np.triu(stats.spearmanr(values).statistic, 1)).max() < 0.75
 
 

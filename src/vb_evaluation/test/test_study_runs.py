@@ -42,8 +42,8 @@ def test_a_run_is_the_same_whatever_was_run_before():
     assert extraction.extract_border is extract
     run(moments(0.1), Job(5, "corner", "nrs"))
     again = run(study, task)
-    seen = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]
-    assert seen[0] == seen[1]
+    sources = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]
+    assert sources[0] == sources[1]
     # the last bits of OpenCV's results depend on where its arrays lie in memory
     places = [[(spot.position.x, spot.position.y) for spot in result.spots] for result in (first, again)]
     assert np.allclose(*places, atol=1e-6)
@@ -79,9 +79,9 @@ sys.exit(command.main(["--quick", *sys.argv[1:]]))
 def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes, monkeypatch):
     """This also holds where the shell had made it ignore SIGINT, as it does for background jobs."""
     monkeypatch.setattr(campaign, "_work", make_row)
-    given = ["--out", tmp_path / "cut", "--processes", processes]
+    arguments = ["--out", tmp_path / "cut", "--processes", processes]
     deaf = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)}
-    cut = run_command(sys.executable, "-c", INTERRUPTED, *given, cwd=Path(__file__).parent, **deaf)
+    cut = run_command(sys.executable, "-c", INTERRUPTED, *arguments, cwd=Path(__file__).parent, **deaf)
     assert cut.returncode == 130, cut.stdout
     done = (tmp_path / "cut" / "runs.csv").read_text().count("\n") - 1
     assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout and done < 6
@@ -98,17 +98,17 @@ def test_indices_are_recomputed_from_the_areas_alone(tmp_path, monkeypatch):
     shifted = np.roll(truth, 3, axis=1)
     prior = floor_plan.physical_map(STUDY.world)
 
-    def work(*given):
-        made, grid = make_row(*given), prior.with_data(np.where(shifted, np.int8(100), prior.data))
-        return campaign.Outcome(job, {**made.row, "map": "maps/p01_carpet.yaml"}, grid)
+    def work(*args):
+        outcome, grid = make_row(*args), prior.with_data(np.where(shifted, np.int8(100), prior.data))
+        return campaign.Outcome(job, {**outcome.row, "map": "maps/p01_carpet.yaml"}, grid)
 
     monkeypatch.setattr(campaign, "_work", work)
     assert campaign.run_jobs(moments(1.0), [job], tmp_path, QUIET) == 0
     areas = np.load(tmp_path / "areas.npz")
     assert areas["floor"].dtype == bool and np.array_equal(areas["truth_carpet"], truth & areas["floor"])
-    found, wanted = areas["p01_carpet"], areas["truth_carpet"]
+    area, true_area = areas["p01_carpet"], areas["truth_carpet"]
     expected = (shifted & truth).sum() / (shifted | truth).sum()
-    assert (found & wanted).sum() / (found | wanted).sum() == pytest.approx(expected, abs=1e-12)
+    assert (area & true_area).sum() / (area | true_area).sum() == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["runs.csv", "worlds.csv"])
@@ -119,12 +119,12 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     study = config.load(path)
     job = next(job for job in run_plan.jobs(study) if job.file == name)
     assert campaign.run_jobs(study, run_plan.jobs(study), tmp_path / "all", QUIET) == 0
-    asked = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
-    given = ["--config", str(path), *asked, "--processes", "1", "--out", str(tmp_path / "again")]
-    assert main(given) == 0
+    selection = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
+    arguments = ["--config", str(path), *selection, "--processes", "1", "--out", str(tmp_path / "again")]
+    assert main(arguments) == 0
     header, *rows = (tmp_path / "again" / name).read_text().splitlines()
     assert len(rows) == 1 and {header, *rows} <= set((tmp_path / "all" / name).read_text().splitlines())
-    assert main([*given, "--participant", "3"]) == 2, "the study has no such run"
+    assert main([*arguments, "--participant", "3"]) == 2, "the study has no such run"
 
 
 def test_rows_of_another_configuration_or_of_unknown_origin_are_refused(tmp_path):

@@ -137,8 +137,8 @@ def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
         return lambda: None
 
     conduct.conduct_run(run, start, iter("bc"), said.append)
-    told = " ".join(said)
-    assert f"method:={other}" in told and "cameras blue instead of" in told
+    output = " ".join(said)
+    assert f"method:={other}" in output and "cameras blue instead of" in output
 
 
 def test_a_system_that_recorded_nothing_is_told_at_once(planned):
@@ -207,9 +207,9 @@ def codebook(tmp_path):
 
 
 def test_the_codebook_explains_every_column(codebook, tmp_path):
-    asked = (tmp_path / "demographics.csv").read_text().strip().split(",")[1:]
+    columns = (tmp_path / "demographics.csv").read_text().strip().split(",")[1:]
     assert set(codebook.column[codebook.file == "runs.csv"]) == set(COLUMNS)
-    assert list(codebook.column[codebook.file == "demographics.csv"]) == asked
+    assert list(codebook.column[codebook.file == "demographics.csv"]) == columns
 
 
 def test_the_codebook_explains_every_outcome(codebook):

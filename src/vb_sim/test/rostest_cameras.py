@@ -55,12 +55,12 @@ class CamerasTest(unittest.TestCase):
     def of_one_time(self, *topics):
         """Waits for messages of several topics with a common stamp, and returns the newest ones."""
 
-        def found():
-            kept = [{message.header.stamp: message for message in list(topic.all)} for topic in topics]
-            stamps = set.intersection(*map(set, kept))
-            return [messages[max(stamps)] for messages in kept] if stamps else None
+        def newest_common():
+            messages_by_stamp = [{message.header.stamp: message for message in list(topic.all)} for topic in topics]
+            stamps = set.intersection(*map(set, messages_by_stamp))
+            return [messages[max(stamps)] for messages in messages_by_stamp] if stamps else None
 
-        return wait_until(found, f"a common stamp of {[topic.topic for topic in topics]}")
+        return wait_until(newest_common, f"a common stamp of {[topic.topic for topic in topics]}")
 
     def test_images_and_their_camera_info(self):
         for key, (_, encoding, shape) in TOPICS.items():

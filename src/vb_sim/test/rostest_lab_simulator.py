@@ -63,10 +63,10 @@ class LabSimulatorTest(unittest.TestCase):
         if blocked is not None:
             low, high = self.grid.world_to_cell(np.array(blocked).reshape(2, 2))
             data[low[0] : high[0], low[1] : high[1]] = 100
-        before = self.costmap.count
+        count = self.costmap.count
         wait_until(lambda: self.maps.get_num_connections() > 0, "navigation to listen")
         self.maps.publish(message_from_grid(self.grid.with_data(data), rospy.Time.now()))
-        wait_until(lambda: self.costmap.count > before, "the costmap with it")
+        wait_until(lambda: self.costmap.count > count, "the costmap with it")
 
     def path(self, start, goal, tolerance=0.0):
         reply = self.make_plan(pose(*start), pose(*goal), tolerance)
@@ -120,15 +120,15 @@ class LabSimulatorTest(unittest.TestCase):
         self.state.wait(lambda state: state.robot_poses[0].x < 7.3, "the robot to set out")
         border = (6.0, 0.4, 6.4, 1.3)
         self.publish(border)
-        seen = len(self.state.all)
+        states_before = len(self.state.all)
         self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
         true = self.state.next().robot_poses[0]
         self.assertLess(math.hypot(true.x - 5.2, true.y - 1.0), 0.2)
         self.assertLess(abs(geometry.wrap_angle(true.theta - 1.5)), 0.25)
         self.assertLessEqual(max(message.linear.x for message in self.cmd_vel.all[driven:]), 0.5)
         self.assertEqual(self.plan.message.header.frame_id, "map")
-        poses = [state.robot_poses[0] for state in self.state.all[seen:]]
-        self.assertFalse([at for at in poses if border[0] < at.x < border[2] and border[1] < at.y < border[3]])
+        poses = [state.robot_poses[0] for state in self.state.all[states_before:]]
+        self.assertFalse([p for p in poses if border[0] < p.x < border[2] and border[1] < p.y < border[3]])
 
     # ------------------------------------------------------------- the lab
     def test_time_goes_on_evenly(self):
@@ -143,8 +143,8 @@ class LabSimulatorTest(unittest.TestCase):
 
         def driven():
             self.drive.publish(command)
-            at = self.state.message.robot_poses[0]
-            return math.hypot(at.x - start.x, at.y - start.y) > 0.3
+            pose = self.state.message.robot_poses[0]
+            return math.hypot(pose.x - start.x, pose.y - start.y) > 0.3
 
         wait_until(driven, "the robot to get there")
         state = self.state.next()

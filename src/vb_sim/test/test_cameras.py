@@ -128,11 +128,11 @@ def test_person_and_furniture_hide_the_spot(lab):
     assert np.abs(added_light(view, Snapshot(1.0, laser=behind_box))).max() <= 2
     assert added_light(view, Snapshot(1.0, laser=(2.6, 1.0))).max() > 80
     # the box hides it from the robot, too
-    lost, found = (
+    hidden_light, visible_light = (
         np.abs(added_light(robot(lab), Snapshot(1.0, {"robot": (2.0, 1.0, 0.0)}, place))).max()
         for place in ((3.4, 1.0), (2.6, 1.0))
     )
-    assert lost == 0 and found > 80
+    assert hidden_light == 0 and visible_light > 80
 
 
 # ------------------------------------------------------------------ frames
@@ -177,10 +177,10 @@ def test_depth_of_the_floor_is_analytic(lab):
     u, v = np.meshgrid(np.arange(160), np.arange(60, 120))
     rays = view.depth_model.rays(np.column_stack([u.ravel(), v.ravel()]))
     points = intersect_floor(pose, rays)
-    wanted = geometry.apply(geometry.invert(pose), points)[:, 2].reshape(60, 160)
-    seen = depth[60:] > 0
-    assert seen.mean() > 0.95
-    assert np.abs(depth[60:] - wanted)[seen].max() < 0.001
+    expected = geometry.apply(geometry.invert(pose), points)[:, 2].reshape(60, 160)
+    measured = depth[60:] > 0
+    assert measured.mean() > 0.95
+    assert np.abs(depth[60:] - expected)[measured].max() < 0.001
 
 
 def test_depth_of_a_box_and_a_ray_caster_agree(lab):
@@ -207,8 +207,8 @@ def test_depth_has_holes_at_flat_angles_and_noise_that_grows(lab):
 def test_rays_of_a_distorted_camera_are_exact(lab):
     camera = lab[0].camera("mono").model()
     grid, pixels = RayGrid(camera), np.array([(0, 0), (959, 539), (13, 500), (480, 270)])
-    drawn = np.stack([grid.x, grid.y], axis=-1)[pixels[:, 1], pixels[:, 0]]
-    assert np.abs(drawn - camera.rays(pixels)[:, :2]).max() * camera.focal_px < 0.02
+    rays = np.stack([grid.x, grid.y], axis=-1)[pixels[:, 1], pixels[:, 0]]
+    assert np.abs(rays - camera.rays(pixels)[:, :2]).max() * camera.focal_px < 0.02
 
 
 def test_the_nearer_box_hides_the_other_whatever_the_order():
@@ -254,12 +254,12 @@ def test_history_interpolates_and_forgets():
 
 def test_frames_are_spread_evenly_and_on_time():
     schedule = FrameSchedule([25.0, 25.0, 25.0], 0.015)
-    taken = [image for step in range(1, 1001) for image in schedule.due(10.0 + step * 0.002)]
+    frames = [image for step in range(1, 1001) for image in schedule.due(10.0 + step * 0.002)]
     for index in range(3):
-        stamps = [stamp for i, stamp in taken if i == index]
+        stamps = [stamp for i, stamp in frames if i == index]
         assert len(stamps) in (50, 51)
         np.testing.assert_allclose(np.diff(stamps), 0.04, atol=1e-9)
-    np.testing.assert_allclose(np.diff(sorted(stamp for _, stamp in taken)), 0.04 / 3, atol=1e-9)
+    np.testing.assert_allclose(np.diff(sorted(stamp for _, stamp in frames)), 0.04 / 3, atol=1e-9)
     assert schedule.skipped == 0
     # a computer that is too slow takes the newest frames
     assert len(schedule.due(14.0)) == 3 and schedule.skipped == 3 * 49
@@ -280,20 +280,19 @@ CAMERAS = load_world(str(Path(__file__).resolve().parents[1] / "worlds" / "lab.y
 TILTED = CeilingCamera(name="tilted", pitch=35.0)
 
 
-def off_on_floor(camera, pose, far=8.0):
+def floor_errors(camera, pose, far=8.0):
     """Returns (N,) [m], the errors of the image's floor points up to a distance [m]."""
     model, true = camera.model(), camera.pose()
     u, v = np.meshgrid(np.linspace(0, model.width - 1, 15), np.linspace(0, model.height - 1, 9))
     rays = model.rays(np.column_stack([u.ravel(), v.ravel()]))
-    found, expected = (intersect_floor(T, rays) for T in (pose, true))
+    measured, expected = (intersect_floor(T, rays) for T in (pose, true))
     near = np.linalg.norm(expected - true[:3, 3], axis=1) < far
-    return np.linalg.norm((found - expected)[near], axis=1)
+    return np.linalg.norm((measured - expected)[near], axis=1)
 
 
 @pytest.mark.parametrize("camera", [*CAMERAS, TILTED], ids=lambda camera: camera.name)
 def test_exact_measurements_give_the_true_pose(camera):
-    found = calibrated_pose(camera, Optics(calibration_point_m=0.0), 1)
-    np.testing.assert_allclose(found, camera.pose(), atol=1e-6)
+    np.testing.assert_allclose(calibrated_pose(camera, Optics(calibration_point_m=0.0), 1), camera.pose(), atol=1e-6)
 
 
 def test_floor_is_as_wrong_as_least_squares_says():
@@ -301,14 +300,14 @@ def test_floor_is_as_wrong_as_least_squares_says():
     camera, rms = CAMERAS[1], {}
     for count in (4, 8, 32):
         optics = Optics(calibration_points=count, calibration_point_m=0.01)
-        errors = np.concatenate([off_on_floor(camera, calibrated_pose(camera, optics, seed)) for seed in range(40)])
+        errors = np.concatenate([floor_errors(camera, calibrated_pose(camera, optics, seed)) for seed in range(40)])
         rms[count] = np.sqrt(np.mean(errors**2))
         assert 0.6 < rms[count] / (0.01 * np.sqrt(6.0 / count)) < 1.2
     assert rms[4] > rms[8] > rms[32]
 
 
 def test_tilted_camera_is_calibrated_where_it_sees_floor():
-    errors = [np.median(off_on_floor(TILTED, calibrated_pose(TILTED, Optics(), seed))) for seed in range(10)]
+    errors = [np.median(floor_errors(TILTED, calibrated_pose(TILTED, Optics(), seed))) for seed in range(10)]
     assert np.median(errors) < 0.03
     with refused("no_floor"):
         calibrated_pose(CeilingCamera(pitch=5.0, horizontal_fov=6.0), Optics(), 1)

@@ -22,10 +22,10 @@ EXACT = RobotModel(
 )
 
 
-def small_world(**more):
+def small_world(**changes):
     world = {"room": {"size": [4.0, 3.0]}, "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}]}
     pillar = {"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}
-    return world_from_mapping({**world, "furniture": [pillar], **more})
+    return world_from_mapping({**world, "furniture": [pillar], **changes})
 
 
 def body(model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0, 0, 0)):
@@ -127,10 +127,10 @@ def test_localisation_error_has_its_sigma_and_varies_slowly():
 
 def test_a_standing_robot_is_not_relocalised_by_itself():
     robot = body(seed=1)
-    before = robot.estimate()
+    estimate = robot.estimate()
     for step in range(100):
         robot.step(DT, step * DT)
-    assert robot.estimate() == before
+    assert robot.estimate() == estimate
 
 
 # ------------------------------------------------------------ scanner
@@ -193,14 +193,14 @@ def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
 
     def step(*early, late=()):
         """Ends a step; returns how long it waited."""
-        clock.late, clock.waited = [partial(lockstep.arrive, who) for who in late], 0.0
-        for who in early:
-            lockstep.arrive(who)
+        clock.late, clock.waited = [partial(lockstep.arrive, node) for node in late], 0.0
+        for node in early:
+            lockstep.arrive(node)
         lockstep.wait()
         return clock.waited
 
-    both = ("navigation", "driver")
-    assert step() == step("driver") == step(*both) == 0.0  # nobody drives, or not all; from here on both are expected
-    assert step(*both) == 0.0 and step("driver", late=["navigation"]) == 1.0 and step(late=both) == 2.0
+    nodes = ("navigation", "driver")
+    assert step() == step("driver") == step(*nodes) == 0.0  # nobody drives, or not all; from here on both are expected
+    assert step(*nodes) == 0.0 and step("driver", late=["navigation"]) == 1.0 and step(late=nodes) == 2.0
     assert step("driver") == 5.0, "it gives up on who is silent"
-    assert step("driver") == step() == step(*both) == 0.0 and step("navigation") == 5.0
+    assert step("driver") == step() == step(*nodes) == 0.0 and step("navigation") == 5.0

@@ -27,12 +27,12 @@ def chain_of(border, closed):
     return np.vstack([border, border[:1]]) if closed else border
 
 
-def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=ParticipantModel(), **more):
+def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=ParticipantModel(), **options):
     scenario = WORLD.scenario(key)
     near = scenario.stand if method == "nrs" else np.array(WORLD.robots[0].start[:2])
     person = Person(WORLD, scenario, model, seed, near, method)
     script = NetworkRobotSystemScript(person) if method == "nrs" else RobotOnlyScript(person)
-    return System(script, WORLD.robots[0].start_pose(), covered, follows=more.pop("follows", method != "nrs"), **more)
+    return System(script, WORLD.robots[0].start_pose(), covered, **{"follows": method != "nrs", **options})
 
 
 def check_drawing(key, sim):
@@ -49,7 +49,7 @@ ROBOT_ALONE = {"dispatch_after": 1e9, "follows": True}
 
 
 @pytest.mark.parametrize(
-    "key, method, limit, more, first",
+    "key, method, limit, options, first_commands",
     [
         *[(key, "nrs", 120.0, {}, []) for key in SCENARIOS],
         *[(key, "robot_only", 280.0, {"covered": NOWHERE}, ["guide_robot"]) for key in SCENARIOS],
@@ -62,12 +62,13 @@ ROBOT_ALONE = {"dispatch_after": 1e9, "follows": True}
     ids=[*SCENARIOS, *(f"{key} by robot" for key in SCENARIOS)]
     + ["end not covered", "beginning not covered", "no camera", "slips", "slips by robot"],
 )
-def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, more, first):
-    sim = system(key, method, **more)
+def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, options, first_commands):
+    sim = system(key, method, **options)
     assert sim.run(limit) == "saved"
-    assert sim.commands == [*first, *DRAWN]
+    assert sim.commands == [*first_commands, *DRAWN]
     # a robot is led with its buttons, and without cameras there is no other input
-    assert ("buttons" in sim.sources, "participant" in sim.sources) == ("guide_robot" in first, method == "nrs")
+    assert ("buttons" in sim.sources) == ("guide_robot" in first_commands)
+    assert ("participant" in sim.sources) == (method == "nrs")
     check_drawing(key, sim)
     if "buttons" not in sim.sources:
         assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(key).seed) < 0.03
@@ -90,13 +91,13 @@ def test_a_person_gives_up_where_no_camera_sees_the_spot():
 
 
 @pytest.mark.parametrize(
-    "refusal, then", [("no_seed", DRAWN[1:]), ("no_separation", ["cancel", *DRAWN]), ("confirm_save", ["save"])]
+    "refusal, retry", [("no_seed", DRAWN[1:]), ("no_separation", ["cancel", *DRAWN]), ("confirm_save", ["save"])]
 )
-def test_a_person_mends_what_a_refusal_names_and_saves_again(refusal, then):
+def test_a_person_mends_what_a_refusal_names_and_saves_again(refusal, retry):
     sim = system("room", refuse_saves=[refusal])
     sim.percept.state = "border"  # a state that somebody else left
     assert sim.run(120.0) == "saved"
-    assert sim.commands == ["cancel", *DRAWN, *then]
+    assert sim.commands == ["cancel", *DRAWN, *retry]
 
 
 def test_the_person_gives_up_after_some_tries():
@@ -112,9 +113,9 @@ def test_mistakes_are_drawn_for_each_run():
         scenario, model = WORLD.scenario("carpet"), ParticipantModel(wrong_side=0.5)
         return bool(np.any(Person(WORLD, scenario, model, seed, scenario.stand, method).seed != scenario.seed))
 
-    both = [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(40)]
-    assert both[:5] == [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(5)]
-    assert len(set(both)) == 4
+    errors = [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(40)]
+    assert errors[:5] == [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(5)]
+    assert len(set(errors)) == 4
 
 
 @pytest.mark.parametrize("key", SCENARIOS)
@@ -168,7 +169,7 @@ def drawn_by(style, model=REAL):
 
 def test_real_strokes_move_as_people_do():
     """For all people of the resource: stops at corners, peaks between them, the same mean speed, uneven sides."""
-    slow, fast, off = [], [], []
+    slow, fast, deviations = [], [], []
     for style in load_styles():
         stroke = drawn_by(style)
         arcs = np.arange(0.0, stroke.length, 0.01)
@@ -178,10 +179,10 @@ def test_real_strokes_move_as_people_do():
         slow.append(pace.min())
         fast.append(pace.max())
         chain = chain_of(SQUARE, True)
-        off.append(np.sqrt(np.mean([distance_to_chain(stroke.at(arc), chain) ** 2 for arc in arcs[::10]])))
+        deviations.append(np.sqrt(np.mean([distance_to_chain(stroke.at(arc), chain) ** 2 for arc in arcs[::10]])))
     assert np.median(slow) < 0.25 and np.median(fast) > 2.0
     # errors of centimetres, as people make on the floor, not the millimetres of a ruler
-    assert 0.02 < np.median(off) < 0.25
+    assert 0.02 < np.median(deviations) < 0.25
 
 
 def test_closed_strokes_have_gaps_and_overlaps():
@@ -201,15 +202,15 @@ def test_the_ends_of_open_strokes_are_missed_like_any_corner():
 
 def test_open_strokes_end_where_the_floor_ends():
     border, model = np.array([[0.0, 0.0], [0.0, 2.0]]), ParticipantModel(late_start=0.0)
-    stroke = Stroke(border, False, model, np.random.default_rng(0), lambda at: (at[:, 1] > 0.1) & (at[:, 1] < 1.8))
+    stroke = Stroke(border, False, model, np.random.default_rng(0), lambda p: (p[:, 1] > 0.1) & (p[:, 1] < 1.8))
     assert stroke.at(0.0)[1] == pytest.approx(0.11, abs=0.02)
     assert stroke.at(stroke.length)[1] == pytest.approx(1.79, abs=0.02)
 
 
 def test_marks_on_the_floor_lie_beside_the_map():
-    meant = perceive_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
-    assert np.allclose(meant, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
-    assert np.allclose(perceive_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
+    border = perceive_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
+    assert np.allclose(border, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
+    assert np.allclose(perceive_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], border - (0.03, -0.01))
     turned = perceive_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
     x, y = (SQUARE - SQUARE.mean(axis=0)).T
     assert np.allclose(turned - turned.mean(axis=0), np.column_stack([-y, x]))

@@ -40,8 +40,8 @@ def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
 def test_robot_is_drawn_within_its_profiles_cylinder(robot, world):
     # otherwise simulated cameras see parts that no detector attributes to the robot
     shape = RobotProfile.load(WORLDS.parents[2] / "robots" / f"{robot}.yaml").shape
-    (drawn,) = load_world(WORLDS / f"{world}.yaml").robots
-    points = piece_outlines(robot_pieces((2.0, 1.0, 0.4), drawn.radius)).reshape(-1, 3)
+    (robot_model,) = load_world(WORLDS / f"{world}.yaml").robots
+    points = piece_outlines(robot_pieces((2.0, 1.0, 0.4), robot_model.radius)).reshape(-1, 3)
     assert points[:, 2].max() <= shape.height and np.hypot(*(points[:, :2] - (2.0, 1.0)).T).max() <= shape.radius + 1e-6
 
 
@@ -49,9 +49,9 @@ def test_robot_is_drawn_within_its_profiles_cylinder(robot, world):
 def test_the_drawn_hand_is_where_the_beam_begins(height, breadth):
     models, person, target = Models(body=BodyProportions(height, breadth)), (2.0, 1.0, 0.4), (3.0, 2.0)
     hand = hand_position(person, target, models.hand_height)
-    drawn = person_pieces(person, target, models.hand_height, models.body)
-    assert np.linalg.norm(drawn.low - hand, axis=1).min() < 1e-9
-    assert drawn.high[:, 2].max() == pytest.approx(person_pieces(person, target, 1.15).high[:, 2].max() * height / 1.75)
+    body = person_pieces(person, target, models.hand_height, models.body)
+    assert np.linalg.norm(body.low - hand, axis=1).min() < 1e-9
+    assert body.high[:, 2].max() == pytest.approx(person_pieces(person, target, 1.15).high[:, 2].max() * height / 1.75)
 
 
 def test_the_file_has_every_figure_of_the_code():

@@ -35,11 +35,11 @@ _SIGNS = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/y
 
 
 class Check(NamedTuple):
-    """One line of the result; `good` is None where it could not be determined."""
+    """One line of the result. `good` is None where it could not be determined."""
 
-    what: str
+    name: str
     good: Optional[bool]
-    found: str
+    result: str
 
 
 class NavigationCheck:
@@ -49,7 +49,7 @@ class NavigationCheck:
         goal: (x, y) [m] in the map frame, somewhere the robot could drive to from where it is.
         size: [m] edge of the square border that is put on the path.
         move_base: name of the node.
-        base_frame: the robot's.
+        base_frame: name of the robot's base frame.
         at_once: [s] after a border was added until plans have to go around it.
         timeout: [s] to wait for anything before giving up.
     """
@@ -133,38 +133,39 @@ class NavigationCheck:
 
     def _check_soft_border(self, plan_avoids_border: Callable[[], bool]) -> Check:
         """Checks a soft border, if move_base is configured to see one."""
-        what = "a soft border is gone round where that is possible"
+        name = "a soft border is gone round where that is possible"
         costmaps = [f"{self._move_base}/{name}" for name in ("global_costmap", "local_costmap")]
         blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
         if blind:
-            return Check(what, None, sentences.translate("soft_border_ignored", {"costmaps": ", ".join(blind)}))
-        return self._soon(what, plan_avoids_border)
+            return Check(name, None, sentences.translate("soft_border_ignored", {"costmaps": ", ".join(blind)}))
+        return self._soon(name, plan_avoids_border)
 
     def _check_cleared_costmaps(self, plan_avoids_border: Callable[[], bool]) -> Check:
-        what = "a border survives clear_costmaps"
+        name = "a border survives clear_costmaps"
         try:
             call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")
         except CodedError as error:
-            return Check(what, None, str(error))
+            return Check(name, None, str(error))
         # the costmap is empty until its next cycle; what counts is that the border returns on its own
-        back = self._soon(what, plan_avoids_border, self._at_once)
-        if not back.good:
-            return back
-        plans, end = [], time.monotonic() + WATCHED
+        check = self._soon(name, plan_avoids_border, self._at_once)
+        if not check.good:
+            return check
+        plans = []
+        end = time.monotonic() + WATCHED
         while time.monotonic() < end:
             plans.append(plan_avoids_border())
         return Check(
-            what, all(plans), f"back {back.found}; {plans.count(False)} of {len(plans)} plans after that cross it"
+            name, all(plans), f"back {check.result}; {plans.count(False)} of {len(plans)} plans after that cross it"
         )
 
-    def _soon(self, what: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
+    def _soon(self, name: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
         """Checks that a condition comes to hold within a limit [s] of wall time."""
-        begin = time.monotonic()
+        start = time.monotonic()
         if not wait_until(condition, self._timeout, 0.02):
-            return Check(what, False, f"not within {self._timeout:g} s")
-        seconds = time.monotonic() - begin
+            return Check(name, False, f"not within {self._timeout:g} s")
+        seconds = time.monotonic() - start
         return Check(
-            what, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else "")
+            name, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else "")
         )
 
 
@@ -178,18 +179,18 @@ def find_robot(name: str) -> RobotStatus:
         robots = rospy.wait_for_message(names.ROBOTS, RobotStatusArray, 3.0).robots
     except rospy.ROSException:
         robots = []
-    found = [robot for robot in robots if name in ("", robot.robot)]
-    if robots and len(found) != 1:
-        known = ", ".join(robot.robot for robot in robots)
-        raise CodedError("which_robot", f"choose one of these robots with --robot: {known}")
+    matches = [robot for robot in robots if name in ("", robot.robot)]
+    if robots and len(matches) != 1:
+        robot_names = ", ".join(robot.robot for robot in robots)
+        raise CodedError("which_robot", f"choose one of these robots with --robot: {robot_names}")
     prefix = f"{name}/" if name else ""
-    robot = found[0] if found else RobotStatus(frame=f"{prefix}base_link")
+    robot = matches[0] if matches else RobotStatus(frame=f"{prefix}base_link")
     robot.move_base = robot.move_base or f"/{prefix}move_base"
     return robot
 
 
 def main() -> None:
-    """Runs the command; exits with 1 if a check failed or none could be made."""
+    """Runs the command. Exits with 1 if a check failed or none could be made."""
     parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--goal",
@@ -214,6 +215,6 @@ def main() -> None:
         sys.exit(1)
     table = Table("", "check", "found")
     for check in checks:
-        table.add_row(_SIGNS[check.good], check.what, check.found)
+        table.add_row(_SIGNS[check.good], check.name, check.result)
     console.print(table)
     sys.exit(1 if any(check.good is False for check in checks) else 0)

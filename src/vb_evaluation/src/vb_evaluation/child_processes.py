@@ -18,23 +18,23 @@ from typing import Any, Dict, List, Optional, Sequence
 _PORTS = range(20000, 32768)  # below Linux's ephemeral ports
 
 
-def free_port(wanted: int = 0) -> int:
-    """Finds an unused TCP port on loopback: the wanted one if it is free.
+def free_port(preferred: int = 0) -> int:
+    """Finds an unused TCP port on loopback: the preferred one if it is free.
 
     Any other port lies outside the ephemeral range, so that no connection takes it before its server listens.
     """
     while True:
-        port = wanted or secrets.choice(_PORTS)
+        port = preferred or secrets.choice(_PORTS)
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections in TIME_WAIT do not count
             with contextlib.suppress(OSError):
                 probe.bind(("127.0.0.1", port))
                 return port
-        wanted = 0
+        preferred = 0
 
 
 def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
-    """Starts a command that gets SIGTERM when the calling thread ends; `options` are Popen's.
+    """Starts a command that gets SIGTERM when the calling thread ends. `options` are Popen's.
 
     Its own children get no signal: it has to end them itself, as roslaunch does.
     """
@@ -42,7 +42,7 @@ def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
 
 
 class Child:
-    """A child process in its own group, so that everything it started ends with it; see `spawn`."""
+    """A child process in its own group, so that everything it started ends with it. See `spawn`."""
 
     def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
         self.log = log
@@ -59,7 +59,7 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Returns whether the process has not ended yet."""
+        """Whether the process has not ended yet."""
         return self._process.poll() is None
 
     def tail(self, lines: int = 8) -> str:
@@ -67,7 +67,7 @@ class Child:
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
     def stop(self, timeout: float = 12.0) -> None:
-        """Interrupts the process; if it does not end in time, terminates and then kills its group."""
+        """Interrupts the process. If it does not end in time, terminates and then kills its group."""
         for sign, seconds in ((signal.SIGINT, timeout), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
             if not self.running:
                 return

@@ -74,27 +74,29 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
     parser.add_argument("--out", default=str(repository_top() / "out" / "demo"))
     parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
-    given = parser.parse_args(arguments)
-    path = Path(given.world).expanduser().resolve() if given.world else repository_top() / "src/vb_sim/worlds/lab.yaml"
+    options = parser.parse_args(arguments)
+    path = (
+        Path(options.world).expanduser().resolve() if options.world else repository_top() / "src/vb_sim/worlds/lab.yaml"
+    )
     world = load_world(str(path))
-    for key, value, known in (
-        ("METHOD", given.method, METHOD_TITLES),
-        ("NAVIGATION", given.navigation, NAVIGATIONS),
-        ("SCENARIO", given.scenario, world.scenarios),
+    for key, value, choices in (
+        ("METHOD", options.method, METHOD_TITLES),
+        ("NAVIGATION", options.navigation, NAVIGATIONS),
+        ("SCENARIO", options.scenario, world.scenarios),
     ):
-        if value not in known:
-            raise ParameterError(key, f"must be one of {', '.join(known)}, got '{value}'")
-    if given.navigation == "move_base" and not find_node("move_base", "move_base"):
+        if value not in choices:
+            raise ParameterError(key, f"must be one of {', '.join(choices)}, got '{value}'")
+    if options.navigation == "move_base" and not find_node("move_base", "move_base"):
         raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
-    if not given.seed.isdigit():
-        raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'")
-    given.world_path, given.world, given.scenario = path, world, world.scenarios[given.scenario]
-    given.seed, given.out = int(given.seed), Path(given.out).resolve()
-    return given
+    if not options.seed.isdigit():
+        raise ParameterError("SEED", f"expected a whole number, got '{options.seed}'")
+    options.world_path, options.world, options.scenario = path, world, world.scenarios[options.scenario]
+    options.seed, options.out = int(options.seed), Path(options.out).resolve()
+    return options
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs the demonstration; returns 0 if a saved border is respected, 1 if not, 2 for an error, 130 on Ctrl-C."""
+    """Runs the demonstration. Returns 0 if a saved border is respected, 1 if not, 2 for an error, 130 on Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True)
     try:
         options = parse(arguments)
@@ -109,42 +111,44 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 
 class Demo:
-    """One run, from starting the nodes to writing the summary; `stack` ends the processes that it starts."""
+    """One run, from starting the nodes to writing the summary. `stack` ends the processes that it starts."""
 
     def __init__(self, options: argparse.Namespace, console: Console, stack: contextlib.ExitStack) -> None:
         self.options, self.console, self._stack = options, console, stack
         self._started = time.monotonic()
         self._cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
-        self._told: Dict[str, str] = {}
+        self._printed: Dict[str, str] = {}
 
     def run(self) -> int:
-        """Runs the demonstration from beginning to end; returns the exit code."""
-        options, proof = self.options, self.options.scenario.proof
+        """Runs the demonstration from beginning to end. Returns the exit code."""
+        options = self.options
+        proof = options.scenario.proof
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method].lower()}")
         self._launch()
         self._register()
         observer = Observer()
         self._wait_until_ready(observer)
         start, goal = ((x, y, math.radians(yaw)) for x, y, yaw in (proof.start, proof.goal))
-        before = observer.plan(start, goal, "/move_base/make_plan")
+        plan_before = observer.plan(start, goal, "/move_base/make_plan")
         self._follow(observer)
         saved = observer.state is not None and observer.state.last_outcome == "saved"
-        after, drives = np.zeros((0, 2)), []
+        plan_after = np.zeros((0, 2))
+        drives = []
         if saved:
             # the map with the border was published before the state became "saved"; move_base's
             # costmap picks it up a little later
             region = metrics.restricted_cells(observer.prior, observer.posterior)
-            later_plans = [after]
+            later_plans = [plan_after]
             wait_until(
                 lambda: later_plans.append(observer.plan(start, goal, "/move_base/make_plan"))
                 or not metrics.crosses(later_plans[-1], observer.prior, region),
                 5.0,
                 0.25,
             )
-            after, drives = later_plans[-1], self._drive(start, goal)
+            plan_after, drives = later_plans[-1], self._drive(start, goal)
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
-        return self._conclude(observer, {"before": before, "after": after}, drives)
+        return self._conclude(observer, {"before": plan_before, "after": plan_after}, drives)
 
     # ------------------------------------------------------------- starting
     def _launch(self) -> None:
@@ -155,7 +159,8 @@ class Demo:
         shutil.rmtree(str(state), ignore_errors=True)
         for old in options.out.glob("summary.json"):
             old.unlink()
-        self._port, page = free_port(), free_port(PAGE_PORT)
+        self._port = free_port()
+        page = free_port(PAGE_PORT)
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{self._port}"
         os.environ["ROS_LOG_DIR"] = str(options.out / "log")
         has_screen = bool(os.environ.get("DISPLAY"))
@@ -196,19 +201,19 @@ class Demo:
         return child
 
     def _wait_until_ready(self, observer: Observer) -> None:
-        wanted = {
+        ready_conditions = {
             "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
             "the physical map (/map)": lambda: observer.prior is not None,
             "the map with borders (/virtual_borders/map)": lambda: observer.posterior is not None,
             "the simulated lab (/sim/lab_state)": lambda: observer.lab is not None,
         }
         for camera in [*self._cameras, "robot"]:
-            wanted[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
+            ready_conditions[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
                 lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0
             )
 
         def missing() -> List[str]:
-            return [name for name, there in wanted.items() if not there()]
+            return [name for name, is_ready in ready_conditions.items() if not is_ready()]
 
         if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
             raise CodedError(
@@ -250,14 +255,14 @@ class Demo:
             hundreds = progress.border_spots // 100 * 100
             news["spots"] = f"more than {hundreds} spots" if hundreds else ""
             news["seed"] = "a seed point is shown" if progress.has_seed else ""
-        for what, words in news.items():
-            if words != self._told.get(what, ""):
-                self._told[what] = words
-                if words:
-                    self._print(words)
+        for topic, text in news.items():
+            if text != self._printed.get(topic, ""):
+                self._printed[topic] = text
+                if text:
+                    self._print(text)
 
     def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> List[GoalOutcome]:
-        """Sends the robot to the start of the proof, and from there to its goal; returns both outcomes."""
+        """Sends the robot to the start of the proof, and from there to its goal. Returns both outcomes."""
         runner = GoalRunner()
         first = runner.drive(start, DRIVE_TIMEOUT)
         if first.outcome != "reached":
@@ -284,7 +289,7 @@ class Demo:
 
     # ------------------------------------------------------------- the end
     def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
-        """Writes the summary, and says whether the border is respected; returns the exit code.
+        """Writes the summary, and says whether the border is respected. Returns the exit code.
 
         Args:
             plans: (N, 2) [m] the paths planned "before" and "after" the border was drawn.

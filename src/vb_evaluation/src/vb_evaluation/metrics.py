@@ -115,7 +115,7 @@ def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
 
 
 def enters(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
-    """Returns whether a path (N, 2) [m] comes into a region from outside; one that begins within may leave it."""
+    """Returns whether a path (N, 2) [m] comes into a region from outside. One that begins within may leave it."""
     within = _is_within(path, grid, region)
     return bool((within[1:] & ~within[:-1]).any())
 

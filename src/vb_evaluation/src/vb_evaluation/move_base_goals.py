@@ -37,7 +37,7 @@ class GoalOutcome:
             reporting that the goal is reached when it was not.
         text: navigation's own words.
         path: (N, 2) [m] true path of the robot's centre, map frame.
-        seconds: of simulated time.
+        seconds: simulated time that the drive took.
         false_reports: how often navigation falsely reported the goal as reached, and was sent it again: move_base may
             still hold a plan to its last goal (ros-planning/navigation, issue 949).
     """
@@ -75,20 +75,21 @@ class GoalRunner:
         message.target_pose.header.stamp = rospy.Time.now()
         message.target_pose.pose = message_from_pose2d(*goal)
         self._path = []
-        began, false_reports = rospy.get_time(), -1
+        start = rospy.get_time()
+        false_reports = -1
         is_false_report = True
         while is_false_report and false_reports < FALSE_REPORTS:
             false_reports += 1
             self._client.send_goal(message)
             wait_until(
-                lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - began > timeout, wall_timeout, 0.05
+                lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - start > timeout, wall_timeout, 0.05
             )
             state = self._client.get_state()
             is_false_report = state == GoalStatus.SUCCEEDED and not wait_until(
                 lambda: bool(self._path) and math.dist(self._path[-1], goal[:2]) < AT_GOAL, 1.0
             )
         outcome, text = OUTCOMES.get(state, "time_is_up"), self._client.get_goal_status_text()
-        outcome, seconds = "not_there" if is_false_report else outcome, rospy.get_time() - began
+        outcome, seconds = "not_there" if is_false_report else outcome, rospy.get_time() - start
         if state not in OUTCOMES:
             self._client.cancel_goal()
         return GoalOutcome(

@@ -20,7 +20,7 @@ from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabSta
 
 
 class Observer:
-    """Subscribes to the topics on which the stack reports its state; each attribute is the newest value, or None.
+    """Subscribes to the topics on which the stack reports its state. Each attribute is the newest value, or None.
 
     Must be created after `rospy.init_node`. It sends the system nothing but `plan`'s requests to move_base.
     """
@@ -60,7 +60,7 @@ class Observer:
             rospy.logwarn("%s: %s", which, error)
 
     def plan(self, start: Tuple[float, float, float], goal: Tuple[float, float, float], service: str) -> np.ndarray:
-        """Asks move_base for a plan between two poses [m, m, rad]; returns (N, 2) [m], empty if there is none.
+        """Asks move_base for a plan between two poses [m, m, rad]. Returns (N, 2) [m], empty if there is none.
 
         Raises:
             CodedError: "no_planner" if the service does not answer.
@@ -76,7 +76,7 @@ class Observer:
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
-    """Waits until a condition holds; returns False after `timeout` of wall time or at shutdown."""
+    """Waits until a condition holds. Returns False after `timeout` of wall time or at shutdown."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not rospy.is_shutdown():
         if condition():

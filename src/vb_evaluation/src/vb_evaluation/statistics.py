@@ -27,8 +27,8 @@ class SignedRank:
 
     Attributes:
         w_plus, w_minus: sums of the ranks of positive and of negative differences; those of zero are dropped.
-        z: of the smaller sum, at most 0; nan if nothing can be ranked.
-        p_exact: by the distribution of all 2^n signs, ties included ("Exact Sig.").
+        z: z value of the smaller sum, at most 0; nan if nothing can be ranked.
+        p_exact: p by the distribution of all 2^n signs, ties included ("Exact Sig.").
     """
 
     w_plus: float
@@ -39,7 +39,7 @@ class SignedRank:
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its confidence interval; `confidence` is the level reached, 0 .. 1."""
+    """An estimate with its confidence interval. `confidence` is the level reached, 0 .. 1."""
 
     estimate: float
     low: float = math.nan
@@ -64,7 +64,7 @@ UNKNOWN = Interval(math.nan)
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """All statistics of two paired samples; differences are first minus second.
+    """All statistics of two paired samples. Differences are first minus second.
 
     Attributes:
         n: pairs.
@@ -104,7 +104,7 @@ def compare_paired(first: np.ndarray, second: np.ndarray, confidence: float = CO
 
 
 def signed_rank(differences: np.ndarray) -> SignedRank:
-    """Tests differences (N,) by Wilcoxon's signed ranks; equal ones must be equal to the last bit to be ties."""
+    """Tests differences (N,) by Wilcoxon's signed ranks. Equal ones must be equal to the last bit to be ties."""
     differences = _sample(differences)
     ranked = differences[differences != 0.0]
     if not len(ranked):
@@ -114,10 +114,10 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
     with warnings.catch_warnings():
         # SciPy warns that the normal approximation is poor for n < 10; the exact p is reported beside it
         warnings.simplefilter("ignore", UserWarning)
-        found = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
+        approximation = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
     tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
     p_exact = min(1.0, 2.0 * float(tail))
-    return SignedRank(w_plus, w_minus, float(found.zstatistic), p_exact)
+    return SignedRank(w_plus, w_minus, float(approximation.zstatistic), p_exact)
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -208,14 +208,14 @@ def noninferiority_p(gains: np.ndarray, margin: float) -> float:
 
 
 def holm(ps: Sequence[float]) -> np.ndarray:
-    """Corrects the p of one family of tests by Holm's method, (N,); unknown ones stay unknown and do not count."""
+    """Corrects the p of one family of tests by Holm's method, (N,). Unknown ones stay unknown and do not count."""
     # imported here and below: statsmodels takes a second to import, and a simulation does not need it
     from statsmodels.stats.multitest import multipletests
 
     corrected = np.array(ps, dtype=float)
-    there = np.isfinite(corrected)
-    if there.any():
-        corrected[there] = multipletests(corrected[there], ALPHA, "holm")[1]
+    is_known = np.isfinite(corrected)
+    if is_known.any():
+        corrected[is_known] = multipletests(corrected[is_known], ALPHA, "holm")[1]
     return corrected
 
 
@@ -241,7 +241,7 @@ def people_needed(effect: float, tests: int = 1) -> int:
 
     Args:
         effect: mean difference over the differences' standard deviation (Cohen's d_z), > 0.
-        tests: in the family; the strictest level of Holm's method is used.
+        tests: number of tests in the family; the strictest level of Holm's method is used.
     """
     from statsmodels.stats.power import TTestPower
 

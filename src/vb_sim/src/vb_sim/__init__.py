@@ -1,1 +1,1 @@
-"""The simulated lab: cameras, robot, participant, and a stand-in for the navigation stack."""
+"""The simulated lab: cameras, robots, a participant, and a replacement for the navigation stack."""

@@ -1,11 +1,11 @@
-"""Node: renders what a world's ceiling cameras see, each at its own rate, with frames spread evenly.
+"""Node: renders the images of a world's ceiling cameras, each at its own rate, spread evenly in time.
 
 Subscribed topics:
     /sim/lab_state (vb_msgs/LabState): everything that moves. Without a publisher, the lab is empty.
 Published topics:
     /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamped with the middle of
         the exposure; delivered `optics/latency_ms` later.
-    /tf_static (tf2_msgs/TFMessage): map -> <camera>_optical_frame, the pose with its calibration error. Images are
+    /tf_static (tf2_msgs/TFMessage): map -> <camera>_optical_frame, the pose with calibration error. Images are
         rendered from the true pose.
 """
 
@@ -29,7 +29,7 @@ from vb_sim.room.world import CeilingCamera, load_world
 
 @dataclass(frozen=True)
 class CeilingCamerasParams(Parameters):
-    """The node's own parameters; config/ceiling_cameras.yaml says what they mean."""
+    """The node's parameters; config/ceiling_cameras.yaml explains them."""
 
     world: str = param("")
     seed: int = param(1, low=0)
@@ -37,7 +37,7 @@ class CeilingCamerasParams(Parameters):
 
 
 def ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics, seed: int) -> SimulatedCamera:
-    """Makes a ceiling camera with its topics."""
+    """Creates a ceiling camera with its topics."""
     frame = f"{camera.name}_optical_frame"
     pose = calibrated_pose(camera, optics, seed)
     mount = message_from_transform(pose, names.MAP_FRAME, frame, rospy.Time.now())
@@ -46,7 +46,7 @@ def ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics, see
 
 
 def build() -> CameraNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     params = read_parameters(CeilingCamerasParams)
     world, models, seed = load_world(params.world), load_models(), params.seed
     cameras = [world.camera(str(name)) for name in params.cameras] if params.cameras else list(world.cameras)
@@ -54,5 +54,5 @@ def build() -> CameraNode:
         rospy.logwarn("world '%s' has no ceiling cameras", world.name)
     floor, mesh, radii = render_floor(world, seed), world_mesh(world), world.robot_radii()
     views = [CeilingView(camera, radii, floor, mesh, models, seed) for camera in cameras]
-    shown = [ceiling_camera(camera, view, models.optics, seed) for camera, view in zip(cameras, views)]
-    return CameraNode(shown, models.optics.latency_ms)
+    simulated = [ceiling_camera(camera, view, models.optics, seed) for camera, view in zip(cameras, views)]
+    return CameraNode(simulated, models.optics.latency_ms)

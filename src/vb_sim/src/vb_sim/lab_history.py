@@ -1,4 +1,4 @@
-"""Keeps the recent states of everything that moves in the lab, and interpolates them at an image's timestamp."""
+"""Stores the recent states of everything that moves in the lab, and interpolates them at an image's timestamp."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from vb_core.geometry import wrap_angle
 Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]
 
-# [m] a spot that jumps farther between two snapshots was moved with the beam off, not swept over the floor
+# [m] a spot that jumps farther between two snapshots was moved with the laser off, not swept over the floor
 _MAX_JUMP = 0.4
-_AHEAD = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
+_EXTRAPOLATION = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 _STALE = 1.0  # [s] without a snapshot after which the scene is empty
 
 
@@ -25,10 +25,10 @@ class Snapshot:
     """The poses of everything that moves at one time, in the map frame, [m] and [rad].
 
     Attributes:
-        robots: name to (x, y, yaw).
-        laser: where the beam meets the floor, None while it is off.
-        laser_velocity: [m/s] of that point.
-        person: (x, y, yaw), None if nobody is there.
+        robots: (x, y, yaw) by name.
+        laser: (x, y) of the spot; None while the laser is off.
+        laser_velocity: [m/s] velocity of the spot.
+        person: (x, y, yaw), or None.
     """
 
     stamp: float
@@ -40,7 +40,7 @@ class Snapshot:
 
 
 def snapshot_from_message(message: Any) -> Snapshot:
-    """Reads a snapshot from a vb_msgs/LabState."""
+    """Converts a vb_msgs/LabState to a snapshot."""
     poses = [(pose.x, pose.y, pose.theta) for pose in [*message.robot_poses, message.person]]
     return Snapshot(
         message.header.stamp.to_sec(),
@@ -52,7 +52,7 @@ def snapshot_from_message(message: Any) -> Snapshot:
 
 
 class History:
-    """The newest snapshots; may be written and read by different threads."""
+    """The newest snapshots. Different threads may add and read them."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -64,25 +64,25 @@ class History:
             self._snapshots.append(snapshot)
 
     def at(self, stamp: float) -> Snapshot:
-        """Interpolates the scene at a time [s]; it is empty if no snapshots cover that time, give or take a second."""
+        """Interpolates the scene at time `stamp` [s]. The scene is empty if all snapshots differ by over a second."""
         with self._lock:
             snapshots = list(self._snapshots)
         if not snapshots or stamp - snapshots[-1].stamp > _STALE or snapshots[0].stamp - stamp > _STALE:
             return Snapshot(stamp)
         if len(snapshots) == 1:
             return replace(snapshots[0], stamp=stamp)
-        after = min(max(bisect_left([snapshot.stamp for snapshot in snapshots], stamp), 1), len(snapshots) - 1)
-        first, second = snapshots[after - 1], snapshots[after]
+        index = min(max(bisect_left([snapshot.stamp for snapshot in snapshots], stamp), 1), len(snapshots) - 1)
+        first, second = snapshots[index - 1], snapshots[index]
         interval = second.stamp - first.stamp
-        at = min(max(stamp, first.stamp), second.stamp + _AHEAD)
-        return _between(first, second, (at - first.stamp) / interval, interval, stamp)
+        time = min(max(stamp, first.stamp), second.stamp + _EXTRAPOLATION)
+        return _interpolate(first, second, (time - first.stamp) / interval, interval, stamp)
 
 
-def _between(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: float) -> Snapshot:
+def _interpolate(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: float) -> Snapshot:
     nearest = a if share < 0.5 else b
-    robots = {name: _pose_between(a.robots.get(name, pose), pose, share) for name, pose in b.robots.items()}
-    both = a.person is not None and b.person is not None
-    person = _pose_between(a.person, b.person, share) if both else nearest.person
+    robots = {name: _interpolate_pose(a.robots.get(name, pose), pose, share) for name, pose in b.robots.items()}
+    present = a.person is not None and b.person is not None
+    person = _interpolate_pose(a.person, b.person, share) if present else nearest.person
     laser, velocity = nearest.laser, (0.0, 0.0)
     if a.laser is not None and b.laser is not None:
         dx, dy = b.laser[0] - a.laser[0], b.laser[1] - a.laser[1]
@@ -92,6 +92,6 @@ def _between(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: flo
     return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
 
 
-def _pose_between(a: Pose2, b: Pose2, share: float) -> Pose2:
-    turn = wrap_angle(b[2] - a[2])
-    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), wrap_angle(a[2] + share * turn))
+def _interpolate_pose(a: Pose2, b: Pose2, share: float) -> Pose2:
+    rotation = wrap_angle(b[2] - a[2])
+    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), wrap_angle(a[2] + share * rotation))

@@ -1,4 +1,4 @@
-"""Node: owns simulated time and the ground truth of the lab."""
+"""Node: publishes simulated time and the ground truth of the lab."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
 RATE = 50.0  # [1/s] steps of simulated time; an integral multiple of the cameras' 25 frames/s
-# steps between two messages: odom and tf at 25 Hz, one per camera frame; scans at 10 Hz, as small scanners have them;
+# steps between two messages: odom and tf at 25 Hz, one per camera frame; scans at 10 Hz, as from small scanners;
 # amcl_pose at 2 Hz, about AMCL's rate while driving
 POSE_STEPS, SCAN_STEPS, AMCL_STEPS = 2, 5, 25
-TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is stamped: AMCL's own default
-PARTICIPANT_SILENCE = 0.5  # [s] of silence after which the participant counts as standing there with the laser off
+TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is stamped, as by AMCL's default
+PARTICIPANT_SILENCE = 0.5  # [s] of silence after which the participant is assumed to stand still with the laser off
 # steps in which navigation, driver and AMCL each publish once: 0.1 s, the period of move_base's controller and of scans
 CONTROL_STEPS = 5
 
 
 @dataclass(frozen=True)
 class LabSimulatorParams(Parameters):
-    """The node's own parameters; the models' are in config/models.yaml."""
+    """The node's parameters. The models' are in config/models.yaml."""
 
     world: str = param("")
     seed: int = param(1, "", low=0)
@@ -50,7 +50,7 @@ class LabSimulatorParams(Parameters):
 
 
 class RobotConnection:
-    """Publishers of one robot. Frames and topics carry its namespace, if it has one."""
+    """Publishers of one robot. Its namespace, if any, precedes the names of its frames and topics."""
 
     def __init__(self, robot: Robot) -> None:
         prefix = f"{robot.namespace.strip('/')}/".lstrip("/")
@@ -63,17 +63,17 @@ class RobotConnection:
 
 
 class LabSimulatorNode:
-    """Moves the robots, publishes the ground truth of the lab and the clock.
+    """Moves the robots, and publishes the ground truth of the lab and the clock.
 
-    /clock is paced to at most real time or to /sim/pace; /use_sim_time must be set. A robot's topics are below its
-    namespace; the first robot usually has none.
+    /clock runs at real time, or as fast as /sim/pace says, or slower; /use_sim_time must be set. A robot's topics are
+    in its namespace; the first robot usually has none.
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
         <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): of the first robot, with ~lockstep
         /sim/participant (vb_msgs/ParticipantState)
-        /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
-            1 until a message arrives
+        /sim/pace (std_msgs/Float64): maximum of simulated seconds per real second, 1 by default; for drives without
+            people and cameras
     Published topics:
         /clock (rosgraph_msgs/Clock): 50 Hz
         /sim/lab_state (vb_msgs/LabState): 50 Hz, ground truth
@@ -90,14 +90,14 @@ class LabSimulatorNode:
         self._params = params
         self._lock = threading.Lock()
         self._step_ns = int(round(1e9 / RATE))
-        # whole steps, so that the frames of cameras whose rate divides this one fall on steps
+        # a whole number of steps, so that the frames of cameras whose rate divides this one coincide with steps
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns
         self._count = 0
         lab.step(0.0, self._now_ns * 1e-9)
-        self._participant, self._heard = ParticipantState(), -math.inf
+        self._participant, self._participant_time = ParticipantState(), -math.inf
 
         self._clock = clock_publisher()
-        # a slow or hung subscriber must not stop the lab: each has its own short queue
+        # each topic has a short queue, so that a slow or hung subscriber does not stop the lab
         self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._robots = [RobotConnection(robot) for robot in lab.world.robots]
@@ -113,7 +113,7 @@ class LabSimulatorNode:
             rospy.Subscriber(topic, Twist, lambda _: lockstep.arrive("navigation"), queue_size=1, tcp_nodelay=True)
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
-        self._pace = 1.0  # simulated seconds per real second, at most
+        self._pace = 1.0  # maximum of simulated seconds per real second
         rospy.Subscriber(names.PACE, Float64, self._on_pace, queue_size=1)
         threading.Thread(target=self._run, daemon=True).start()
 
@@ -125,13 +125,13 @@ class LabSimulatorNode:
             self._lockstep.arrive("driver")
 
     def _on_transform(self, message: rospy.AnyMsg) -> None:
-        # besides this node, only AMCL publishes there, once for each scan
+        # besides this node, only AMCL publishes transforms, once for each scan
         if message._connection_header["callerid"] != rospy.get_name():
             self._lockstep.arrive("localisation")
 
     def _on_participant(self, message: ParticipantState) -> None:
         with self._lock:
-            self._participant, self._heard = message, self._lab.now
+            self._participant, self._participant_time = message, self._lab.now
             person = message.person
             self._lab.person = (person.x, person.y, person.theta) if message.person_present else None
 
@@ -151,8 +151,8 @@ class LabSimulatorNode:
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
                 period, now = self._step_ns * 1e-9 / self._pace, time.monotonic()
-                # after a late step the next comes sooner, but at most one is made up for: cameras and controllers would
-                # miss the time that passes in a burst
+                # after a late step the next one comes sooner. At most one step of delay is made up for, because cameras
+                # and controllers would miss a burst of steps.
                 due = max(due + period, now - period)
                 time.sleep(max(due - now, 0.0))
         except rospy.ROSException:
@@ -178,7 +178,7 @@ class LabSimulatorNode:
     # ------------------------------------------------------------ messages
     def _state_message(self, now: rospy.Time) -> LabState:
         participant = self._participant
-        if self._lab.now - self._heard > PARTICIPANT_SILENCE:
+        if self._lab.now - self._participant_time > PARTICIPANT_SILENCE:
             participant = ParticipantState(person_present=participant.person_present, person=participant.person)
         state = LabState(header=Header(0, now, names.MAP_FRAME))
         state.robots = [robot.namespace.strip("/") for robot in self._lab.world.robots]
@@ -191,7 +191,7 @@ class LabSimulatorNode:
 
     def _publish_poses(self, now: rospy.Time) -> None:
         transforms: List[TransformStamped] = []
-        # AMCL stamps its correction ahead, so that lookups at the present time need not wait for it
+        # like AMCL, stamps the correction ahead, so that lookups at the present time need not wait for it
         ahead = now + rospy.Duration(TRANSFORM_TOLERANCE)
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
@@ -240,21 +240,21 @@ class LabSimulatorNode:
 
 
 def clock_publisher() -> rospy.Publisher:
-    """Makes the publisher of /clock, which sends at once, without a queue and thread per subscriber: every node is one.
+    """Creates the publisher of /clock, which sends at once, without a queue and thread per subscriber.
 
-    Waking 25 threads 50 times a second would take half of this node's time. A hung subscriber blocks nothing: its
-    socket's buffer holds more than 40 minutes of unread messages.
+    All 25 nodes subscribe. Waking a thread for each 50 times a second would take half of this node's time. A hung
+    subscriber does not block it, because its socket's buffer holds more than 40 minutes of unread messages.
     """
     with warnings.catch_warnings():
-        # rospy warns of a missing queue as an oversight
+        # rospy warns of a missing queue, which is intended here
         warnings.simplefilter("ignore", SyntaxWarning)
         return rospy.Publisher("/clock", Clock, queue_size=None)
 
 
 def build() -> LabSimulatorNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     params = parameters.read(LabSimulatorParams)
     if not rospy.get_param("/use_sim_time", False):
-        raise ParameterError("/use_sim_time", "must be true: the simulated lab has a time of its own")
+        raise ParameterError("/use_sim_time", "must be true, because the lab's time is simulated")
     lab = Lab(load_world(params.world), load_models(), params.seed)
     return LabSimulatorNode(lab, params)

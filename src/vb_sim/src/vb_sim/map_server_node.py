@@ -19,14 +19,14 @@ from vb_sim.room.world import load_world
 
 @dataclass(frozen=True)
 class MapServerParams(Parameters):
-    """Exactly one of the two must be set."""
+    """The map's file. Exactly one of the two must be set."""
 
     world: str = param("")
     map_yaml: str = param("")
 
 
 class MapServerNode:
-    """Publishes one map that never changes.
+    """Publishes a map that never changes.
 
     Published topics:
         /map (nav_msgs/OccupancyGrid, latched)
@@ -37,7 +37,7 @@ class MapServerNode:
     """
 
     def __init__(self, grid: GridMap) -> None:
-        # a stamp of zero: simulated time is not known yet, and the map is valid at any time
+        # the stamp is zero, because simulated time is not known yet and the map is valid at any time
         self._message = messages.message_from_grid(grid, rospy.Time(0))
         self._publisher = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._service = rospy.Service("/static_map", GetMap, self._on_static_map)
@@ -45,7 +45,7 @@ class MapServerNode:
         rospy.loginfo("%s: a map of %d x %d cells", rospy.get_name(), grid.shape[1], grid.shape[0])
 
     def _on_static_map(self, _request: GetMap) -> GetMapResponse:
-        # a service serialises the plain message, which needs a list
+        # services serialise the plain message, which needs a list
         plain = GetMapResponse()
         plain.map.header, plain.map.info = self._message.header, self._message.info
         plain.map.data = self._message.data.tolist()
@@ -53,7 +53,7 @@ class MapServerNode:
 
 
 def build() -> MapServerNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     params = parameters.read(MapServerParams)
     if bool(params.world) == bool(params.map_yaml):
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")

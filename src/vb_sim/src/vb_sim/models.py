@@ -1,6 +1,6 @@
-"""The figures of the simulated sensors, robots and people, one class for each section of config/models.yaml.
+"""The parameters of the simulated sensors, robots and people, one class for each section of config/models.yaml.
 
-The defaults here are the same as in that file, which gives their sources.
+The defaults are the values in that file, which gives their sources.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MODELS = Path(rospkg.RosPack().get_path("vb_sim")) / "config" / "models.yaml"
 
 @dataclass(frozen=True)
 class RobotModel(Parameters):
-    """How the body follows cmd_vel, and the errors of its odometry."""
+    """How a robot follows cmd_vel, and the errors of its odometry."""
 
     max_speed: float = param(0.65, "m/s", above=0.0, high=5.0)
     max_turn_rate: float = param(3.14, "rad/s", above=0.0, high=20.0)
@@ -38,7 +38,7 @@ class RobotModel(Parameters):
 
 @dataclass(frozen=True)
 class LocalizationModel(Parameters):
-    """The error of the pose that AMCL would report: a slowly varying bias, correlated in time."""
+    """The slowly varying error of the pose that AMCL would report."""
 
     position_sigma: float = param(0.015, "m", low=0.0, high=1.0)
     yaw_sigma: float = param(0.012, "rad", low=0.0, high=1.0)
@@ -47,7 +47,7 @@ class LocalizationModel(Parameters):
 
 @dataclass(frozen=True)
 class ScanModel(Parameters):
-    """A laser scanner above the robot's centre, which scans all round."""
+    """A laser scanner above the robot's centre that scans 360 degrees."""
 
     beams: int = param(360, "", low=4, high=1440)
     range_min: float = param(0.12, "m", low=0.0)
@@ -94,7 +94,7 @@ class CameraNoise(Parameters):
     frames: int = param(5, "", low=2, high=32)
 
     def sigma(self, level: Any) -> Any:
-        """Returns the standard deviation [grey levels] at a brightness [grey levels]: read noise and photon noise."""
+        """Returns the standard deviation of read and photon noise [grey levels] at a brightness [grey levels]."""
         return np.sqrt(self.read_sigma**2 + np.maximum(level, 0.0) * 255.0 / self.full_well_e)
 
 
@@ -115,7 +115,7 @@ class RobotCamera(Parameters):
 
 @dataclass(frozen=True)
 class BodyProportions(Parameters):
-    """How tall and how broad a person is."""
+    """A person's height and breadth."""
 
     height: float = param(1.75, "m", low=1.0, high=2.3)
     breadth: float = param(1.0, "", low=0.5, high=2.0)
@@ -170,39 +170,39 @@ class Models(Parameters):
 
     @property
     def hand_height(self) -> float:
-        """Height [m] at which this person holds the pointer."""
+        """Height [m] at which the person holds the pointer."""
         return self.optics.pointer_height * self.body.height / BodyProportions().height
 
 
 def load_models() -> Models:
-    """Reads this package's models file; keys that it omits keep their defaults.
+    """Reads this package's models file. Omitted keys have their defaults.
 
     Raises:
-        CodedError: "no_models", "bad_models", as from `read_document`.
-        ParameterError: names the section and the key that is wrong.
+        CodedError: "no_models" or "bad_models"; see `read_document`.
+        ParameterError: names the wrong key and its section.
     """
     return Models.from_mapping(read_document(MODELS, "models"))
 
 
-def read_document(path: Path, what: str) -> Any:
-    """Reads a YAML file; None if it is empty.
+def read_document(path: Path, kind: str) -> Any:
+    """Reads a YAML file. Returns None if it is empty.
 
     Args:
-        what: the kind of document, for instance "world"; used in codes and sentences.
+        kind: the kind of document, for instance "world", named in codes and sentences.
 
     Raises:
-        CodedError: "no_<what>" if there is no such file, "bad_<what>" if it is not YAML.
+        CodedError: "no_<kind>" if there is no such file, "bad_<kind>" if it is not YAML.
     """
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise CodedError(f"no_{what}", f"cannot read the {what} file '{path}': {error.strerror}") from None
+        raise CodedError(f"no_{kind}", f"cannot read the {kind} file '{path}': {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        where = getattr(error, "problem_mark", None)
-        line = f" in line {where.line + 1}" if where else ""
-        raise CodedError(f"bad_{what}", f"the {what} file '{path}' is not valid YAML{line}") from None
+        mark = getattr(error, "problem_mark", None)
+        line = f" in line {mark.line + 1}" if mark else ""
+        raise CodedError(f"bad_{kind}", f"the {kind} file '{path}' is not valid YAML{line}") from None
 
 
 def make_generator(seed: int, name: str) -> np.random.Generator:
-    """Makes the random generator of one part of the world, the same for the same seed and name."""
+    """Creates the random generator of one part of the world, which depends on seed and name only."""
     return np.random.default_rng([int(seed) & 0xFFFFFFFF, zlib.crc32(name.encode("utf-8"))])

@@ -1,4 +1,4 @@
-"""Stand-in for move_base, under the same names: action, services, costmap and plan topics."""
+"""Replaces move_base: the same action, services, and topics of costmap and plan."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_sim.robot.navigator import Navigator
 
 MAPS = (names.MAP_WITH_BORDERS, names.MAP_WITH_MARGIN)
-_PERIOD = 0.1  # [s] between commands; a shorter period costs processor time and drives no better at 0.5 m/s
+_PERIOD = 0.1  # [s] between commands; a shorter period uses more processor time, but drives no better at 0.5 m/s
 
 
 @dataclass(frozen=True)
@@ -38,27 +38,27 @@ class NavigationParams(Parameters):
 
 
 class NavigationNode:
-    """Plans on the map with the virtual borders and drives.
+    """Plans paths on the map with the virtual borders, and drives along them.
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
-        robot_driver/keep_out (nav_msgs/OccupancyGrid): the map with borders, its borders inflated by
-            the localisation uncertainty; optional
+        robot_driver/keep_out (nav_msgs/OccupancyGrid): optional; the map with borders inflated by the
+            localisation uncertainty
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
         /tf, /tf_static (tf2_msgs/TFMessage): map -> base_link
     Actions:
         move_base (move_base_msgs/MoveBaseAction)
     Services:
-        move_base/make_plan (nav_msgs/GetPlan): refused while a goal is active; an empty plan if there is no path
-        move_base/clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
+        move_base/make_plan (nav_msgs/GetPlan): refused while a goal is active; the plan is empty if there is no path
+        move_base/clear_costmaps (std_srvs/Empty): removes the scanner's obstacles, but not the map or borders
     Published topics:
         cmd_vel (geometry_msgs/Twist): only while a goal is active, and a zero command at its end
         move_base/NavfnROS/plan (nav_msgs/Path)
         move_base/global_costmap/costmap (nav_msgs/OccupancyGrid, latched)
         move_base/goal (move_base_msgs/MoveBaseActionGoal): goals received on move_base_simple/goal
     Parameters:
-        ~prefix: prefix of the names of the robot's frames
+        ~prefix: of the names of the robot's frames
         robot_profile: in the robot's namespace
     """
 
@@ -66,7 +66,7 @@ class NavigationNode:
         self._base_frame = prefix + profile.frames.base
         self._navigator = Navigator(profile)
         self._lock = threading.Lock()
-        self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
+        self._obstacles = np.zeros((0, 2))  # (N, 2) [m] of the newest scan, robot's frame
         self._mount: Optional[np.ndarray] = None  # T_base_laser
         self._driving = False
         self._transforms = TransformLookup()
@@ -77,7 +77,7 @@ class NavigationNode:
         self._goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
         self._static: Dict[str, messages.OccupancyGridArray] = {}  # by topic
         self._maps: node.Mailbox = node.Mailbox()  # topics of the maps that have arrived
-        self._worker = node.Worker(self._maps, self._take_map)
+        self._worker = node.Worker(self._maps, self._update_costmap)
         for topic in MAPS:
             rospy.Subscriber(topic, messages.OccupancyGridArray, self._on_map, topic, queue_size=1, buff_size=2**24)
         rospy.Service("~make_plan", GetPlan, self._on_make_plan)
@@ -97,14 +97,14 @@ class NavigationNode:
         self._static[topic] = message
         self._maps.put(topic)
 
-    def _take_map(self, _topic: str) -> None:
+    def _update_costmap(self, _topic: str) -> None:
         borders, keep_out = (self._static.get(topic) for topic in MAPS)
         if borders is None:
             return
         grid = messages.grid_from_message(borders)
-        grown = messages.grid_from_message(keep_out) if keep_out is not None else grid
-        if grown.same_geometry(grid):
-            grid = grid.with_data(np.maximum(grid.data, grown.data))  # as a static layer with use_maximum
+        with_margin = messages.grid_from_message(keep_out) if keep_out is not None else grid
+        if with_margin.same_geometry(grid):
+            grid = grid.with_data(np.maximum(grid.data, with_margin.data))  # as static_layer with use_maximum
         costmap = self._navigator.set_map(grid)
         occupancy = grid.with_data(costmap.occupancy())
         self._global.publish(messages.message_from_grid(occupancy, rospy.Time.now()))
@@ -130,19 +130,19 @@ class NavigationNode:
             self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)
         )
 
-    def _in_map(self, pose: PoseStamped) -> Pose:
+    def _to_map_frame(self, pose: PoseStamped) -> Pose:
         """Returns a pose in the map frame.
 
         Raises:
             CodedError: "bad_goal" or "no_transform".
         """
-        found, frame = messages.pose2d_from_message(pose.pose), pose.header.frame_id.lstrip("/")
-        if not np.isfinite(found).all():
+        pose2d, frame = messages.pose2d_from_message(pose.pose), pose.header.frame_id.lstrip("/")
+        if not np.isfinite(pose2d).all():
             raise CodedError("bad_goal", "the goal's pose is not finite")
         if frame == names.MAP_FRAME:
-            return found
+            return pose2d
         T = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0))
-        return geometry.pose2d_from_transform(T @ geometry.transform_from_pose2d(*found))
+        return geometry.pose2d_from_transform(T @ geometry.transform_from_pose2d(*pose2d))
 
     # ------------------------------------------------------------ services and the simple topic
     def _on_make_plan(self, request: GetPlan) -> GetPlanResponse:
@@ -150,8 +150,8 @@ class NavigationNode:
             raise rospy.ServiceException("move_base must be in an inactive state to make a plan for an external user")
         response = GetPlanResponse()
         try:
-            start = self._in_map(request.start) if request.start.header.frame_id else self._pose()
-            goal = self._in_map(request.goal)
+            start = self._to_map_frame(request.start) if request.start.header.frame_id else self._pose()
+            goal = self._to_map_frame(request.goal)
             path = self._navigator.static().plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
             response.plan = path_message(path, goal[2])
         except CodedError as error:
@@ -173,7 +173,7 @@ class NavigationNode:
         self._driving = True
         scan = rospy.Subscriber("scan", LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
         try:
-            self._drive(self._in_map(goal.target_pose))
+            self._drive(self._to_map_frame(goal.target_pose))
         except CodedError as error:
             rospy.logwarn("%s: goal aborted: %s", rospy.get_name(), error)
             self._server.set_aborted(MoveBaseResult(), str(error))
@@ -203,20 +203,20 @@ class NavigationNode:
             pose = self._pose()
             with self._lock:
                 obstacles = self._obstacles
-            drive = self._navigator.step(rospy.Time.now().to_sec(), pose, obstacles, _PERIOD)
-            if drive.path is not None:
-                self._plan.publish(path_message(drive.path, goal[2]))
-            if drive.arrived:
+            motion = self._navigator.step(rospy.Time.now().to_sec(), pose, obstacles, _PERIOD)
+            if motion.path is not None:
+                self._plan.publish(path_message(motion.path, goal[2]))
+            if motion.arrived:
                 self._server.set_succeeded(MoveBaseResult(), "the goal is reached")
                 return
             command = Twist()
-            command.linear.x, command.angular.z = drive.speed, drive.turn_rate
+            command.linear.x, command.angular.z = motion.speed, motion.turn_rate
             self._cmd_vel.publish(command)
             rospy.sleep(_PERIOD)
 
 
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:
-    """Converts a path (N, 2) [m] to a message; poses face along it, the last one as the goal does."""
+    """Converts a path (N, 2) [m] to a message. Poses face along the path, the last one in the goal's direction."""
     header = Header(0, rospy.Time.now(), names.MAP_FRAME)
     steps = np.diff(path, axis=0)
     yaws = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw]])
@@ -225,5 +225,5 @@ def path_message(path: np.ndarray, goal_yaw: float) -> Path:
 
 
 def build() -> NavigationNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     return NavigationNode(robot_profile.read(), parameters.read(NavigationParams).prefix)

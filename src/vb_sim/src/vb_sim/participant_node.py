@@ -1,4 +1,4 @@
-"""The simulated person as a node: it uses the same command service as real people, and sees what they see."""
+"""Node: simulates a person, who gives commands by the same service as real people and sees what they see."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from vb_sim.room.world import Scenario, World, load_world
 
 @dataclass(frozen=True)
 class ParticipantParams(Parameters):
-    """The node's own parameters; the figures of people are in config/models.yaml."""
+    """The node's parameters; those of people are in config/models.yaml."""
 
     world: str = param("")
     scenario: str = param("")
@@ -38,11 +38,11 @@ class ParticipantNode:
     """Simulates one person who carries out one scenario.
 
     Subscribed topics:
-        /sim/lab_state (vb_msgs/LabState): where the robot is; each message is one step of the person
-        /virtual_borders/spots (vb_msgs/LaserSpot): used only for whether the spot is seen, as sound and LED show
+        /sim/lab_state (vb_msgs/LabState): the robot's pose; each message is one step of the person
+        /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell people
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
         /virtual_borders/state (vb_msgs/InteractionState): the state that the display shows
-        /virtual_borders/notices (vb_msgs/NoticeArray): what the display says about the robots
+        /virtual_borders/notices (vb_msgs/NoticeArray): the display's notices about the robots
     Published topics:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock
         /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved" or "gave_up") and reason
@@ -56,26 +56,26 @@ class ParticipantNode:
         self._params = params
         self._lock = threading.Lock()
         self._percept = Perception()
-        self._sees_state = False  # a restarted person must know whether an interaction was left unfinished
+        self._sees_state = False  # after a restart, the person must know whether an interaction is unfinished
         self._spot: Optional[Tuple[float, float]] = None
         self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
         self._done = rospy.Publisher(names.PARTICIPANT_DONE, String, queue_size=1, latch=True)
-        near = scenario.stand if params.method == "nrs" else np.array(world.robots[0].start[:2])
-        person = Person(world, scenario, model, params.seed, near, params.method)
+        start_near = scenario.stand if params.method == "nrs" else np.array(world.robots[0].start[:2])
+        person = Person(world, scenario, model, params.seed, start_near, params.method)
         self._script = NetworkRobotSystemScript(person) if params.method == "nrs" else RobotOnlyScript(person)
         self._lab_states: node.Mailbox = node.Mailbox()
-        self._worker = node.Worker(self._lab_states, self._live)
+        self._worker = node.Worker(self._lab_states, self._step_person)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        self._say_hold_still: Set[str] = set()  # nodes
+        self._sources_asking_to_hold: Set[str] = set()  # names of nodes
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
-        for what, arrived in (
+        for label, arrived in (
             (f"the lab's state on {names.LAB_STATE}: is lab_simulator running?", lambda: self._lab_states.received > 0),
             (f"the interaction's state on {names.STATE}: is interaction_manager running?", lambda: self._sees_state),
         ):
-            node.watch_input(what, arrived, node.INPUT_TIMEOUT)
+            node.watch_input(label, arrived, node.INPUT_TIMEOUT)
 
     def close(self) -> None:
         """Ends the worker."""
@@ -83,9 +83,9 @@ class ParticipantNode:
 
     # ------------------------------------------------------------ perception
     def _on_spot(self, message: LaserSpot) -> None:
-        seen = (message.position.x, message.position.y)
+        position = (message.position.x, message.position.y)
         with self._lock:
-            self._percept.record_spot(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
+            self._percept.record_spot(self._spot, message.header.stamp.to_sec(), position, message.mobile)
 
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
@@ -94,18 +94,19 @@ class ParticipantNode:
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
             if HOLD_STILL not in [notice.code for notice in message.notices]:
-                self._say_hold_still.discard(message.source)
-            elif message.source not in self._say_hold_still:
-                # a notice is repeated each second; a person takes note of it when it appears
-                self._say_hold_still.add(message.source)
+                self._sources_asking_to_hold.discard(message.source)
+            elif message.source not in self._sources_asking_to_hold:
+                # a notice is repeated each second, but a person notices it when it appears
+                self._sources_asking_to_hold.add(message.source)
                 self._percept.hold_requested = self._percept.now
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
-            self._percept.state, self._sees_state = message.name, True
+            self._percept.state = message.name
+            self._sees_state = True
 
-    # ------------------------------------------------------------ life
-    def _live(self, lab: LabState) -> None:
+    # ------------------------------------------------------------ steps
+    def _step_person(self, lab: LabState) -> None:
         now = lab.header.stamp
         with self._lock:
             if not self._sees_state:
@@ -115,22 +116,24 @@ class ParticipantNode:
             if lab.robot_poses:
                 pose = lab.robot_poses[0]
                 percept.robot = (pose.x, pose.y, pose.theta)
-            seen = replace(percept)
+            snapshot = replace(percept)
         script = self._script
-        over_before = bool(script.outcome)
-        action = script.step(seen)
+        was_finished = bool(script.outcome)
+        action = script.step(snapshot)
         with self._lock:
             self._spot = action.laser
         self._publish(action, now)
         if action.command:
             node.start_thread(self._command, action)
-        if action.outcome and not over_before:
+        if action.outcome and not was_finished:
             self._report(script)
 
     def _publish(self, action: Action, now: rospy.Time) -> None:
         message = ParticipantState(laser_color=self._params.color, person_present=True, doing=action.doing)
-        message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
-        message.laser_on, message.laser = action.laser is not None, Point(*(action.laser or (0.0, 0.0)), 0.0)
+        message.header.stamp = now
+        message.header.frame_id = names.MAP_FRAME
+        message.laser_on = action.laser is not None
+        message.laser = Point(*(action.laser or (0.0, 0.0)), 0.0)
         message.person = Pose2D(*action.pose)
         self._state.publish(message)
 
@@ -150,7 +153,7 @@ class ParticipantNode:
 
 
 def build() -> ParticipantNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     params = parameters.read(ParticipantParams)
     world = load_world(params.world)
     return ParticipantNode(world, world.scenario(params.scenario), load_models().participant, params)

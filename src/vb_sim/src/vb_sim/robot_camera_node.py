@@ -1,11 +1,11 @@
-"""Node: renders what the colour and depth camera of one robot sees, from the robot's true pose.
+"""Node: renders the images of one robot's colour and depth camera, from the robot's true pose.
 
 Subscribed topics:
-    /sim/lab_state (vb_msgs/LabState): everything that moves, this robot included. Without a publisher, the robot
-        stays where it was and the lab is empty.
+    /sim/lab_state (vb_msgs/LabState): everything that moves, including this robot. Without a publisher, the robot
+        does not move and the lab is empty.
 Published topics:
     camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info (sensor_msgs/CameraInfo)
-    camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none): with every
+    camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 if unknown): with every
         `robot_camera/depth_every`-th colour image, with the same stamp.
     camera/depth_registered/camera_info (sensor_msgs/CameraInfo): likewise.
     /tf_static (tf2_msgs/TFMessage): <prefix>base_link -> <prefix>camera_optical_frame.
@@ -29,7 +29,7 @@ from vb_sim.room.world import Robot, load_world
 
 @dataclass(frozen=True)
 class RobotCameraParams(Parameters):
-    """The node's own parameters; config/robot_camera.yaml says what they mean."""
+    """The node's parameters; config/robot_camera.yaml explains them."""
 
     world: str = param("")
     seed: int = param(1, low=0)
@@ -38,26 +38,26 @@ class RobotCameraParams(Parameters):
 
 
 def robot_camera(robot: Robot, view: RobotView, tf_prefix: str, depth_every: int) -> SimulatedCamera:
-    """Makes a robot's camera with its topics, in the node's namespace.
+    """Creates a robot's camera with its topics, in the node's namespace.
 
     Args:
-        tf_prefix: put before the names of the frames, for instance "robot2/".
+        tf_prefix: prefix of the frames' names, for instance "robot2/".
     """
     frame = f"{tf_prefix}camera_optical_frame"
     mount = message_from_transform(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())
-    # depth first: a node that looks up the depth of a colour image then has it already
+    # depth is published first, so that nodes have a colour image's depth when the colour image arrives
     depth = ImageStream("camera/depth_registered", frame, view.depth_model, "16UC1", view.depth, depth_every)
     color = ImageStream("camera/rgb", frame, view.model, view.encoding, view.frame)
     return SimulatedCamera(robot.name, robot.camera_rate, view, [depth, color], mount)
 
 
 def build() -> CameraNode:
-    """Reads the parameters and makes the node."""
+    """Reads the parameters and constructs the node."""
     params = read_parameters(RobotCameraParams)
     world, models = load_world(params.world), load_models()
     robot = world.robot(params.robot) if params.robot else world.robots[0]
-    # the same seed as the ceiling cameras': all of them look at the same floor
+    # the seed is that of the ceiling cameras, so that all cameras see the same floor
     floor, mesh = render_floor(world, params.seed), world_mesh(world)
     view = RobotView(robot, world.robot_radii(), floor, mesh, models, params.seed)
-    shown = robot_camera(robot, view, params.tf_prefix, models.robot_camera.depth_every)
-    return CameraNode([shown], models.optics.latency_ms)
+    camera = robot_camera(robot, view, params.tf_prefix, models.robot_camera.depth_every)
+    return CameraNode([camera], models.optics.latency_ms)

@@ -1,4 +1,4 @@
-"""The simulated lab as a whole: its robots and the person among them, what scanners measure there, and its time."""
+"""The simulated lab as a whole: its robots, their laser scanners, which also see the person, and its time."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from vb_sim.room.world import World
 
 
 class DistanceField:
-    """The distance from any point to a map's nearest obstacle, and ray casting by it.
+    """Distances from any point to a map's nearest obstacle, which also speed up ray casting.
 
     Args:
-        grid: a world's physical map, not rotated. Every cell that is not free is an obstacle: unknown cells may contain
-            anything, and lie behind the walls.
+        grid: a world's physical map, not rotated. Cells that are not free are obstacles, including the unknown cells
+            behind the walls.
     """
 
     def __init__(self, grid: GridMap) -> None:
         self._resolution = grid.resolution
         self._origin = np.array(grid.origin[:2])
-        free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # a rim of obstacles ends every beam
+        free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # the rim of obstacles ends every beam
         cells = distance_to(~free)
-        # from cell centre to the obstacle's edge, which is half a cell before its centre
+        # from the cell's centre to the obstacle's edge, half a cell before the obstacle's centre
         self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
         self._rows, self._columns = free.shape
-        # how far a beam may advance from any point of a cell; 0 in obstacles. From corner to corner the distance can be
-        # 1.4 cells less than between the centres, but then the beam crosses at most a corner of a cell.
+        # The distance that a beam may advance from any point of a cell; 0 in obstacles. The distance between corners
+        # may be 1.4 cells less than between the centres, but then the beam crosses only a corner of an obstacle's cell.
         steps = np.where(free, np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution), 0.0)
         self._steps = steps.astype(np.float64).ravel()
 
     def clearance(self, x: float, y: float) -> float:
-        """Returns the distance [m] from a point to the nearest obstacle's edge, interpolated; 0 off the map."""
-        column = (x - self._origin[0]) / self._resolution + 0.5  # +1 for the rim, -0.5 to the cell's centre
+        """Returns the interpolated distance [m] from a point to the nearest obstacle's edge; 0 off the map."""
+        column = (x - self._origin[0]) / self._resolution + 0.5  # + 1 for the rim, - 0.5 to the cell's centre
         row = (y - self._origin[1]) / self._resolution + 0.5
         c, r = math.floor(column), math.floor(row)
         if not (0 <= c < self._columns - 1 and 0 <= r < self._rows - 1):
@@ -52,8 +52,8 @@ class DistanceField:
     def cast(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
-        Sphere tracing: each beam advances by the distance that is known to be free, so that a hundred cells of open
-        floor cost one step, and only beams that graze a wall advance by half cells.
+        Uses sphere tracing: each beam advances by the distance that is known to be free. It may cross a hundred cells
+        of open floor in one step; only beams that graze a wall advance by half cells.
         """
         direction_x, direction_y = np.cos(angles) / self._resolution, np.sin(angles) / self._resolution
         start_x = (origin[0] - self._origin[0]) / self._resolution + 1.0
@@ -66,10 +66,10 @@ class DistanceField:
         while len(beams):
             rows = (start_y + ranges * direction_y).astype(np.int32)
             steps = self._steps[rows * self._columns + (start_x + ranges * direction_x).astype(np.int32)]
-            going = steps > 0.0  # a step of 0 marks an obstacle: the rim ends every beam
-            result[beams[~going]] = ranges[~going]
-            beams, ranges = beams[going], ranges[going] + steps[going]
-            direction_x, direction_y = direction_x[going], direction_y[going]
+            free = steps > 0.0  # a step of 0 marks an obstacle
+            result[beams[~free]] = ranges[~free]
+            beams, ranges = beams[free], ranges[free] + steps[free]
+            direction_x, direction_y = direction_x[free], direction_y[free]
         result[result > range_max] = np.inf
         return result
 
@@ -77,7 +77,7 @@ class DistanceField:
 def cast_disc(
     origin: Tuple[float, float], angles: np.ndarray, center: Tuple[float, float], radius: float
 ) -> np.ndarray:
-    """Returns the ranges (N,) [m] at which beams meet a disc, for instance a person's legs; inf where they miss."""
+    """Returns the ranges (N,) [m] at which beams hit a disc, for instance a person's legs; inf if they miss it."""
     to_center = np.asarray(center, dtype=float) - np.asarray(origin, dtype=float)
     along = np.cos(angles) * to_center[0] + np.sin(angles) * to_center[1]
     half_chord = radius**2 - (to_center @ to_center - along**2)
@@ -87,10 +87,10 @@ def cast_disc(
 
 
 class Lab:
-    """Steps the robots. Not thread-safe: the caller must hold a lock.
+    """Steps the robots and simulates their scanners. It is not thread-safe: the caller must hold a lock.
 
     Attributes:
-        person: (x, y, yaw) [m, m, rad] of the participant, None if nobody is there.
+        person: (x, y, yaw) [m, m, rad] of the participant, or None.
     """
 
     def __init__(self, world: World, models: Models = Models(), seed: int = 0) -> None:
@@ -106,15 +106,15 @@ class Lab:
         self.now = 0.0
 
     def step(self, dt: float, now: float) -> None:
-        """Advances all robots by `dt` [s], to the time `now` [s]."""
+        """Moves all robots for `dt` [s], up to time `now` [s]."""
         self.now = now
         for body in self.robots:
             body.step(dt, now)
 
     def scan(self, index: int) -> Tuple[np.ndarray, np.ndarray]:
-        """Simulates one robot's scanner: angles (N,) [rad] in the robot's frame and ranges (N,) [m].
+        """Returns the angles (N,) [rad], robot's frame, and ranges (N,) [m] that one robot's scanner measures.
 
-        As in REP 117, inf means that nothing is in range, -inf that something is nearer than the scanner can measure.
+        As in REP 117, inf means that nothing is in range, and -inf that an object is too near to be measured.
         """
         model = self.models.scan
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
@@ -133,14 +133,14 @@ class Lab:
 
 
 class Lockstep:
-    """Makes simulated time wait for the nodes that drive a robot, so that a busy computer never makes them late.
+    """Makes simulated time wait for the nodes that drive a robot, so that they are in time even on a busy computer.
 
-    As long as all of them arrive in every step, `wait` ends a step once each has. One that is silent for `timeout` has
-    nothing to do: steps then end at once, until all arrive within one step again.
+    While all nodes arrive in every step, `wait` returns once they have. A node that is silent for `timeout` is taken to
+    have nothing to do: `wait` then returns at once, until all nodes arrive within one step again.
 
     Args:
         expected: the names of these nodes.
-        timeout: [s] of wall time.
+        timeout: [s] wall time to wait at most.
     """
 
     def __init__(self, expected: Tuple[str, ...], timeout: float = 1.0) -> None:
@@ -149,14 +149,14 @@ class Lockstep:
         self._active = False
         self._condition = threading.Condition()
 
-    def arrive(self, who: str) -> None:
-        """Records that a node has published in this step; from any thread."""
+    def arrive(self, name: str) -> None:
+        """Records that a node has published in this step. Any thread may call it."""
         with self._condition:
-            self._arrived.add(who)
+            self._arrived.add(name)
             self._condition.notify_all()
 
     def wait(self) -> None:
-        """Ends a step: waits until all have arrived in it, if they did in the last one."""
+        """Ends a step. If all nodes arrived in the last step, waits until all have arrived in this one."""
         with self._condition:
             if self._active:
                 self._condition.wait_for(lambda: self._arrived >= self._expected, self._timeout)

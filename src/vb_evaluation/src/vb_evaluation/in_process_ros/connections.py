@@ -59,9 +59,9 @@ class Publisher:
         self._topic.publishers.append(self)
         self._delay = graph.delay_of(self.resolved_name)
 
-    def publish(self, *given: Any, **named: Any) -> None:
+    def publish(self, *args: Any, **kwargs: Any) -> None:
         """Serialises the message and sends it to all subscribers."""
-        message = rospy.msg.args_kwds_to_message(self.data_class, given, named)
+        message = rospy.msg.args_kwds_to_message(self.data_class, args, kwargs)
         if message._has_header:
             self._sequence += 1
             message.header.seq = self._sequence
@@ -121,7 +121,7 @@ class Subscriber:
                 publisher.send(self, publisher.latched)
 
     def put(self, delivery: Delivery) -> None:
-        """Queues a message; a full queue drops its oldest one, as in rospy."""
+        """Queues a message. A full queue drops its oldest one, as in rospy."""
         if not self._ended:
             self._queue.append(delivery)
             self._waiting.wake()
@@ -168,24 +168,25 @@ class ServiceProxy:
         self._graph = graph
         self.resolved_name, self._kind = graph.node.resolve(name), service_class
 
-    def call(self, *given: Any, **named: Any) -> Any:
+    def call(self, *args: Any, **kwargs: Any) -> Any:
         """Calls the service, and waits for the answer.
 
         Raises:
             rospy.ServiceException: if no node offers it, or the service raised it.
         """
-        request = rospy.msg.args_kwds_to_message(self._kind._request_class, given, named)
+        request = rospy.msg.args_kwds_to_message(self._kind._request_class, args, kwargs)
         service, scheduler = self._graph.services.get(self.resolved_name), self._graph.scheduler
         if service is None:
             raise rospy.ServiceException(f"service [{self.resolved_name}] unavailable")
-        asked = Delivery(request, {}).message(service.kind._request_class)
-        caller, answers = greenlet.getcurrent(), []
+        request_received = Delivery(request, {}).message(service.kind._request_class)
+        caller = greenlet.getcurrent()
+        answers = []
 
         def serve() -> None:
             try:
                 answers.append(
                     rospy.impl.tcpros_service.convert_return_to_response(
-                        service.handler(asked), service.kind._response_class
+                        service.handler(request_received), service.kind._response_class
                     )
                 )
             except rospy.ServiceException as error:
@@ -210,6 +211,6 @@ class ServiceProxy:
 class Timer(rospy.Timer):
     """Replaces rospy.Timer: its thread is a task."""
 
-    def __init__(self, graph: Graph, *given: Any, **named: Any) -> None:
+    def __init__(self, graph: Graph, *args: Any, **kwargs: Any) -> None:
         self.start = lambda: graph.scheduler.spawn(self.run)
-        super().__init__(*given, **named)
+        super().__init__(*args, **kwargs)

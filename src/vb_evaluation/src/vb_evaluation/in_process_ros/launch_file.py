@@ -27,7 +27,7 @@ def read_launch(path: str, arguments: Tuple[str, ...]) -> Any:
 
 
 def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[str] = ()) -> None:
-    """Imports the modules of a launch file's nodes; must be called before anything is replaced.
+    """Imports the modules of a launch file's nodes. It must be called before anything is replaced.
 
     A module that is imported during a run would bind this run's replacements for good, and the next run in this
     process would call into one that is over.
@@ -50,7 +50,7 @@ def start_launch(
     """Starts the nodes of a launch file.
 
     Args:
-        arguments: of the launch file; "state" is this run's folder.
+        arguments: the launch file's arguments; "state" is this run's folder.
         without: types of nodes to omit.
         instead: for a type of node, what is called instead of its script, under the node's name.
     """

@@ -27,8 +27,8 @@ class Node:
     """One node of the graph.
 
     Args:
-        name: with its namespace, "/robot1/move_base".
-        remappings: of names, as the launch file has them.
+        name: the node's name with its namespace, for instance "/robot1/move_base".
+        remappings: the launch file's remappings of names.
     """
 
     def __init__(self, name: str, remappings: Mapping[str, str]) -> None:
@@ -45,7 +45,7 @@ class Node:
 
 
 class Graph:
-    """All nodes of one run; `installed` makes rospy act on it. Transport options, such as tcp_nodelay, have no effect.
+    """All nodes of one run. `installed` makes rospy act on it. Transport options, such as tcp_nodelay, have no effect.
 
     Args:
         scheduler: runs its tasks.
@@ -66,13 +66,13 @@ class Graph:
 
     # ------------------------------------------------------------- for a run
     def start(self, node: Node, main: Callable[[], Any]) -> None:
-        """Starts a node; `main` does what its executable would do."""
+        """Starts a node. `main` does what its executable would do."""
         self.scheduler.spawn(main, node)
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
         """Replaces rospy, and threading and time in all nodes' modules, with this graph's."""
-        before = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
+        previous_clock = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
         with replaced(self._replacements()):
             rospy.rostime.set_rostime_initialized(True)
             rospy.rostime._set_rostime(rospy.Time(0))
@@ -82,7 +82,7 @@ class Graph:
             finally:
                 self.scheduler.close()
                 self._stand_ins.restore()
-                rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = before
+                rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = previous_clock
 
     def delay_of(self, name: str) -> int:
         """Returns the time [ns] that a topic's messages or a service's answers take."""
@@ -103,7 +103,7 @@ class Graph:
 
     @property
     def node(self) -> Node:
-        """Returns the node whose task is running."""
+        """The node whose task is running."""
         return getattr(greenlet.getcurrent(), "owner", None) or _NOBODY
 
     def sleep(self, duration: Any) -> None:
@@ -120,7 +120,7 @@ class Graph:
         names.update({kind.__name__: partial(kind, self) for kind in _CONNECTIONS})
         for word, level in _LEVELS.items():
             names[f"log{word}"] = names[f"log{word}_once"] = partial(functions.log, level)
-            names[f"log{word}_throttle"] = lambda _period, *given, level=level: functions.log(level, *given)
+            names[f"log{word}_throttle"] = lambda _period, *args, level=level: functions.log(level, *args)
         return {name: value for name, value in names.items() if hasattr(rospy, name)}
 
     def _replacements(self) -> Dict[Any, Dict[str, Any]]:
@@ -185,7 +185,8 @@ class _Rospy:
         self._scheduler.wait()
 
     def wait_for_service(self, name: str, timeout: Any = None) -> None:
-        full, waited = self.resolve_name(name), 0.0
+        full = self.resolve_name(name)
+        waited = 0.0
         limit = timeout.to_sec() if isinstance(timeout, genpy.Duration) else timeout
         while full not in self._graph.services:
             if limit is not None and waited >= limit:

@@ -29,8 +29,8 @@ class Task(greenlet.greenlet):
     """One thread of a node.
 
     Attributes:
-        scheduler: of the run that it belongs to.
-        owner: the node that it belongs to; tasks that it starts inherit it.
+        scheduler: the scheduler of the task's run.
+        owner: the task's node, which tasks that it starts inherit.
         waits: number of its waits; a wake-up for an earlier one has no effect.
     """
 
@@ -59,12 +59,12 @@ class Scheduler:
         self._fault: Optional[BaseException] = None
 
     def spawn(self, work: Callable[[], Any], owner: Any = None) -> Task:
-        """Starts a task at the next turn; an exception in it ends the run."""
+        """Starts a task at the next turn. An exception in it ends the run."""
         task = Task(lambda *_: self._guarded(work), parent=self._hub)
         task.scheduler = self
         task.owner = owner if owner is not None else getattr(greenlet.getcurrent(), "owner", None)
         if len(self._tasks) > 2000:
-            self._tasks = [known for known in self._tasks if not known.dead]
+            self._tasks = [task for task in self._tasks if not task.dead]
         self._tasks.append(task)
         self._ready.append((task, 0))
         return task
@@ -83,7 +83,7 @@ class Scheduler:
             self._fault = error
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:
-        """Suspends the task until `wake`, or for a time [ns]; returns whether it was woken."""
+        """Suspends the task until `wake`, or for a time [ns]. Returns whether it was woken."""
         task = greenlet.getcurrent()
         if not isinstance(task, Task):
             raise RuntimeError("only a node can wait in a run within one process")
@@ -102,12 +102,12 @@ class Scheduler:
         self._ready.append((task, task.waits))
 
     def call_later(self, delay_ns: int, work: Callable[[], None]) -> None:
-        """Calls a short function after a time [ns]; it must not wait."""
+        """Calls a short function after a time [ns]. It must not wait."""
         self._push(delay_ns, None, work)
 
-    def _push(self, delay_ns: int, task: Optional[Task], what: Any) -> None:
+    def _push(self, delay_ns: int, task: Optional[Task], wake_reason: Any) -> None:
         self._count += 1
-        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, what))
+        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, wake_reason))
 
     def run(self, is_over: Callable[[], bool], until_ns: int) -> None:
         """Runs the tasks until `is_over` returns true, a time [ns] is reached or nothing is left to do.
@@ -120,13 +120,13 @@ class Scheduler:
                 task, waits = self._ready.popleft()
                 self._resume(task, waits, True)
             elif self._due:
-                due, _, task, what = heapq.heappop(self._due)
+                due, _, task, wake_reason = heapq.heappop(self._due)
                 if task is None:
                     self.now_ns = due
-                    what()
-                elif not task.dead and task.waits == what:
+                    wake_reason()
+                elif not task.dead and task.waits == wake_reason:
                     self.now_ns = due
-                    self._resume(task, what, False)
+                    self._resume(task, wake_reason, False)
             else:
                 return
             if self._fault is not None:
@@ -152,7 +152,7 @@ def _ns(seconds: Optional[float]) -> Optional[int]:
 
 
 class StandIns:
-    """Stand-ins for the three modules, as far as nodes use them; all other names are the real ones.
+    """Stand-ins for the three modules, as far as nodes use them. All other names are the real ones.
 
     Args:
         scheduler: provides time and tasks.
@@ -212,7 +212,7 @@ def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
 
 
 def _copy_class(kind: type, **others: Any) -> type:
-    """Copies a standard-library class; the copy's methods use `others` instead of their module's locks and clock."""
+    """Copies a standard-library class. The copy's methods use `others` instead of their module's locks and clock."""
     namespace = {**vars(sys.modules[kind.__module__]), **others}
     members = {name: value for name, value in vars(kind).items() if name not in ("__dict__", "__weakref__")}
     for name, value in members.items():
@@ -232,7 +232,7 @@ class WaitQueue:
         self._tasks: Deque[Task] = deque()
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:
-        """Suspends the current task; returns whether it was woken within a time [ns]."""
+        """Suspends the current task. Returns whether it was woken within a time [ns]."""
         task = greenlet.getcurrent()
         self._tasks.append(task)
         try:
@@ -243,7 +243,7 @@ class WaitQueue:
                 self._tasks.remove(task)
 
     def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
-        """Waits until a condition holds or a time [ns] has passed; returns whether it holds. Checks at each wake-up."""
+        """Waits until a condition holds or a time [ns] has passed. Returns whether it holds. Checks at each wake-up."""
         end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
         while not predicate() and (end is None or self._scheduler.now_ns < end):
             self.wait(None if end is None else end - self._scheduler.now_ns)
@@ -307,8 +307,8 @@ class Lock:
 class Thread(real_threading.Thread):
     """Replaces threading.Thread by a task."""
 
-    def __init__(self, scheduler: Scheduler, event_class: Any, *given: Any, **named: Any) -> None:
-        super().__init__(*given, **named)
+    def __init__(self, scheduler: Scheduler, event_class: Any, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
         self._scheduler, self._ended = scheduler, event_class()
         self._task: Optional[Task] = None
 
@@ -344,7 +344,7 @@ def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
 
 
 def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> Dict[str, Callable[..., Any]]:
-    """Returns stand-ins for a ROS master proxy's methods; a real master, if there is one, knows another graph.
+    """Returns stand-ins for a ROS master proxy's methods. A real master, if there is one, knows another graph.
 
     Args:
         topics: by name, with `publishers` and `subscribers`; services: by name. All of them know their `node`.

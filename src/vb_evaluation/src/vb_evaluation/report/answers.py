@@ -1,4 +1,4 @@
-"""Answers a study's questions by rules that are written down before it is run; the answers make up its published page.
+"""Answers a study's questions by rules that are written down before it is run. The answers make up its published page.
 
 They replace the text between two marks in a Markdown page, together with their tables and every run that was not
 completed. No figure is copied by hand, and a test finds a page that does not match its rows.
@@ -35,7 +35,7 @@ EFFECTS = {"carpet": 0.077, "corner": -0.028}
 
 
 def answers(study: StudyResults) -> List[str]:
-    """Formats the answers as Markdown paragraphs and tables; leaves out questions about what was not run.
+    """Formats the answers as Markdown paragraphs and tables. Leaves out questions about what was not run.
 
     Raises:
         CodedError: "no_comparison" if only one method was run.

@@ -11,7 +11,7 @@ from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper_results
 from vb_evaluation.report.page_blocks import Block, Table, columns
 from vb_evaluation.report.paper_results import METHODS, PAPER
-from vb_evaluation.report.study_files import DRAWS, WORLDS, StudyResults, known, pairs, read_sheet, select
+from vb_evaluation.report.study_files import DRAWS, WORLDS, StudyResults, known_values, pairs, read_sheet, select
 from vb_evaluation.statistics import Interval
 
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more exactly
@@ -50,21 +50,24 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
 
 def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, Interval, int, float]]:
     """Yields (quantity, the paper's figure, ours, digits, the paper's rounding step) of a scenario, if it was run."""
-    here, published = select(study.runs, scenario=scenario), PAPER[scenario]
-    if not len(here):
+    scenario_runs = select(study.runs, scenario=scenario)
+    published = PAPER[scenario]
+    if not len(scenario_runs):
         return
-    yield "speed-up", published.speedup, effect_sizes.ratio(here, METHODS), 2, 0.1
+    yield "speed-up", published.speedup, effect_sizes.ratio(scenario_runs, METHODS), 2, 0.1
     if published.border_gain_s is not None:
-        with_nrs, alone = pairs(here, "time_border_s", METHODS)
+        with_nrs, alone = pairs(scenario_runs, "time_border_s", METHODS)
         yield "Border state shorter by [s]", published.border_gain_s, statistics.mean(alone - with_nrs), 1, 1.0
     for method in METHODS:
-        title, runs = paper_results.method_title(method).lower(), select(here, method=method)
+        title = paper_results.method_title(method).lower()
+        runs = select(scenario_runs, method=method)
         done = select(runs, completed=1)
-        yield f"Jaccard index, {title}", published.jaccard[method], statistics.median(known(done, "jaccard")), 3, 1e-3
-        if scenario == "corner" and here.jaccard_enclosed.notna().any():
-            inside = statistics.median(known(done, "jaccard_enclosed"))
+        similarity = statistics.median(known_values(done, "jaccard"))
+        yield f"Jaccard index, {title}", published.jaccard[method], similarity, 3, 1e-3
+        if scenario == "corner" and scenario_runs.jaccard_enclosed.notna().any():
+            inside = statistics.median(known_values(done, "jaccard_enclosed"))
             yield f"Jaccard index of the area drawn round, {title}", published.jaccard[method], inside, 3, 1e-3
-        flags = known(runs, "completed")
+        flags = known_values(runs, "completed")
         share = statistics.proportion(int(flags.sum()), len(flags)).scaled(100.0)
         yield f"completed [%], {title}", 100 * published.completeness, share, 1, 0.1
 
@@ -98,7 +101,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         return []
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).columns[1:]
     table, (first, baseline) = study.tables[WORLDS], study.comparison
-    both = select(table, method=first).merge(
+    paired_rows = select(table, method=first).merge(
         select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base")
     )
     return [
@@ -109,7 +112,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         Table(
             "worlds",
             columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number"),
-            conclusions(study, both),
+            conclusions(study, paired_rows),
             {"holds": 0},
             words="Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "
             "true. A world is a draw of all assumptions, with one person who tries both methods. "
@@ -118,27 +121,29 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
     ]
 
 
-def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
+def _completed(rows: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
     """Returns a measure with either method, nan unless both were completed."""
-    done = (both.completed == 1) & (both.completed_base == 1) & both[column].notna() & both[f"{column}_base"].notna()
-    return both[column].where(done), both[f"{column}_base"].where(done)
+    done = (rows.completed == 1) & (rows.completed_base == 1) & rows[column].notna() & rows[f"{column}_base"].notna()
+    return rows[column].where(done), rows[f"{column}_base"].where(done)
 
 
-def conclusions(study: StudyResults, both: pandas.DataFrame) -> List[Dict[str, Any]]:
+def conclusions(study: StudyResults, worlds: pandas.DataFrame) -> List[Dict[str, Any]]:
     """Computes the share of worlds in which each conclusion holds: of all, and of those with no camera too bright."""
-    (time, time_base), (error, error_base) = (_completed(both, column) for column in ("time_total_s", "error_mean_cm"))
+    (time, time_base), (error, error_base) = (
+        _completed(worlds, column) for column in ("time_total_s", "error_mean_cm")
+    )
     claims = {
-        "faster, whether completed or not": (both.time_total_s < both.time_total_s_base, both.completed.notna()),
+        "faster, whether completed or not": (worlds.time_total_s < worlds.time_total_s_base, worlds.completed.notna()),
         "faster (both completed)": (time < time_base, time.notna()),
         "at least 1.5 times as fast (both completed)": (1.5 * time < time_base, time.notna()),
         f"mean boundary error at most {TOLERATED_CM} cm larger": (error <= error_base + TOLERATED_CM, error.notna()),
-        "completed wherever robot only was": (both.completed == 1, both.completed_base == 1),
+        "completed wherever robot only was": (worlds.completed == 1, worlds.completed_base == 1),
         **{
             f"completed: {paper_results.method_title(method).lower()}": (column == 1, column.notna())
-            for method, column in zip(study.comparison, (both.completed, both.completed_base))
+            for method, column in zip(study.comparison, (worlds.completed, worlds.completed_base))
         },
     }
-    scopes = {"all": True, "no camera too bright": both.too_bright == 0}
+    scopes = {"all": True, "no camera too bright": worlds.too_bright == 0}
     rows = []
     for claim, (holds, is_known) in claims.items():
         for scope, within in scopes.items():

@@ -9,7 +9,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report.page_blocks import Block, Table, columns
-from vb_evaluation.report.study_files import StudyResults, known, pairs, select
+from vb_evaluation.report.study_files import StudyResults, known_values, pairs, select
 from vb_evaluation.statistics import Interval
 
 
@@ -38,7 +38,7 @@ def completed_more(
 ) -> Interval:
     """Computes by how much the first method's share of completed runs is larger [percentage points]."""
     return statistics.difference_of_shares(
-        *(known(select(table, method=method), "completed") for method in methods), confidence
+        *(known_values(select(table, method=method), "completed") for method in methods), confidence
     ).scaled(100.0)
 
 
@@ -47,8 +47,8 @@ def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool
     if not study.people or len(study.methods) < 2:
         return []
     rows = []
-    for title, here in study.by_scenario():
-        samples = pairs(here, column, study.comparison, completed)
+    for title, runs in study.by_scenario():
+        samples = pairs(runs, column, study.comparison, completed)
         if len(samples[0]):
             rows.append({"scenario": title, **wilcoxon_row(statistics.compare_paired(*samples))})
     add_holm(rows)

@@ -34,7 +34,7 @@ SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
 
 
 def write_report(folder: Path) -> Path:
-    """Writes report.html and tables/*.csv into a study's folder; the page omits what the folder lacks.
+    """Writes report.html and tables/*.csv into a study's folder. The page omits what the folder lacks.
 
     Returns:
         The page.
@@ -42,17 +42,21 @@ def write_report(folder: Path) -> Path:
     Raises:
         CodedError: "bad_study" naming the file, and the line or column; "cannot_write_into".
     """
-    study, here = read_study(folder), Path(__file__).parent
+    study = read_study(folder)
+    template_folder = Path(__file__).parent
     sections = [(name, title, make(study)) for name, title, make in SECTIONS]
     sections = [section for section in sections if section[2]]
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+        loader=jinja2.FileSystemLoader(str(template_folder)),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
     )
     text = environment.get_template("report.html.j2").render(
         title=f"Drawing virtual borders: the study with {'people' if study.people else 'simulated people'}",
         notices=notices(study),
         sections=sections,
-        css=Markup((here / "report.css").read_text(encoding="utf-8")),
+        css=Markup((template_folder / "report.css").read_text(encoding="utf-8")),
     )
     try:
         (study.folder / PAGE).write_text(text, encoding="utf-8")

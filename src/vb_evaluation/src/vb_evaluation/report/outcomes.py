@@ -10,7 +10,7 @@ import pandas
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, map_figures, paper_results
 from vb_evaluation.report.page_blocks import Block, Figure, Table, columns
-from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known, pairs
+from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known_values, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 # measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
@@ -21,7 +21,7 @@ _EXPLANATIONS = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
 def summary_section(study: StudyResults) -> List[Block]:
-    """Reports the method's effects with their intervals; with people, also without runs that had help or a problem."""
+    """Reports the method's effects with their intervals. With people, also without runs that had help or a problem."""
     if len(study.methods) < 2:
         return []
     names = [paper_results.method_title(method).lower() for method in study.comparison]
@@ -39,19 +39,19 @@ def summary_section(study: StudyResults) -> List[Block]:
 
 
 def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str) -> Table:
-    both = study.comparison
+    methods = study.comparison
     rows = [
         {
             "scenario": title,
-            "pairs": len(pairs(here, "time_total_s", both)[0]),
-            "accuracy_pairs": len(pairs(here, "error_mean_cm", both, True)[0]),
-            "error": effect_sizes.shift(here, "error_mean_cm", both, True),
-            "time": effect_sizes.shift(here, "time_total_s", both),
-            "speedup": effect_sizes.ratio(here, both),
-            "jaccard": effect_sizes.shift(here, "jaccard", both, True),
-            "completed": effect_sizes.completed_more(here, both),
+            "pairs": len(pairs(table, "time_total_s", methods)[0]),
+            "accuracy_pairs": len(pairs(table, "error_mean_cm", methods, True)[0]),
+            "error": effect_sizes.shift(table, "error_mean_cm", methods, True),
+            "time": effect_sizes.shift(table, "time_total_s", methods),
+            "speedup": effect_sizes.ratio(table, methods),
+            "jaccard": effect_sizes.shift(table, "jaccard", methods, True),
+            "completed": effect_sizes.completed_more(table, methods),
         }
-        for title, here in study.by_scenario(runs)
+        for title, table in study.by_scenario(runs)
     ]
     keys = ("scenario", "pairs", "accuracy_pairs", "error", "time", "speedup", "jaccard", "completed")
     heads = columns(
@@ -68,10 +68,10 @@ def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str)
 def not_worse_blocks(study: StudyResults) -> List[Block]:
     """Reports whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
     rows: List[Dict[str, Any]] = []
-    for title, here in study.by_scenario():
+    for title, runs in study.by_scenario():
         for column, (words, margin, sign, digits) in MARGINS.items():
-            first, second = pairs(here, column, study.comparison, True)
-            gain = effect_sizes.shift(here, column, study.comparison, True, 0.9).scaled(sign)
+            first, second = pairs(runs, column, study.comparison, True)
+            gain = effect_sizes.shift(runs, column, study.comparison, True, 0.9).scaled(sign)
             rows.append(
                 {
                     "scenario": title,
@@ -110,8 +110,8 @@ def error_section(study: StudyResults) -> List[Block]:
     """Reports the boundary error in centimetres."""
 
     def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
-        worst = known(runs, "error_max_cm")
-        medians = {column: statistics.median(known(runs, column)) for column in ERRORS}
+        worst = known_values(runs, "error_max_cm")
+        medians = {column: statistics.median(known_values(runs, column)) for column in ERRORS}
         return {**medians, "worst": float(worst.max()) if len(worst) else math.nan, "runs": len(worst)}
 
     rows = study.rows(measure, completed=1)
@@ -137,8 +137,8 @@ def time_section(study: StudyResults) -> List[Block]:
         states = {state: float(runs[f"time_{state}_s"].mean()) for state in STATES}
         return {
             **states,
-            "total": statistics.mean(known(runs, "time_total_s")),
-            "runs": len(known(runs, "time_total_s")),
+            "total": statistics.mean(known_values(runs, "time_total_s")),
+            "runs": len(known_values(runs, "time_total_s")),
         }
 
     states = {state: f"{state.capitalize()} [s]" for state in STATES}
@@ -157,7 +157,7 @@ def accuracy_section(study: StudyResults) -> List[Block]:
     """Reports the paper's Jaccard index, with representative maps."""
 
     def measure(runs: pandas.DataFrame, published: float, _: float) -> Dict[str, Any]:
-        done = known(runs, "jaccard")
+        done = known_values(runs, "jaccard")
         least = float(done.min()) if len(done) else math.nan
         return {"median": statistics.median(done), "least": least, "paper": published, "runs": len(done)}
 
@@ -184,7 +184,7 @@ def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
 
     def measure(runs: pandas.DataFrame, _: float, published: float) -> Dict[str, Any]:
-        completed = known(runs, "completed")
+        completed = known_values(runs, "completed")
         share = statistics.proportion(int(completed.sum()), len(completed)).scaled(100.0)
         return {"completed": f"{int(completed.sum())} of {len(completed)}", "share": share, "paper": 100 * published}
 
@@ -206,8 +206,8 @@ def _count_who_completed(study: StudyResults) -> List[Block]:
     if len(study.methods) < 2:
         return []
     rows: List[Dict[str, Any]] = []
-    for title, here in study.by_scenario():
-        counts = statistics.compare_completed(*pairs(here, "completed", study.comparison))
+    for title, runs in study.by_scenario():
+        counts = statistics.compare_completed(*pairs(runs, "completed", study.comparison))
         rows.append({"scenario": title, **counts, "p": statistics.format_p(counts["p"]), "p_value": counts["p"]})
     titles = [f"Only {paper_results.method_title(method).lower()}" for method in study.comparison]
     if study.people:
@@ -219,7 +219,7 @@ def _count_who_completed(study: StudyResults) -> List[Block]:
 
 
 def _count_outcomes(study: StudyResults) -> List[Block]:
-    """Counts the outcomes, and the help and problems that the experimenter noted; lists the runs not completed."""
+    """Counts the outcomes, and the help and problems that the experimenter noted. Lists the runs not completed."""
     if "outcome" not in study.runs:
         return []
     outcomes = list(dict.fromkeys(study.runs.outcome))

@@ -31,20 +31,20 @@ HEADINGS = {
 
 def columns(*keys: str, **headings: str) -> Dict[str, str]:
     """Returns a table's columns with their headings: those given here, those of HEADINGS, or the capitalised key."""
-    known = {**HEADINGS, **headings}
-    return {key: known.get(key, key.replace("_", " ").capitalize()) for key in keys}
+    titles = {**HEADINGS, **headings}
+    return {key: titles.get(key, key.replace("_", " ").capitalize()) for key in keys}
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of results; the page shows it, and a CSV file has its rows.
+    """A table of results. The page shows it, and a CSV file has its rows.
 
     Attributes:
-        name: of its file in tables/.
+        name: name of the table's file in tables/.
         columns: key to heading; the keys are the file's columns.
         rows: key to a text, a number, or an Interval, which becomes "estimate [low, high]" with the digits of
             `digits` and three columns in the file.
-        words: what its figures are.
+        words: explanation of the figures.
     """
 
     name: str

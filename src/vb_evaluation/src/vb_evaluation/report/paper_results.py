@@ -39,8 +39,8 @@ METHODS = ("nrs", "robot_only")
 
 def published(scenario: str, method: str) -> Tuple[float, float]:
     """Returns the paper's (Jaccard index, completeness) of a scenario with a method; nan where it has none."""
-    found = PAPER.get(scenario)
-    return (found.jaccard[method], found.completeness) if found and method in found.jaccard else (math.nan, math.nan)
+    entry = PAPER.get(scenario)
+    return (entry.jaccard[method], entry.completeness) if entry and method in entry.jaccard else (math.nan, math.nan)
 
 
 def scenario_title(key: str) -> str:

@@ -117,9 +117,9 @@ def read_questionnaire(path: Path) -> Questionnaire:
     return Questionnaire(answers, sum(helped), len(helped))
 
 
-def _answer(text: str, where: str, most: int) -> float:
-    if text and not (text.isdigit() and 1 <= int(text) <= most):
-        raise CodedError("bad_questionnaire", f"{where}: expected a whole number from 1 to {most}, got '{text}'")
+def _answer(text: str, place: str, highest: int) -> float:
+    if text and not (text.isdigit() and 1 <= int(text) <= highest):
+        raise CodedError("bad_questionnaire", f"{place}: expected a whole number from 1 to {highest}, got '{text}'")
     return float(text or "nan")
 
 

@@ -1,4 +1,4 @@
-"""Reads the files in a study's folder as pandas tables. Only runs.csv must be there; nothing here knows a simulator.
+"""Reads the files in a study's folder as pandas tables. Only runs.csv must be there. Nothing here knows a simulator.
 
 A table's index is the line number in its file. Measures are numbers, nan where unknown; everything else is text.
 """
@@ -60,7 +60,7 @@ class StudyResults:
 
     @property
     def people(self) -> bool:
-        """Returns whether people took part."""
+        """Whether people took part."""
         return bool(self.meta.get("people", False))
 
     def scenario_title(self, key: str) -> str:
@@ -76,7 +76,7 @@ class StudyResults:
 
     @property
     def methods(self) -> List[str]:
-        """The methods in runs.csv; the baseline comes last."""
+        """The methods in runs.csv. The baseline comes last."""
         return sorted(self.runs.method.unique(), key=lambda name: (name == BASELINE, name != "nrs", name))
 
     @property
@@ -126,7 +126,7 @@ def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
     return table[np.logical_and.reduce([table[column] == value for column, value in where.items()])] if where else table
 
 
-def known(table: pandas.DataFrame, column: str) -> np.ndarray:
+def known_values(table: pandas.DataFrame, column: str) -> np.ndarray:
     """Returns the known numbers of a column, (N,)."""
     return table[column].dropna().to_numpy()
 
@@ -169,7 +169,7 @@ def read_study(folder: Path) -> StudyResults:
 
 
 def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:
-    """Reads a CSV file with a header as text, with commas or semicolons, as spreadsheets write it; skips empty rows.
+    """Reads a CSV file with a header as text, with commas or semicolons, as spreadsheets write it. Skips empty rows.
 
     Raises:
         CodedError: `code` if it cannot be read or a column is missing.
@@ -196,7 +196,7 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
 
 
 def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
-    """Reads a study's CSV file; measures that it lacks are unknown.
+    """Reads a study's CSV file. Measures that it lacks are unknown.
 
     Args:
         conditions: columns that it must have too, a number in every row.
@@ -220,10 +220,10 @@ def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
     return table
 
 
-def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
+def yes_or_no(text: str, place: str, code: str) -> Optional[bool]:
     """Parses a person's yes or no; None if the cell is empty."""
     if text and text.lower() not in _FLAGS:
-        raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
+        raise CodedError(code, f"{place}: expected yes or no or nothing, got '{text}'")
     return _FLAGS.get(text.lower())
 
 
@@ -238,9 +238,9 @@ def read_meta(path: Path) -> Dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        meta = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise CodedError("bad_study", f"cannot read {path}: {error}") from None
-    if not isinstance(found, dict):
+    if not isinstance(meta, dict):
         raise CodedError("bad_study", f"{path}: expected keys and values")
-    return found
+    return meta

@@ -21,11 +21,11 @@ ONLY = {"participant": int, "scenario": str, "method": str, "draw": int}
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs the study; returns 0 if all went well, 1 if runs failed, 2 for an error (one line), 130 if interrupted."""
-    given = _parser().parse_args(arguments)
+    """Runs the study. Returns 0 if all went well, 1 if runs failed, 2 for an error (one line), 130 if interrupted."""
+    options = _parser().parse_args(arguments)
     console = Console(highlight=False, soft_wrap=True)
     try:
-        return _run(given, console)
+        return _run(options, console)
     except CodedError as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"study: {error}", markup=False, style="bold red")
         return 2
@@ -46,22 +46,22 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _interrupt(_number: int, _frame: object) -> None:
-    """Interrupts once; ignores further signals while the workers end."""
+    """Interrupts once. Ignores further signals while the workers end."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
-def _run(given: argparse.Namespace, console: Console) -> int:
+def _run(options: argparse.Namespace, console: Console) -> int:
     for number in SIGNALS:
         # a shell starts background jobs with interrupts ignored, and Python leaves that so
         signal.signal(number, _interrupt)
-    study = config.load(given.config, given.seed)
-    jobs = run_plan.select(run_plan.jobs(study, given.quick), **{name: getattr(given, name) for name in ONLY})
+    study = config.load(options.config, options.seed)
+    jobs = run_plan.select(run_plan.jobs(study, options.quick), **{name: getattr(options, name) for name in ONLY})
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, WORLDS)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
-    failed = campaign.run_jobs(study, jobs, given.out, console, max(1, given.processes))
-    console.print(f"written to {given.out}")
+    failed = campaign.run_jobs(study, jobs, options.out, console, max(1, options.processes))
+    console.print(f"written to {options.out}")
     return 1 if failed else 0
 
 

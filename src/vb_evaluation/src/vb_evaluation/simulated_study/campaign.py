@@ -57,13 +57,13 @@ class Outcome:
 
 
 def columns(file: str) -> Tuple[str, ...]:
-    """Lists the columns of one of a study's CSV files; what was varied comes first, where readers look for it."""
+    """Lists the columns of one of a study's CSV files. What was varied comes first, where readers look for it."""
     order = ("order", "map") if file == RUNS else ()
     return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
 def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1) -> int:
-    """Carries out the remaining runs; returns how many failed because of a fault in the program.
+    """Carries out the remaining runs. Returns how many failed because of a fault in the program.
 
     Raises:
         CodedError: "other_study".
@@ -111,7 +111,7 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
 
 
 def _row(folder: Path, job: Job) -> Path:
-    """Returns the file of a run's row; it exists only once the run is done, so that nothing is ever half written."""
+    """Returns the file of a run's row. It exists only once the run is done, so that nothing is ever half written."""
     return folder / ROWS / f"{job.name}.json"
 
 
@@ -135,13 +135,16 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
 
 def measure(run: LiveRun) -> Dict[str, object]:
     """Computes all columns of a run except those that identify it: measures (paper, Sect. 5.5), and what explains them."""
-    restricted, floor = metrics.restricted_cells(run.prior, run.posterior), run.prior.data == FREE
+    restricted = metrics.restricted_cells(run.prior, run.posterior)
+    floor = run.prior.data == FREE
     # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides the drawing's errors
     enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in study_files.STATES]
-    saved, asked, script = run.seed is not None, Polygon(run.scenario.region), run.script
-    seed_is_right = int(saved and asked.contains(Point(run.seed)))
+    saved = run.seed is not None
+    requested_area = Polygon(run.scenario.region)
+    script = run.script
+    seed_is_right = int(saved and requested_area.contains(Point(run.seed)))
     return {
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
         "completed": seed_is_right,
@@ -151,7 +154,7 @@ def measure(run: LiveRun) -> Dict[str, object]:
         "reason": "" if saved else script.reason,
         "seed_is_right": seed_is_right,
         # 0: the person was drawn to point at the wrong side
-        "pointed_right": int(asked.contains(Point(script.person.seed))),
+        "pointed_right": int(requested_area.contains(Point(script.person.seed))),
         "tries": script.person.tries,
         "spots": len(run.spots),
         "robot_collisions": sum(robot.collisions for robot in run.lab.robots),

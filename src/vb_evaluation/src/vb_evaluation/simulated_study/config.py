@@ -104,16 +104,16 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     for key in settings:
         if key not in ("traits", "body", "stand_offset", "margin"):
             raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
-    drawn: Dict[str, Dict[str, Any]] = {}
+    values: Dict[str, Dict[str, Any]] = {}
     for part, kind, stream in (("traits", ParticipantModel, ""), ("body", BodyProportions, "body ")):
         specs = settings.get(part) or {}
         for key in specs:
             if key not in [field.name for field in fields(kind)]:
                 raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
-        drawn[part] = {
+        values[part] = {
             key: draw(f"participants/{part}/{key}", spec, streams(stream + key)) for key, spec in specs.items()
         }
-    traits = drawn["traits"]
+    traits = values["traits"]
     # models.yaml gives these as ranges; a person has one speed
     traits.update({key: (traits[key],) * 2 for key in ("drawing_speed", "tremor_band") if key in traits})
 
@@ -123,7 +123,7 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     stand = streams("stand")
     return Traits(
         replace(model, **_possible(ParticipantModel, traits)),
-        BodyProportions(**_possible(BodyProportions, drawn["body"])),
+        BodyProportions(**_possible(BodyProportions, values["body"])),
         (length("stand_offset", stand), length("stand_offset", stand)),
         length("margin", streams("margin")),
     )
@@ -168,9 +168,9 @@ class Study:
     """A configuration, ready to run. Made by `load`.
 
     Attributes:
-        document: the YAML document with all defaults filled in; what is hashed.
+        document: the YAML document with all defaults filled in, of which the hash is made.
         sources: YAML documents of the files that it names, by their name in the document; do not change them.
-        models: of sensors, robot and people; traits in which people differ are drawn by `traits`.
+        models: models of sensors, robot and people; traits in which people differ are drawn by `traits`.
     """
 
     document: Mapping[str, Any]
@@ -234,7 +234,7 @@ def _set(document: Any, path: str, value: Any) -> None:
 
 
 def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
-    """Reads a study's configuration; what the file omits is as in config/study.yaml.
+    """Reads a study's configuration. What the file omits is as in config/study.yaml.
 
     Args:
         seed: instead of the file's.
@@ -256,11 +256,11 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
 
 
 def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
-    """Builds and checks the study that a document and the files named in it describe; see `Study`."""
-    known = ("design", "timing", "participants", "marks")
+    """Builds and checks the study that a document and the files named in it describe. See `Study`."""
+    known_keys = ("design", "timing", "participants", "marks")
     for key in document:
-        if key not in known:
-            raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known)}")
+        if key not in known_keys:
+            raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known_keys)}")
     design = Design.from_mapping(document.get("design"), "design")
     world = world_from_mapping(sources["world"])
     for key in design.scenarios:
@@ -285,7 +285,7 @@ def _read(path: Path) -> Dict[str, Any]:
 
 
 def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Dict[str, Any]:
-    """Merges sections key by key; replaces a distribution, a list or a number as a whole."""
+    """Merges sections key by key. Replaces a distribution, a list or a number as a whole."""
     merged = dict(base)
     for key, value in changes.items():
         nested = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not DISTRIBUTIONS & set(value)

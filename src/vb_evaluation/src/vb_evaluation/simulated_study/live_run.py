@@ -49,10 +49,10 @@ LAUNCH = "launch/simulation.launch"
 
 
 class LiveRun:
-    """A lab with one participant, and the live system in it; its attributes are complete once `run` has ended.
+    """A lab with one participant, and the live system in it. Its attributes are complete once `run` has ended.
 
     Attributes:
-        scenario: as this person sees it, by `personal_scenario`.
+        scenario: the scenario as this person sees it, by `personal_scenario`.
         truth: (H, W) bool, the cells to restrict.
         prior, posterior: the map without and with borders.
         seed: (x, y) [m] of the border that was saved; None if none was.
@@ -116,9 +116,9 @@ class LiveRun:
         import_nodes(repository_top() / LAUNCH, arguments, (*OMITTED, *lab_nodes))
         extract = extraction.extract_border
 
-        def delayed_extraction(*drawn: Any, **seen: Any) -> Any:
+        def delayed_extraction(*args: Any, **kwargs: Any) -> Any:
             try:
-                return extract(*drawn, **seen)
+                return extract(*args, **kwargs)
             finally:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 
@@ -181,8 +181,8 @@ def personal_scenario(
     Args:
         marks: (dx, dy) [m], turn [rad] by which the marks are off the map.
     """
-    meant = perceive_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
-    scenario = replace(scenario, border=meant)
+    border = perceive_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
+    scenario = replace(scenario, border=border)
     planner = Planner(Costmap(grid, traits.model.body_radius))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
     for share in (1.0, 0.75, 0.5, 0.25):
@@ -199,5 +199,5 @@ def _kept_cache() -> RenderCache:
 
 
 def run(study: Study, job: Job) -> LiveRun:
-    """Carries out one run; the result depends on the arguments alone, not on earlier runs."""
+    """Carries out one run. The result depends on the arguments alone, not on earlier runs."""
     return LiveRun(study, job).run()

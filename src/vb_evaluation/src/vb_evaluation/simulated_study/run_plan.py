@@ -111,11 +111,11 @@ def _get(study: Study, key: str) -> Any:
 
 @dataclass(frozen=True)
 class Job:
-    """One run; its result depends on this and the study alone.
+    """One run. Its result depends on this and the study alone.
 
     Attributes:
-        draw: the plausible world that it is in, from 1; 0 for a main run.
-        changes: of the configuration, for worlds; see `Study.changed`.
+        draw: number of the run's plausible world, from 1; 0 for a main run.
+        changes: changes of the configuration, for worlds; see `Study.changed`.
         order: the run's position among its participant's runs, from 1; 0 if there is no such order.
     """
 
@@ -138,7 +138,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Its name among its file's runs; names sort in the order of the rows."""
+        """Its name among its file's runs. Names sort in the order of the rows."""
         place = f"d{self.draw:04d}" if self.draw else f"p{self.participant:04d}_{self.order}"
         return f"{self.file[: -len('.csv')]}_{place}_{self.scenario}_{self.method}"
 
@@ -163,7 +163,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
 
 
 def world_jobs(study: Study) -> List[Job]:
-    """Lists a run of each method in each world, each world with a different person; scenarios take turns."""
+    """Lists a run of each method in each world, each world with a different person. Scenarios take turns."""
     scenarios = study.design.scenarios
     return [
         Job(draw, scenarios[draw % len(scenarios)], method, draw, changes(study, factors))
@@ -172,14 +172,14 @@ def world_jobs(study: Study) -> List[Job]:
     ]
 
 
-def select(among: List[Job], **wanted: Any) -> List[Job]:
+def select(candidates: List[Job], **values: Any) -> List[Job]:
     """Selects the jobs with these values of columns; None is any.
 
     Raises:
         CodedError: "no_such_run" if there is none.
     """
-    asked = {name: value for name, value in wanted.items() if value is not None}
-    found = [job for job in among if asked.items() <= job.columns(0).items()]
-    if not found:
-        raise CodedError("no_such_run", f"the study has no run with {asked}")
-    return found
+    filters = {name: value for name, value in values.items() if value is not None}
+    matches = [job for job in candidates if filters.items() <= job.columns(0).items()]
+    if not matches:
+        raise CodedError("no_such_run", f"the study has no run with {filters}")
+    return matches

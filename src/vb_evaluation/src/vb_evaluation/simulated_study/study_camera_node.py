@@ -41,7 +41,7 @@ class RenderCache:
         self._floor_key: object = None
 
     def enter(self, world: World, models: Models) -> None:
-        """Prepares for runs in a world; the participant's body may differ each time."""
+        """Prepares for runs in a world. The participant's body may differ each time."""
         floor_key = repr((world.room, world.floor, world.walls, world.furniture, world.patches, world.lights))
         if floor_key != self._floor_key:
             self._floor, self._mesh = render_floor(world, FLOOR_SEED), world_mesh(world)
@@ -71,8 +71,8 @@ class StudyCameras(CameraNode):
     """Cameras whose frames do not depend on those before, and that skip most images in which there can be no spot.
 
     Args:
-        seed: of the frames' noise.
-        idle_every: of images without a spot, at most every n-th is sent; 1 sends every image.
+        seed: seed of the frames' noise.
+        idle_every: at most every n-th image without a spot is sent; 1 sends every image.
     """
 
     def __init__(self, cameras: List[SimulatedCamera], latency_ms: float, seed: int, idle_every: int) -> None:
@@ -95,14 +95,15 @@ class StudyCameras(CameraNode):
 
 
 class StudyCeilingCameras(StudyCameras):
-    """Skips images of the bare floor; sends every n-th with bodies but no spot, for the detector to learn the floor.
+    """Skips images of the bare floor. Sends every n-th with bodies but no spot, for the detector to learn the floor.
 
     Attributes:
         too_bright: whether a camera's image of the empty room is too bright by the lab's own check of exposure.
     """
 
     def __init__(self, cache: RenderCache, cameras: List[CeilingCamera], seed: int, idle_every: int) -> None:
-        optics, simulated = cache.models.optics, []
+        optics = cache.models.optics
+        simulated = []
         self.too_bright = False
         for camera in cameras:
             view = cache.view(CeilingView, camera)

@@ -17,10 +17,10 @@ from vb_evaluation.report.html_page import write_report
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs a command and prints its output; returns 0 if it worked, 2 and one line on stderr if not."""
-    given = _parser().parse_args(arguments)
+    """Runs a command and prints its output. Returns 0 if it worked, 2 and one line on stderr if not."""
+    options = _parser().parse_args(arguments)
     try:
-        for line in given.run(given):
+        for line in options.run(options):
             print(line)
     except CodedError as error:
         print(f"study_kit: {error}", file=sys.stderr)
@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     argument("--out", type=_path, default=Path("protocol.csv"))
     argument = command(
         "forms",
-        lambda given: forms.write(given.folder),
+        lambda options: forms.write(options.folder),
         "write information, consent, demographics and questionnaire to be printed",
     )
     argument("folder", type=_path)
@@ -71,14 +71,14 @@ def _parser() -> argparse.ArgumentParser:
     argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
     argument = command(
         "judge",
-        lambda given: [blind_judging.write(given.study or given.results.parent, given.results)],
+        lambda options: [blind_judging.write(options.study or options.results.parent, options.results)],
         "write pictures of what was drawn, for somebody who does not know the method",
     )
     argument("results", type=_path)
     argument("--study", type=_path, help="the protocol's folder; default: the one that holds the results")
     argument = command(
         "export",
-        lambda given: privacy.export(given.results, given.out),
+        lambda options: privacy.export(options.results, options.out),
         "write a copy without anything that tells who somebody is",
     )
     argument("results", type=_path)
@@ -89,35 +89,35 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _power(given: argparse.Namespace) -> Iterator[Any]:
+def _power(options: argparse.Namespace) -> Iterator[Any]:
     yield (
         f"pairs for a power of {statistics.POWER:.0%} of a two-sided Wilcoxon test, alpha {statistics.ALPHA} in a family of "
-        f"{given.tests}, by the effect d_z (mean difference over the differences' standard deviation):"
+        f"{options.tests}, by the effect d_z (mean difference over the differences' standard deviation):"
     )
     for effect in (0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5):
-        yield f"  {effect:.1f}: {statistics.people_needed(effect, given.tests)}"
+        yield f"  {effect:.1f}: {statistics.people_needed(effect, options.tests)}"
 
 
-def _report(given: argparse.Namespace) -> Iterator[Any]:
-    yield write_report(given.folder)
-    if given.page:
-        answers.write_page(given.folder, given.page)
+def _report(options: argparse.Namespace) -> Iterator[Any]:
+    yield write_report(options.folder)
+    if options.page:
+        answers.write_page(options.folder, options.page)
 
 
-def _delete(given: argparse.Namespace) -> Iterator[Any]:
-    yield from (f"deleted: {words}" for words in privacy.delete(given.protocol, given.participant))
+def _delete(options: argparse.Namespace) -> Iterator[Any]:
+    yield from (f"deleted: {words}" for words in privacy.delete(options.protocol, options.participant))
     yield "measure the study again: its results still contain the participant"
 
 
-def _plan(given: argparse.Namespace) -> Iterator[Any]:
-    seed = secrets.randbelow(10**9) if given.seed is None else given.seed
-    protocol.write(given.out, protocol.plan(given.participants, given.scenarios, given.methods, seed))
-    conduct.write_template(given.out.parent)
-    yield given.out
+def _plan(options: argparse.Namespace) -> Iterator[Any]:
+    seed = secrets.randbelow(10**9) if options.seed is None else options.seed
+    protocol.write(options.out, protocol.plan(options.participants, options.scenarios, options.methods, seed))
+    conduct.write_template(options.out.parent)
+    yield options.out
 
 
-def _run(given: argparse.Namespace) -> Iterator[Any]:
-    planned = conduct.next_run(given.protocol, given.participant, given.again)
+def _run(options: argparse.Namespace) -> Iterator[Any]:
+    planned = conduct.next_run(options.protocol, options.participant, options.again)
     run = conduct.conduct_run(planned, conduct.roslaunch, conduct.read_keys(), print)
     if planned.last:
         yield f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html"
@@ -126,11 +126,11 @@ def _run(given: argparse.Namespace) -> Iterator[Any]:
     yield planned.folder
 
 
-def _measure(given: argparse.Namespace) -> Iterator[Any]:
-    physical = read_map(given.map) if given.map else None
-    for note in recording_measures.measure(given.protocol, given.ground_truth, given.out, physical):
+def _measure(options: argparse.Namespace) -> Iterator[Any]:
+    physical = read_map(options.map) if options.map else None
+    for note in recording_measures.measure(options.protocol, options.ground_truth, options.out, physical):
         yield f"look at this: {note}"
-    yield write_report(given.out)
+    yield write_report(options.out)
 
 
 if __name__ == "__main__":

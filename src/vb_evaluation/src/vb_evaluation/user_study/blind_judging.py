@@ -20,7 +20,7 @@ FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
 
 
 def write(study: Path, results: Path) -> Path:
-    """Writes the pictures of all measured runs with a saved border, and an empty sheet; returns their folder.
+    """Writes the pictures of all measured runs with a saved border, and an empty sheet. Returns their folder.
 
     Raises:
         CodedError: "cannot_write_into", also if they exist: judgements must not be lost.
@@ -29,7 +29,8 @@ def write(study: Path, results: Path) -> Path:
     rows = rows[rows["map"] != ""]
     # from 100: a spreadsheet strips leading zeros
     codes = [str(code) for code in secrets.SystemRandom().sample(range(100, 1000), len(rows))]
-    physical, key = read_map(results / "maps" / "physical.yaml"), []
+    physical = read_map(results / "maps" / "physical.yaml")
+    key = []
     try:
         (study / FOLDER).mkdir()
         for code, row in zip(codes, rows.to_dict("records")):

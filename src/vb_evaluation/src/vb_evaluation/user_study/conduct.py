@@ -82,9 +82,9 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
     entries = protocol.read(path)
     own = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
     if not own:
-        others = ", ".join(dict.fromkeys(entry.participant for entry in entries))
+        people = ", ".join(dict.fromkeys(entry.participant for entry in entries))
         raise CodedError(
-            "no_participant", f"{path} has no participant '{participant}'; there are {others}", participant=participant
+            "no_participant", f"{path} has no participant '{participant}'; there are {people}", participant=participant
         )
     begun = [entry for entry in own if entry.folder(path).exists()]
     unfinished = [entry for entry in begun if "ended" not in Recording(last_attempt(entry.folder(path))).run]
@@ -102,7 +102,8 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
         if not remaining:
             raise CodedError("all_done", f"{participant} has done all runs", participant=participant)
         entry = remaining[0]
-    planned, number = entry.folder(path), 2
+    planned = entry.folder(path)
+    number = 2
     folder = planned
     while folder.exists():
         folder, number = planned.with_name(f"{planned.name}_{number}"), number + 1
@@ -193,21 +194,21 @@ def read_keys() -> Iterator[str]:
     if not sys.stdin.isatty():
         yield from (line.strip() for line in sys.stdin)
         return
-    before = termios.tcgetattr(sys.stdin)
+    attributes = termios.tcgetattr(sys.stdin)
     try:
         while True:
             tty.setcbreak(sys.stdin)
             key = sys.stdin.read(1)
             yield key
             if key == "n":
-                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, attributes)
                 yield sys.stdin.readline().strip()
     finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, attributes)
 
 
 def roslaunch(planned: NextRun) -> Callable[[], None]:
-    """Starts the system as planned; returns what stops it."""
+    """Starts the system as planned. Returns what stops it."""
     from vb_evaluation.child_processes import Child
 
     return Child(list(planned.command), planned.folder / "launch.log").stop

@@ -31,7 +31,7 @@ def write(folder: Path) -> List[Path]:
         CodedError: "cannot_write_into", also if one exists: entries must not be lost.
     """
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
-    asked = {
+    fields = {
         "demographics": DEMOGRAPHICS,
         "statements": participants.STATEMENTS,
         "pairs": participants.UEQ_S,
@@ -39,12 +39,12 @@ def write(folder: Path) -> List[Path]:
     }
     contents = {
         **{path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.[mc][ds]*"))},
-        "demographics.html": pages.get_template("demographics.html.j2").render(asked),
+        "demographics.html": pages.get_template("demographics.html.j2").render(fields),
         # half of the people are asked about one method first, half about the other
         **{
             f"questionnaire_{first}_first.html": pages.get_template("questionnaire.html.j2").render(
                 methods=[METHOD_TITLES[name] for name in sorted(participants.METHODS, key=lambda name: name != first)],
-                **asked,
+                **fields,
             )
             for first in participants.METHODS
         },

@@ -52,7 +52,7 @@ def _age_band(text: str) -> str:
 
 
 def delete(path: Path, participant: str) -> List[str]:
-    """Deletes a participant's recordings, answers and judged pictures for good; returns what was deleted.
+    """Deletes a participant's recordings, answers and judged pictures for good. Returns what was deleted.
 
     The protocol keeps the lines, without recording, completion and note, so that the others' plan stays. Results must
     be measured again.
@@ -74,9 +74,9 @@ def delete(path: Path, participant: str) -> List[str]:
     for name in SHEETS:
         if (path.parent / name).is_file():
             answers = read_sheet(path.parent / name, ("participant",))
-            kept = answers[answers.participant != participant]
-            _write(kept, path.parent / name)
-            deleted += [f"{len(answers) - len(kept)} line(s) of {name}"]
+            remaining = answers[answers.participant != participant]
+            _write(remaining, path.parent / name)
+            deleted += [f"{len(answers) - len(remaining)} line(s) of {name}"]
     _delete_pictures(path.parent, names)
     return deleted
 
@@ -94,6 +94,6 @@ def _delete_pictures(study: Path, recordings: List[str]) -> None:
     for code in codes:
         (study / blind_judging.FOLDER / f"{code}.png").unlink(missing_ok=True)
     if (study / blind_judging.FOLDER / blind_judging.SHEET).is_file():  # it may be with the judge
-        said = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
-        _write(said[~said.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
+        judgements = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
+        _write(judgements[~judgements.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
     _write(key[~key.code.isin(codes)], study / blind_judging.KEY)

@@ -38,7 +38,7 @@ class Entry:
 
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
-    """Returns the rows of a protocol to fill in; see `order_runs`."""
+    """Returns the rows of a protocol to fill in. See `order_runs`."""
     return [
         {
             "participant": f"p{number:02d}",
@@ -66,22 +66,22 @@ def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
 
 
 def read(path: Path) -> List[Entry]:
-    """Reads a protocol; runs without a recording did not take place.
+    """Reads a protocol. Runs without a recording did not take place.
 
     Raises:
         CodedError: "bad_protocol" naming the line.
     """
     entries = []
-    seen: Dict[object, int] = {}
+    first_lines: Dict[object, int] = {}
     table = read_sheet(path, ("participant", "method", "scenario", "recording"), "bad_protocol")
     for line, row in table.to_dict("index").items():
         empty = [column for column in ("participant", "method", "scenario") if not row[column]]
         if empty:
             raise CodedError("bad_protocol", f"{path}, line {line}: {empty[0]} is empty")
         for key in ((row["participant"], row["method"], row["scenario"]), row["recording"] or line):
-            if seen.setdefault(key, line) != line:
+            if first_lines.setdefault(key, line) != line:
                 raise CodedError(
-                    "bad_protocol", f"{path}, lines {seen[key]} and {line}: the same run or recording twice"
+                    "bad_protocol", f"{path}, lines {first_lines[key]} and {line}: the same run or recording twice"
                 )
         if row["recording"]:
             entries.append(

@@ -58,7 +58,7 @@ class Recording:
 
     @cached_property
     def _bags(self) -> Tuple[Dict[float, Dict[str, Any]], Optional[Set[str]]]:
-        """The messages of each state by topic, by its stamp [s], and the cameras; read on first use."""
+        """The messages of each state by topic, by its stamp [s], and the cameras. Read on first use."""
         states: Dict[float, Dict[str, Any]] = defaultdict(dict)
         cameras: Set[str] = set()
         paths = sorted((self.folder / BAGS).glob("*.bag"))
@@ -155,7 +155,7 @@ def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
 
 
 def record() -> None:
-    """Becomes rosbag's recorder, which records into the folder of the first argument; a restart begins another file."""
+    """Becomes rosbag's recorder, which records into the folder of the first argument. A restart begins another file."""
     from roslib.packages import find_node
 
     bags = Path(sys.argv[1]).expanduser() / BAGS

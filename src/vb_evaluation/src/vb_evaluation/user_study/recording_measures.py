@@ -184,7 +184,7 @@ def _empty_row(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
 def _measured_row(
     entry: protocol.Entry, noted: Optional[bool], recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
 ) -> Tuple[Dict[str, Any], List[str]]:
-    """Makes a run's row. Each interaction of its recording is an attempt at it; there may be none, or several."""
+    """Makes a run's row. Each interaction of its recording is an attempt at it. There may be none, or several."""
     interactions = recording.interactions
     row, run = _empty_row(entry, "not_started"), _describe(entry)
     row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))
@@ -195,7 +195,10 @@ def _measured_row(
     differences = deviations(entry, recording)
     notes = [f"{run}: not as planned, left out of the analysis: {words}" for words in differences]
     # cancelled attempts took time too, as in the simulated study
-    times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in interactions), 3) for name in _TIMES}
+    times = {
+        f"time_{name}_s": round(sum(getattr(interaction, f"{name}_s") for interaction in interactions), 3)
+        for name in _TIMES
+    }
     row.update(times, as_planned=int(not differences), interaction=interactions[-1].interaction_id)
     result = recording.result(interactions[-1])
     if result is not None:

@@ -1,1 +1,1 @@
-"""The simulated cameras: what they see, and when."""
+"""The simulated cameras: their views, their errors, and the timing of their images."""

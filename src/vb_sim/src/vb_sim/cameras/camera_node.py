@@ -1,4 +1,4 @@
-"""The simulated cameras' nodes: they receive the lab's state, and render images when due."""
+"""Node of simulated cameras: receives the lab's state, and renders images when they are due."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ImageStream:
     Args:
         topic: the namespace of image_raw and camera_info.
         frame: name of the images' frame.
-        every: the stream has only every n-th image of the camera, for instance 2: every second one.
+        every: n if the stream has only every n-th image of the camera.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class ImageStream:
         self._message = info_from_camera(camera, rospy.Time(), frame)
 
     def publish(self, number: int, stamp: rospy.Time, snapshot: Optional[Snapshot]) -> None:
-        """Publishes the camera_info of an image, counted from 0, and, unless `snapshot` is None, the image itself."""
+        """Publishes the camera_info of image `number`, counted from 0, and the image unless `snapshot` is None."""
         if number % self._every == 0:
             if self._info.get_num_connections() > 0:
                 self._message.header.stamp = stamp
@@ -65,7 +65,7 @@ class SimulatedCamera:
 
     Attributes:
         rate: [1/s]
-        taken: how many images it has taken.
+        taken: number of images taken.
     """
 
     name: str
@@ -77,7 +77,7 @@ class SimulatedCamera:
 
 
 class CameraNode:
-    """Takes the cameras' images when they are due. The nodes' modules list the topics.
+    """Publishes the cameras' images when they are due. The nodes' modules list the topics.
 
     Args:
         latency_ms: [ms] from an image's stamp to its delivery.
@@ -99,34 +99,34 @@ class CameraNode:
     def _publish(self, camera: SimulatedCamera, stamp_s: float) -> None:
         stamp, snapshot, number = rospy.Time.from_sec(stamp_s), self._history.at(stamp_s), camera.taken
         camera.taken += 1
-        wanted = snapshot if self._is_wanted(camera, snapshot) else None
+        rendered = snapshot if self._is_wanted(camera, snapshot) else None
         for stream in camera.streams:
-            stream.publish(number, stamp, wanted)
+            stream.publish(number, stamp, rendered)
 
     def _is_wanted(self, _camera: SimulatedCamera, _snapshot: Snapshot) -> bool:
-        """Returns whether the image of this scene is sent."""
+        """Returns whether to publish the image of a scene."""
         return True
 
     def _run(self) -> None:
         node.wait_for_clock()
-        skipped = 0
+        reported = 0
         while not rospy.is_shutdown():
             try:
                 for index, stamp in self._schedule.due(self._clock.now()):
                     self._publish(self._cameras[index], stamp)
-                if self._schedule.skipped > skipped:
-                    skipped = self._schedule.skipped
-                    text = f"{rospy.get_name()}: {skipped} images left out so far: this computer is too slow"
-                    rospy.logwarn_throttle(_REPORT_PERIOD, text)
+                if self._schedule.skipped > reported:
+                    reported = self._schedule.skipped
+                    warning = f"{rospy.get_name()}: {reported} images left out so far: this computer is too slow"
+                    rospy.logwarn_throttle(_REPORT_PERIOD, warning)
             except rospy.ROSException:
                 # the topics close during shutdown
                 return
-            # simulated time may run slower than wall time: look again at least every few milliseconds
+            # checks again after at most 20 ms, as simulated time may run faster or slower than wall time
             time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
 
 
-def read_parameters(kind: Any) -> Any:
-    """Prepares a camera node's process, and reads its parameters."""
+def read_parameters(params_class: Any) -> Any:
+    """Configures a camera node's process, and reads its parameters."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()
-    return parameters.read(kind)
+    return parameters.read(params_class)

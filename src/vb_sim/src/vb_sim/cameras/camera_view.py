@@ -1,4 +1,4 @@
-"""What the views of both kinds of cameras share: moving bodies, the laser's light, the random generator."""
+"""Shared by the views of both kinds of cameras: moving bodies, the laser's light, the random generator."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Body:
     """A person or robot that moves.
 
     Attributes:
-        key: equal for bodies that look the same.
-        build: makes its pieces.
+        key: the same for bodies that look the same.
+        build: builds the body's pieces.
         pose: (x, y, yaw) [m, m, rad].
-        radius: [m] of its shadow.
+        radius: [m] radius of the body's shadow.
     """
 
     name: str
@@ -36,16 +36,16 @@ class Body:
 
 
 class View:
-    """Renders what a camera sees.
+    """Renders the images of a camera.
 
     Args:
-        name: of the view; makes its noise differ from other views'.
+        name: the view's name; the noise differs between names.
         model: the camera.
-        encoding: of the images, one of sensor_msgs.
-        radii: name of each robot to its radius [m].
-        models: figures of optics and noise.
-        seed: of the noise.
-        full_well_e: [electrons] at 255, which set the photon noise.
+        encoding: the images' encoding, as named in sensor_msgs.
+        radii: radius [m] of each robot by its name.
+        models: parameters of optics and noise.
+        seed: seed of the noise.
+        full_well_e: [electrons] at 255, which determines the photon noise.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class View:
         self._rng = make_generator(seed, name)
 
     def frame(self, snapshot: Snapshot) -> np.ndarray:
-        """Renders the image of a scene, (H, W) or (H, W, 3) uint8; the next call may change it."""
+        """Renders the image of a scene, (H, W) or (H, W, 3) uint8. The next call may change it."""
         raise NotImplementedError
 
     def camera_pose(self, snapshot: Snapshot) -> np.ndarray:
@@ -72,31 +72,31 @@ class View:
         raise NotImplementedError
 
     def restart(self, models: Models) -> None:
-        """Forgets what moved, for another person in the same room; in `models`, only the body may differ."""
+        """Resets the moving objects for another person in the same room. `models` may differ only in the body."""
         self._body, self._hand_height = models.body, models.hand_height
 
     def set_noise_generator(self, source: np.random.Generator) -> None:
-        """Sets another random generator for the noise, so that frames do not depend on earlier ones."""
+        """Replaces the noise's random generator, so that frames do not depend on earlier ones."""
         self._rng = source
 
     def _bodies(self, snapshot: Snapshot) -> List[Body]:
-        """Lists the moving bodies of a scene; those that look the same have the same name and key."""
-        found = []
+        """Lists the moving bodies of a scene. Bodies that look the same have the same name and key."""
+        result = []
         for name, pose in snapshot.robots.items():
             radius = self._radii.get(name, 0.18)
             build = partial(bodies.robot_pieces, pose, radius)
-            found.append(Body(name, bodies.robot_key(pose), build, pose, radius))
+            result.append(Body(name, bodies.robot_key(pose), build, pose, radius))
         person, laser = snapshot.person, snapshot.laser
         if person is not None:
             key = bodies.person_key(person, laser)
             radius = _PERSON_RADIUS * self._body.breadth
             build = partial(bodies.person_pieces, person, laser, self._hand_height, self._body)
-            found.append(Body("person", key, build, person, radius))
-        return found
+            result.append(Body("person", key, build, person, radius))
+        return result
 
     # ------------------------------------------------------------- the laser
     def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
-        """Renders the light of the laser's spot, as if nothing hid it; None if it is off or out of view."""
+        """Renders the light of the spot as if nothing hid it. Returns None if the laser is off or out of view."""
         if snapshot.laser is None:
             return None
         person, pose = snapshot.person, self.camera_pose(snapshot)
@@ -104,12 +104,12 @@ class View:
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, pose, self._optics)
 
     def spot_share(self, snapshot: Snapshot) -> float:
-        """Returns the share of the laser's light on the floor that reaches the camera; to be called after `frame`."""
+        """Returns the share of the laser's light on the floor that reaches the camera. Call `frame` first."""
         spot = self.spot(snapshot)
         return 0.0 if spot is None else self._visible(spot)
 
     def _visible(self, spot: SpotImage) -> float:
-        """Returns the share of a spot's light that nothing hides; 0 if its centre is hidden or outside the image."""
+        """Returns the visible share of a spot's light; 0 if its centre is hidden or outside the image."""
         column, row = spot.pixel
         floor = self._floor_is_free()
         if not (0 <= column < self.model.width and 0 <= row < self.model.height and floor[row, column]):
@@ -117,18 +117,18 @@ class View:
         return float(floor[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2].mean())
 
     def _floor_is_free(self) -> np.ndarray:
-        """Returns (H, W): in which pixels nothing stands before the floor."""
+        """Returns (H, W): the pixels in which nothing hides the floor."""
         raise NotImplementedError
 
     def _albedo(self, spot: SpotImage) -> np.ndarray:
-        """Returns the brightness (3,) with which the floor below a spot is drawn; 1 is white."""
+        """Returns the colour (3,) of the floor below a spot; 1 is white."""
         raise NotImplementedError
 
     def _add_light(self, image: np.ndarray, snapshot: Snapshot, exposure: float = 1.0) -> None:
         """Adds the laser's light to an image, in place.
 
         Args:
-            exposure: of the camera, as a multiple of that with which the image was drawn.
+            exposure: the camera's exposure, as a multiple of the image's.
         """
         spot = self.spot(snapshot)
         visible = 0.0 if spot is None else self._visible(spot)
@@ -139,4 +139,4 @@ class View:
         add_spot(image, spot, weights, self.encoding, self._full_well_e, self._rng)
 
     def _before_change(self, image: np.ndarray, area: Tuple[slice, slice]) -> None:
-        """Prepares for a change to an area of an image."""
+        """Is called before an area of an image is changed."""

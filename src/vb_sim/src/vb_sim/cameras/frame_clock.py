@@ -1,4 +1,4 @@
-"""Decides when a simulated camera takes its images."""
+"""Schedules the images of simulated cameras."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections import deque
 from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
-MAX_BACKLOG = 3  # frames of delay at which all but the newest are dropped
+MAX_BACKLOG = 3  # frames of delay at which all frames but the newest are dropped
 
 
 class SmoothClock:
-    """Simulated time, extrapolated between the ticks of /clock, which come only every few hundredths of a second.
+    """Simulated time, extrapolated between the messages on /clock, which arrive only every few hundredths of a second.
 
     Args:
-        simulated: returns the simulated time [s], which moves in steps.
+        simulated: returns the simulated time [s], which advances in steps.
         steady: returns a monotonic wall time [s].
     """
 
@@ -24,20 +24,20 @@ class SmoothClock:
         self._last: Optional[float] = None
 
     def now(self) -> float:
-        """Returns the time [s]; it stops when the simulated time does."""
+        """Returns the time [s]. It stops when the simulated time does."""
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             self._last = simulated
-            # a step is noticed late but never early, so the largest offset is the most accurate
+            # a step may be noticed late, but not early; hence the largest offset is the most accurate
             self._offsets.append(simulated - steady)
-        carried = steady + max(self._offsets)
-        return min(max(carried, simulated), simulated + TICK)
+        extrapolated = steady + max(self._offsets)
+        return min(max(extrapolated, simulated), simulated + TICK)
 
 
 class FrameSchedule:
     """Spreads the images of several cameras evenly over the time between two frames.
 
-    Each camera's stamps are on a fixed grid of its period, offset from the others'.
+    Each camera's stamps are multiples of its period plus an offset of its own.
 
     Args:
         rates: [1/s] frames of each camera.
@@ -49,25 +49,25 @@ class FrameSchedule:
         self._phases = [period * index / len(rates) for index, period in enumerate(self._periods)]
         self._latency_s = latency_s
         self._next: Dict[int, int] = {}  # number of each camera's next image
-        self.skipped = 0  # images that were left out
+        self.skipped = 0  # number of images left out
 
     def due(self, now: float) -> List[Tuple[int, float]]:
         """Returns the images (camera index, stamp [s]) to deliver now, oldest first."""
         images = []
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
-            following = self._next.get(index, newest)
-            if newest - following >= MAX_BACKLOG:
-                self.skipped += newest - following
-                following = newest
-            images += [(index, number * period + phase) for number in range(following, newest + 1)]
-            self._next[index] = max(following, newest + 1)
+            first = self._next.get(index, newest)
+            if newest - first >= MAX_BACKLOG:
+                self.skipped += newest - first
+                first = newest
+            images += [(index, number * period + phase) for number in range(first, newest + 1)]
+            self._next[index] = max(first, newest + 1)
         return sorted(images, key=lambda image: image[1])
 
     def wait(self, now: float) -> float:
         """Returns the time [s] until the next image is due."""
-        moments = [
+        due_times = [
             self._next.get(index, 0) * period + phase + self._latency_s
             for index, (period, phase) in enumerate(zip(self._periods, self._phases))
         ]
-        return max(0.0, min(moments, default=now + 1.0) - now)
+        return max(0.0, min(due_times, default=now + 1.0) - now)

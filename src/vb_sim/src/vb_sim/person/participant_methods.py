@@ -1,4 +1,4 @@
-"""How a person draws with each method: with the robot alone, or with ceiling cameras and a robot that comes on its own."""
+"""How a person draws: with the robot alone, or with ceiling cameras and a robot that drives to unseen parts."""
 
 from __future__ import annotations
 
@@ -13,87 +13,87 @@ from vb_sim.person.hand import Stroke
 from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
 from vb_sim.person.walking import distance_to_chain
 
-LOST = 1.5  # [s] without feedback after which the robot counts as having lost the spot
+LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 EDGE_BEARING = math.radians(24.0)  # bearing at which the spot is about to leave the image of the robot's camera
 RETURN_SPEED = 0.6  # [m/s] of the spot on its way back to the robot
 FOLLOWING_DISTANCE = 1.0  # [m] from the spot, at which the robot stops
-STEP = 0.05  # [m] between the points at which an order is judged
-GO_BACK = 0.08  # [m] a missed part is drawn again from this far before the point where feedback ended
+STEP = 0.05  # [m] between the points of a simulated spot
+GO_BACK = 0.08  # [m] before the point where feedback ended, from which a missed part is drawn again
 
 
 def list_orders(border: np.ndarray, closed: bool) -> List[np.ndarray]:
-    """Lists every order (N, 2) [m] of drawing a border (N, 2) [m]: from either end, or from each corner both ways."""
+    """Lists the orders (N, 2) [m] of drawing a border (N, 2) [m]: from either end, or from any corner both ways."""
     if not closed:
         return [border, border[::-1]]
-    turned = [np.roll(border, -shift, axis=0) for shift in range(len(border))]
-    return turned + [np.vstack([order[:1], order[:0:-1]]) for order in turned]
+    rotations = [np.roll(border, -shift, axis=0) for shift in range(len(border))]
+    return rotations + [np.vstack([order[:1], order[:0:-1]]) for order in rotations]
 
 
 def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
-    """Computes the distances (N,) [m] from the spot at points (N, 2) [m] to a robot that follows it from (2,) [m]."""
-    place = np.asarray(robot, dtype=float)
+    """Computes the distances (N,) [m] between spots (N, 2) [m] and a robot that starts at (2,) [m] and follows them."""
+    position = np.asarray(robot, dtype=float)
     distances = []
     for spot in spots:
-        to_spot = spot - place
+        to_spot = spot - position
         distance = float(np.linalg.norm(to_spot))
         if distance > FOLLOWING_DISTANCE:
-            place = place + to_spot / distance * (distance - FOLLOWING_DISTANCE)
+            position = position + to_spot / distance * (distance - FOLLOWING_DISTANCE)
         distances.append(min(distance, FOLLOWING_DISTANCE))
     return np.array(distances)
 
 
 def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndarray:
-    """Chooses the order (N, 2) [m] that keeps the spot in front of the robot; of equals, the one that begins nearest.
+    """Chooses the order (N, 2) [m] that keeps the spot in front of the robot, and then the one that begins nearest.
 
-    A robot follows only forwards and sees nothing close to itself, so the spot should not come towards it.
+    A robot follows only forwards and does not see the floor close to it, so the spot should not move towards it.
 
     Args:
-        robot: (2,) [m] where the robot is before it is led to the border's beginning.
+        robot: (2,) [m] the robot's position before it is led to the border's beginning.
     """
 
     def order_cost(order: np.ndarray) -> float:
         chain = np.vstack([order, order[:1]]) if closed else order
-        there = geometry.resample_chain(np.vstack([robot, order[0]]), STEP)
-        spots = np.vstack([there, geometry.resample_chain(chain, STEP)])
-        nearness = np.maximum(0.8 - simulate_follower(spots, robot)[len(there) :], 0.0).sum() * STEP
+        approach = geometry.resample_chain(np.vstack([robot, order[0]]), STEP)
+        spots = np.vstack([approach, geometry.resample_chain(chain, STEP)])
+        nearness = np.maximum(0.8 - simulate_follower(spots, robot)[len(approach) :], 0.0).sum() * STEP
         return float(nearness) * 20.0 + float(np.linalg.norm(order[0] - robot))
 
     return min(list_orders(np.asarray(border, dtype=float), closed), key=order_cost)
 
 
 class RobotOnlyScript(ParticipantScript):
-    """The paper's baseline: guide the robot to the border, draw with the robot following, turn it to the seed."""
+    """The paper's baseline: guides the robot to the border, draws while it follows, and leads it to the seed."""
 
     source = "buttons"
     _stroke: Stroke
-    _look_again = 0.0
-    _lags_since = 0.0
+    _next_check = 0.0
+    _last_near_robot = 0.0
 
     # ------------------------------------------------------------ the course
     def prepare(self) -> Step:
-        """Leads the robot to where the border begins, and asks to draw it."""
+        """Leads the robot to the beginning of the border, and gives the command to draw."""
         person = self.person
         person.doing = "walks"
         while person.percept.robot is None:
             yield
         # the buttons are on the robot
-        person.walker.go_to_point_at(self._before_robot(), np.zeros((0, 2)))
+        person.walker.go_to_point_at(self._point_ahead(), np.zeros((0, 2)))
         yield from person.arrive()
         yield from person.react()
         yield from person.repeat_command("guide_robot", self.source)
-        person.spot = self._before_robot()
+        person.spot = self._point_ahead()
         guide = person.scenario.guide
-        from_here = guide[-1] if len(guide) else person.walker.robot
-        self._stroke = person.new_stroke(choose_order(person.scenario.border, person.scenario.closed, from_here))
+        robot = guide[-1] if len(guide) else person.walker.robot
+        self._stroke = person.new_stroke(choose_order(person.scenario.border, person.scenario.closed, robot))
         yield from self._lead([*guide, self._stroke.at(self._stroke.start)])
         yield from person.repeat_command("define_border", self.source)
         yield from person.react()
 
     def draw(self) -> Step:
-        """Draws the border in front of the following robot, and leads it back to each part that it missed."""
+        """Draws the border in front of the following robot, and leads the robot back to each part that it missed."""
         person = self.person
         stroke = self._stroke
-        arc = seen_at = stroke.start
+        arc = last_seen = stroke.start
         missed = 0
         person.doing = "draws"
         yield from person.move_spot(stroke.at(arc), person.model.robot_drawing_speed)
@@ -101,16 +101,16 @@ class RobotOnlyScript(ParticipantScript):
             unseen = person.unseen_for(by_robot=True)
             yield from person.maybe_make_slip(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
-                seen_at = arc
-                speed = self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0)
+                last_seen = arc
+                speed = self._relative_speed() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0)
                 arc = min(arc + speed * person.dt, stroke.length)
                 person.spot = stroke.at(arc)
             elif unseen > person.model.patience / 2.0 and missed < person.model.retries + 2:
                 missed += 1
-                yield from self._lead_back(stroke, seen_at)
-                arc = max(seen_at - 0.05, stroke.start)
+                yield from self._lead_back(stroke, last_seen)
+                arc = max(last_seen - 0.05, stroke.start)
             elif unseen > person.model.patience:
-                # tried often enough: draws on, as people do
+                # after enough attempts, people continue to draw
                 arc = min(arc + person.model.robot_drawing_speed * person.dt, stroke.length)
                 person.spot = stroke.at(arc)
             self._follow(stroke.points)
@@ -118,34 +118,35 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.hold_until_seen(0.3, 2.0, by_robot=True)
 
     def _lead_back(self, stroke: Stroke, arc: float) -> Step:
-        """Picks the robot up in its view, and leads it to where it lost the spot; nothing is drawn meanwhile."""
+        """Leads the robot back to the point where it lost the spot, in the state Guide, in which nothing is drawn."""
         person = self.person
         person.spot = None
         yield from person.repeat_command("guide_robot", self.source)
-        person.spot = self._before_robot()
+        person.spot = self._point_ahead()
         yield from self._lead([stroke.at(arc)])
         yield from person.repeat_command("define_border", self.source)
         person.doing = "draws"
 
     def show_seed(self) -> Step:
-        """Leads the robot on, and points at the area to be restricted."""
+        """Leads the robot to the area to restrict, and points at it."""
         person = self.person
         end = person.spot
         person.spot = None
         yield from person.repeat_command("define_seed", self.source)
         yield from person.react()
-        person.spot = end.copy() if end is not None else self._before_robot()
-        yield from self._lead([person.seed], "shows the seed", self._is_as_good)
+        person.spot = end.copy() if end is not None else self._point_ahead()
+        yield from self._lead([person.seed], "shows the seed", self._is_on_seed_side)
         person.doing = "shows the seed"
-        # longer than anywhere on the path, as the seed is where the spot dwells
+        # holds longer than anywhere on the way, as the seed is the point at which the spot rests
         yield from person.hold_until_seen(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
         yield from person.wait_for_seed(3.0)
 
     # ------------------------------------------------------------ leading
-    def _is_as_good(self, place: np.ndarray) -> bool:
+    def _is_on_seed_side(self, place: np.ndarray) -> bool:
         """Returns whether a point (2,) [m] is clearly on the same side of the border as the seed."""
         person = self.person
-        region, border = Polygon(person.scenario.region), person.scenario.border
+        region = Polygon(person.scenario.region)
+        border = person.scenario.border
         chain = np.vstack([border, border[:1]]) if person.scenario.closed else border
         same_side = region.contains(Point(place)) == region.contains(Point(person.seed))
         return bool(same_side and distance_to_chain(np.asarray(place), chain) > 0.2)
@@ -153,23 +154,23 @@ class RobotOnlyScript(ParticipantScript):
     def _lead(
         self,
         waypoints: List[np.ndarray],
-        doing: str = "leads the robot",
+        activity: str = "leads the robot",
         good_enough: Optional[Callable[[np.ndarray], bool]] = None,
     ) -> Step:
         """Moves the spot along waypoints (2,) [m], no faster than the robot follows.
 
         Args:
-            good_enough: asked about the spot's position when the robot is picked up after losing the spot more than
-                twice; if True, the way ends there.
+            good_enough: called with the spot's position each time that the robot finds the spot after losing it more
+                than twice; if it returns True, the spot stays there.
         """
         person = self.person
-        person.doing = doing
+        person.doing = activity
         for waypoint in waypoints:
             lost = 0
             while np.linalg.norm(waypoint - person.spot) > 1e-6:
                 unseen = person.unseen_for(by_robot=True)
                 if unseen < FEEDBACK_GAP + person.model.notice_time:
-                    person.bring_spot(waypoint, self._pace() * person.model.leading_speed * person.dt)
+                    person.bring_spot(waypoint, self._relative_speed() * person.model.leading_speed * person.dt)
                 elif unseen > LOST:
                     lost += 1
                     yield from self._pick_up(waypoint, lost)
@@ -180,72 +181,72 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.hold_until_seen(0.5, person.model.patience, by_robot=True)
 
     def _pick_up(self, waypoint: np.ndarray, lost: int) -> Step:
-        """Brings the spot back to where the robot looks, and waits until the robot sees it.
+        """Moves the spot into the robot's view, and waits until the robot sees it.
 
-        Each further time, the spot is put a little more to the side on which the robot should go on: perhaps it cannot
-        go straight ahead.
+        Each further time, the spot is slightly farther to the side to which the robot should drive, because it may be
+        unable to drive straight ahead.
         """
         person = self.person
-        before, person.doing = person.doing, "waits for the robot"
+        activity, person.doing = person.doing, "waits for the robot"
         x, y, yaw = person.percept.robot
         side = geometry.wrap_angle(math.atan2(waypoint[1] - y, waypoint[0] - x) - yaw)
-        turn = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), EDGE_BEARING * 0.7), side)
-        yield from person.move_spot(self._before_robot(turn, 1.0 - 0.08 * min(lost - 1, 3)), RETURN_SPEED)
+        bearing = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), EDGE_BEARING * 0.7), side)
+        yield from person.move_spot(self._point_ahead(bearing, 1.0 - 0.08 * min(lost - 1, 3)), RETURN_SPEED)
         yield from person.hold_until_seen(0.1, person.model.patience / 2.0, by_robot=True)
-        person.doing = before
+        person.doing = activity
 
-    def _before_robot(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
+    def _point_ahead(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
         """Finds a point (2,) [m] on the floor ahead of the robot."""
         person = self.person
         x, y, yaw = person.percept.robot
         direction = np.array([math.cos(yaw + turn), math.sin(yaw + turn)])
         distance = person.model.leading_distance * share
-        for shorter in np.linspace(distance, 0.5, 9):
-            place = np.array([x, y]) + shorter * direction
-            if person.is_floor(place)[0]:
-                return place
+        for length in np.linspace(distance, 0.5, 9):
+            point = np.array([x, y]) + length * direction
+            if person.is_floor(point)[0]:
+                return point
         return np.array([x, y]) + distance * direction
 
-    def _pace(self) -> float:
-        """Returns the share of full speed at which the spot moves: less if the robot may lose it, 0 if that lags."""
+    def _relative_speed(self) -> float:
+        """Returns the spot's share of full speed, reduced if the robot may lose it, and 0 if the robot lags behind."""
         person = self.person
         x, y, yaw = person.percept.robot
         dx, dy = person.spot[0] - x, person.spot[1] - y
         distance = math.hypot(dx, dy)
         bearing = abs(geometry.wrap_angle(math.atan2(dy, dx) - yaw))
         if distance <= person.model.leading_distance_max:
-            self._lags_since = person.percept.now
+            self._last_near_robot = person.percept.now
         else:
-            # a robot that has not come for some time will not come; while the spot is seen, the person goes on
-            return 0.0 if person.percept.now - self._lags_since < person.model.patience / 2.0 else 0.5
+            # if the robot does not come for some time, the person continues while the spot is seen
+            return 0.0 if person.percept.now - self._last_near_robot < person.model.patience / 2.0 else 0.5
         if bearing > EDGE_BEARING and distance > 0.3:
-            # the robot is turning; a person who still hears that it sees the spot goes on with care
+            # the robot is turning; while it sees the spot, the person continues slowly
             return 0.25
         return 1.0 if distance > 0.5 else 0.6
 
-    # ------------------------------------------------------------ walking along
+    # ------------------------------------------------------------ walking
     def _follow(self, line: np.ndarray) -> None:
         """Keeps the person near the spot, out of the robot's path and view."""
         person = self.person
-        if person.walker.walking or person.spot is None or person.percept.now < self._look_again:
+        if person.walker.walking or person.spot is None or person.percept.now < self._next_check:
             return
-        self._look_again = person.percept.now + 0.5
+        self._next_check = person.percept.now + 0.5
         if not person.walker.is_good_place(person.walker.here, person.spot, line):
             person.walker.go_to_point_at(person.spot, line)
 
 
 class NetworkRobotSystemScript(ParticipantScript):
-    """Walks to the border, says "define border", draws, shows the seed, says "save".
+    """Walks to the border, says "define border", draws, shows the seed, and says "save".
 
-    Where no camera sees the spot, the person holds still while the robot is on its way, and then draws the missed part
-    again. If no camera sees the spot at either end of the border, the person guides the robot there, as without any
-    ceiling camera (paper, Sect. 4.2, Guide).
+    If no camera sees the spot, the person holds still while the robot is on its way, and then draws the missed part
+    again. If no camera sees the spot at either end of the border, the person guides the robot there, as without ceiling
+    cameras (paper, Sect. 4.2, Guide).
     """
 
     _without_cameras: Optional[RobotOnlyScript] = None
 
     def prepare(self) -> Step:
-        """Walks to where the border can be drawn from, and asks to draw it."""
+        """Walks to the scenario's position for drawing, and gives the command to draw."""
         person = self.person
         self._without_cameras = None
         person.doing = "walks"
@@ -256,10 +257,10 @@ class NetworkRobotSystemScript(ParticipantScript):
         yield from person.react()
 
     def draw(self) -> Step:
-        """Draws the border, and redraws the parts that were not seen."""
+        """Draws the border, and redraws the parts that no camera saw."""
         person = self.person
         person.doing = "draws"
-        stroke = yield from self._seen_start()
+        stroke = yield from self._find_seen_start()
         if person.unseen_for() > person.model.patience / 2.0:
             self._without_cameras = RobotOnlyScript(person)
             yield from self._without_cameras.prepare()
@@ -267,46 +268,46 @@ class NetworkRobotSystemScript(ParticipantScript):
             return
         first_seen = yield from self._draw_along(stroke, stroke.start, stroke.length)
         if first_seen - stroke.start > 2.0 * GO_BACK:
-            # the beginning was drawn unseen; by now the robot is near
+            # no camera saw the beginning; by now the robot is near
             yield from self._draw_along(stroke, min(first_seen + GO_BACK, stroke.length), stroke.start)
         yield from person.hold_until_seen(0.2, 1.0)
         person.spot = None
 
-    def _draw_along(self, stroke: Stroke, begin: float, end: float) -> Generator[None, None, float]:
-        """Draws from one arc length [m] to another, either way; returns that at which the spot was first seen."""
+    def _draw_along(self, stroke: Stroke, start: float, end: float) -> Generator[None, None, float]:
+        """Draws from one arc length [m] to another, in either direction. Returns where the spot was first seen."""
         person = self.person
-        sign = 1.0 if end >= begin else -1.0
-        arc = seen_at = begin
+        sign = 1.0 if end >= start else -1.0
+        arc = last_seen = start
         first_seen: Optional[float] = None
         missed = 0
         person.spot = stroke.at(arc)
-        # like any other point, the end counts only once it was seen
+        # like any other point, the end must be seen
         while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.unseen_for() >= FEEDBACK_GAP):
             if person.unseen_for() < FEEDBACK_GAP:
-                seen_at = arc
+                last_seen = arc
                 first_seen = arc if first_seen is None else first_seen
             elif missed <= person.model.retries and person.unseen_for() > FEEDBACK_GAP + person.model.notice_time:
                 missed += 1
-                yield from self._hold(stroke)
-                arc = max((seen_at - GO_BACK * sign) * sign, begin * sign) * sign
+                yield from self._wait_until_seen(stroke)
+                arc = max((last_seen - GO_BACK * sign) * sign, start * sign) * sign
                 person.doing = "draws"
                 yield from person.move_spot(stroke.at(arc), person.drawing_speed)
-                # this point counts as seen: what follows is assessed anew
+                # continues from this point, whether or not it is seen now
                 yield from person.hold_until_seen(0.1, 2.0)
-                seen_at = arc
+                last_seen = arc
             yield from person.maybe_make_slip(stroke, arc, person.drawing_speed)
             arc += sign * min(person.drawing_speed * stroke.pace(arc) * person.dt, abs(end - arc))
             person.spot = stroke.at(arc)
             person.walk_within_reach(person.spot, stroke.points)
             yield
-        return begin if first_seen is None else first_seen
+        return start if first_seen is None else first_seen
 
-    def _seen_start(self) -> Generator[None, None, Stroke]:
-        """Returns a stroke that begins where a camera sees the spot, if there is such an end."""
+    def _find_seen_start(self) -> Generator[None, None, Stroke]:
+        """Returns a stroke from an end of the border at which a camera sees the spot, or from the last end tried."""
         person = self.person
         border = person.scenario.border
-        for order in (border, border) if person.scenario.closed else (border, border[::-1], border):
-            stroke = person.new_stroke(order)
+        for points in (border, border) if person.scenario.closed else (border, border[::-1], border):
+            stroke = person.new_stroke(points)
             person.spot = stroke.at(stroke.start)
             person.walk_within_reach(person.spot, stroke.points)
             yield from person.hold_until_seen(0.1, person.model.patience / 2.0)
@@ -315,22 +316,22 @@ class NetworkRobotSystemScript(ParticipantScript):
             person.step_aside(person.spot, stroke.points)
         return stroke
 
-    def _hold(self, stroke: Stroke) -> Step:
-        """Holds still where no camera sees the spot, until one does or patience runs out."""
+    def _wait_until_seen(self, stroke: Stroke) -> Step:
+        """Holds the spot still until a camera sees it or patience runs out."""
         person = self.person
         person.doing = "waits for the robot"
-        began = person.percept.now
-        aside = False
-        while person.unseen_for() > FEEDBACK_GAP and person.percept.now - began < person.model.patience:
-            told = person.percept.now - person.percept.hold_requested < person.model.patience
-            if not aside and not told and person.percept.now - began > 2.0 and person.spot is not None:
-                # perhaps the person's body is in the way; one who was told to wait for the robot knows better
-                aside = True
+        start = person.percept.now
+        moved_aside = False
+        while person.unseen_for() > FEEDBACK_GAP and person.percept.now - start < person.model.patience:
+            asked_to_hold = person.percept.now - person.percept.hold_requested < person.model.patience
+            if not moved_aside and not asked_to_hold and person.percept.now - start > 2.0 and person.spot is not None:
+                # the person's body may hide the spot, unless the display asks the person to wait for the robot
+                moved_aside = True
                 person.step_aside(person.spot, stroke.points)
             yield
 
     def show_seed(self) -> Step:
-        """Walks to within reach, and points at the area to be restricted."""
+        """Walks to within reach of the area to restrict, and points at it."""
         person = self.person
         if self._without_cameras is not None:
             yield from self._without_cameras.show_seed()

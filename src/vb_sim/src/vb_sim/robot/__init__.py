@@ -1,1 +1,1 @@
-"""The simulated robot and its stand-in for the navigation stack."""
+"""The simulated robot and the replacement for its navigation stack."""

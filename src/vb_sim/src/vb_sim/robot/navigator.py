@@ -1,4 +1,4 @@
-"""Drives to a goal as move_base does, without ROS: plan, follow, plan again, give up."""
+"""Plans, replans, follows and aborts as move_base does, without ROS."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.path_planner import Costmap, Planner
 
-# names and figures are move_base's where it has them
-_PLANNER_PERIOD = 1.0  # [s] after which the plan is renewed while driving; a new map renews it at once
+# names and values as in move_base if it has the same parameter
+_PLANNER_PERIOD = 1.0  # [s] between plans while driving; a new map triggers one at once
 _PLANNER_PATIENCE = 3.0  # [s] without any plan before a goal is aborted (move_base: 5 s and recoveries)
 _CONTROLLER_PATIENCE = 15.0  # [s] for which the path may be blocked before a goal is aborted
-_REPLAN_DISTANCE = 0.3  # [m] off the path at which a new one is planned
+_REPLAN_DISTANCE = 0.3  # [m] from the path at which a new one is planned
 _OBSTACLE_RANGE = 2.5  # [m] up to which the scan marks obstacles
 _MAP_TOLERANCE = 0.10  # [m] a scan point this near to a mapped obstacle is that obstacle: localisation is a few cm off
 # of following a path
-ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2] the latter towards the goal and obstacles
+ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2]; deceleration before the goal and obstacles
 MAX_TURN_RATE = 1.2  # [rad/s]
 _LOOKAHEAD = 0.35  # [m] of pure pursuit
-# [rad] heading errors at which the robot turns on the spot, and at which it drives again
+# [rad] heading errors at which the robot turns in place, and at which it drives again
 _TURN_ON_SPOT_ABOVE, _DRIVE_AGAIN_BELOW = 0.8, 0.3
 _TURN_GAIN = 2.5  # [1/s] turn rate per heading error
-GOAL_DISTANCE, GOAL_ANGLE = 0.06, 0.08  # [m], [rad] within which the goal is reached
-_SEES = 1.5  # [m] along the robot's arc, up to which obstacles count
-_OBSTACLE_MARGIN = 0.03  # [m] clearance kept from what the scanner sees ahead
+GOAL_DISTANCE, GOAL_ANGLE = 0.06, 0.08  # [m], [rad] within which the robot has arrived
+_BRAKING_RANGE = 1.5  # [m] along the robot's arc up to which obstacles count
+_OBSTACLE_MARGIN = 0.03  # [m] clearance from obstacles that the scanner sees ahead
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The command of a step, and the state of the drive.
+    """The command for a step, and the state of the drive.
 
     Attributes:
-        speed, turn_rate: [m/s, rad/s] to be sent as cmd_vel.
-        arrived: the goal is reached.
-        blocked: something blocks the path.
+        speed, turn_rate: [m/s, rad/s] to send as cmd_vel.
+        arrived: whether the robot is at the goal.
+        blocked: whether an obstacle is in the way.
         off_path: [m] distance from the path.
-        path: (N, 2) [m] the path planned since the last step, if there is one.
+        path: (N, 2) [m] the path planned since the last step, or None.
     """
 
     speed: float = 0.0
@@ -55,13 +55,13 @@ class Motion:
 
 
 class Follower:
-    """Follows one path at a time by pure pursuit, turning on the spot where the path demands it.
+    """Follows one path at a time by pure pursuit, and turns in place where the path requires it.
 
-    Its state for a goal outlasts a new path to the same goal.
+    A new path to the same goal does not reset its state.
 
     Args:
-        radius: [m] of the robot.
-        max_speed, max_turn_rate: [m/s], [rad/s] its limits.
+        radius: [m] radius of the robot.
+        max_speed, max_turn_rate: [m/s], [rad/s] the robot's limits.
     """
 
     def __init__(self, radius: float = 0.18, max_speed: float = 0.5, max_turn_rate: float = MAX_TURN_RATE) -> None:
@@ -80,7 +80,7 @@ class Follower:
         self._turning = self._at_goal = False
 
     def set_path(self, path: np.ndarray) -> None:
-        """Sets the path (N, 2) [m], N >= 1, from about where the robot is to the goal."""
+        """Sets the path (N, 2) [m], N >= 1, from about the robot's position to the goal."""
         self._path = np.asarray(path, dtype=float)
 
     def halt(self) -> None:
@@ -88,7 +88,7 @@ class Follower:
         self._speed = 0.0
 
     def step(self, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
-        """Decides how to move now.
+        """Computes the next command.
 
         Args:
             pose: (x, y, yaw) [m, m, rad], map frame.
@@ -100,18 +100,18 @@ class Follower:
             return Motion()
         end = self._path[-1]
         to_end = math.hypot(end[0] - pose[0], end[1] - pose[1])
-        # hysteresis, as turning on the spot shifts the estimated position by a centimetre or so
+        # hysteresis, because turning in place shifts the estimated position by about a centimetre
         self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * GOAL_DISTANCE
         if self._at_goal:
             self._speed = 0.0
             error = geometry.wrap_angle(self._goal[2] - pose[2])
-            return Motion(arrived=True) if abs(error) < GOAL_ANGLE else Motion(0.0, self._turn(error))
+            return Motion(arrived=True) if abs(error) < GOAL_ANGLE else Motion(0.0, self._turn_rate(error))
         target, off_path, remaining = look_ahead(self._path, pose[:2], _LOOKAHEAD)
         error = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
         self._turning = abs(error) > (_DRIVE_AGAIN_BELOW if self._turning else _TURN_ON_SPOT_ABOVE)
         if self._turning:
             self._speed = 0.0
-            return Motion(0.0, self._turn(error), off_path=off_path)
+            return Motion(0.0, self._turn_rate(error), off_path=off_path)
         distance = max(math.hypot(target[0] - pose[0], target[1] - pose[1]), 1e-3)
         curvature = 2.0 * math.sin(error) / distance
         speed = min(
@@ -119,32 +119,32 @@ class Follower:
         )
         if abs(curvature) > 1e-6:
             speed = min(speed, self._max_turn_rate / abs(curvature))
-        gap = self._gap(obstacles, curvature)
-        safe = math.sqrt(2.0 * DECELERATION * gap) if gap > 0.0 else 0.0
-        if safe < 0.02:
+        free_distance = self._free_distance(obstacles, curvature)
+        safe_speed = math.sqrt(2.0 * DECELERATION * free_distance) if free_distance > 0.0 else 0.0
+        if safe_speed < 0.02:
             self._speed = 0.0
-            # turning on the spot is safe for a round robot, and may free the path
-            return Motion(0.0, self._turn(error) if abs(error) > 0.1 else 0.0, blocked=True, off_path=off_path)
-        self._speed = max(min(speed, safe), 0.03)
+            # turning in place is safe for a round robot, and may free the path
+            return Motion(0.0, self._turn_rate(error) if abs(error) > 0.1 else 0.0, blocked=True, off_path=off_path)
+        self._speed = max(min(speed, safe_speed), 0.03)
         return Motion(self._speed, self._speed * curvature, off_path=off_path)
 
-    def _turn(self, error: float) -> float:
+    def _turn_rate(self, error: float) -> float:
         rate = max(min(_TURN_GAIN * error, self._max_turn_rate), -self._max_turn_rate)
-        # below this a real base does not turn at all
+        # real robots do not turn at lower rates
         return math.copysign(max(abs(rate), 0.15), error)
 
-    def _gap(self, obstacles: np.ndarray, curvature: float) -> float:
-        """Returns the free distance [m] along the arc before the robot's body reaches the margin; inf if free."""
-        width = self._radius + _OBSTACLE_MARGIN
+    def _free_distance(self, obstacles: np.ndarray, curvature: float) -> float:
+        """Returns the distance [m] that the robot may drive along the arc before an obstacle; inf without one."""
+        half_width = self._radius + _OBSTACLE_MARGIN
         along, across = geometry.along_arc(obstacles, curvature)
-        ahead = (along > 0.0) & (along < _SEES) & (np.abs(across) < width)
+        ahead = (along > 0.0) & (along < _BRAKING_RANGE) & (np.abs(across) < half_width)
         # where a disc of that radius first touches a point
-        touched = along[ahead] - np.sqrt(np.maximum(width**2 - across[ahead] ** 2, 0.0))
+        touched = along[ahead] - np.sqrt(np.maximum(half_width**2 - across[ahead] ** 2, 0.0))
         return float(touched.min(initial=math.inf))
 
 
 class Navigator:
-    """Plans on the map with the virtual borders and follows the plan. Maps may be set from another thread."""
+    """Plans paths on the map with the virtual borders and follows them. Another thread may set maps."""
 
     def __init__(self, profile: RobotProfile) -> None:
         radius, limits = profile.radius, profile.limits
@@ -152,56 +152,56 @@ class Navigator:
         self._follower = Follower(radius, limits.max_speed, limits.max_turn_rate)
         self._planner: Optional[Planner] = None  # on the static map
         self._goal: Pose = (0.0, 0.0, 0.0)
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._planned_at: Optional[float] = None
-        self._last_plan_at: Optional[float] = None  # when there last was a plan
+        self._last_plan_at: Optional[float] = None  # when planning last succeeded
         self._last_moved_at: Optional[float] = None
         self._planned_on: Optional[Planner] = None
         self._failed = False
 
     # ------------------------------------------------------------ maps
     def set_map(self, grid: GridMap) -> Costmap:
-        """Sets the static map, and returns its costs."""
+        """Sets the static map and returns its costs."""
         costmap = Costmap(grid, self._radius)
         self._planner = Planner(costmap)
         return costmap
 
     def static(self) -> Planner:
-        """Returns the planner on the map alone; raises CodedError "no_map"."""
+        """Returns the planner on the map alone. Raises CodedError "no_map"."""
         if self._planner is None:
             raise CodedError("no_map")
         return self._planner
 
-    def _with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
-        """Makes the planner on map and scan; returns that on the map alone if the scan shows nothing new."""
+    def _planner_with_obstacles(self, static: Planner, pose: Pose, points: np.ndarray) -> Planner:
+        """Creates a planner on map and scan. Returns that on the map alone if the scan shows no new obstacle."""
         grid, distance = static.costmap.grid, static.costmap.distance
-        seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < _OBSTACLE_RANGE]
-        cells = grid.world_to_cell(to_map(seen, pose))
+        points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
+        cells = grid.world_to_cell(to_map(points, pose))
         cells = cells[grid.contains_cells(cells)]
         # a wall seen slightly off its position is not a new obstacle
         cells = cells[distance[tuple(cells.T)] > _MAP_TOLERANCE]
         if not len(cells):
             return static
-        mask = np.zeros(grid.shape, bool)
-        mask[tuple(cells.T)] = True
-        return Planner(Costmap(grid, self._radius, mask))
+        new_obstacles = np.zeros(grid.shape, bool)
+        new_obstacles[tuple(cells.T)] = True
+        return Planner(Costmap(grid, self._radius, new_obstacles))
 
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:
-        """Sets a new goal (x, y, yaw) [m, m, rad], map frame; raises CodedError "no_map"."""
-        self.static()  # checked before the robot's pose is asked for, which may be unknown too
+        """Sets a new goal (x, y, yaw) [m, m, rad], map frame. Raises CodedError "no_map"."""
+        self.static()  # checks for a map before the robot's pose is looked up, which may fail too
         self._goal = goal
         self._follower.set_goal(goal)
-        self._forget()
+        self._reset()
 
     def halt(self) -> None:
         """Records that another node stopped the robot."""
         self._follower.halt()
 
     def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
-        """Decides how to drive now.
+        """Plans if due, and computes the next command.
 
         Args:
             now: [s]
@@ -210,15 +210,17 @@ class Navigator:
             dt: [s] since the last step.
 
         Raises:
-            CodedError: why the goal cannot be reached.
+            CodedError: says why the goal cannot be reached.
         """
-        static, path = self.static(), None
-        due = self._planned_at is None or not 0.0 <= now - self._planned_at < _PLANNER_PERIOD
-        if due or static is not self._planned_on:
-            self._planned_at, self._planned_on = now, static
+        static = self.static()
+        path = None
+        is_due = self._planned_at is None or not 0.0 <= now - self._planned_at < _PLANNER_PERIOD
+        if is_due or static is not self._planned_on:
+            self._planned_at = now
+            self._planned_on = static
             path = self._replan(static, pose, obstacles, now)
         if self._failed:
-            # do not drive on along a path that the map no longer allows
+            # stops, as the map may no longer permit the last path
             self._follower.halt()
             return Motion()
         motion = self._follower.step(pose, obstacles, dt)
@@ -232,13 +234,13 @@ class Navigator:
         return replace(motion, path=path)
 
     def _replan(self, static: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
-        """Sets the follower's new path; raises CodedError if there has been none for too long."""
+        """Plans the follower's new path. Raises CodedError if planning has failed for too long."""
         start, end = np.array(pose[:2]), np.array(self._goal[:2])
         try:
             try:
-                path = self._with_obstacles(static, pose, obstacles).plan(start, end)
+                path = self._planner_with_obstacles(static, pose, obstacles).plan(start, end)
             except CodedError:
-                # perhaps a person is at the goal or beside the robot: plan on the map; the follower stops before them
+                # if a person is at the goal or beside the robot, plans without them; the follower stops before them
                 path = static.plan(start, end)
         except CodedError:
             self._failed = True
@@ -246,6 +248,7 @@ class Navigator:
             if now - self._last_plan_at >= _PLANNER_PATIENCE:
                 raise
             return None
-        self._failed, self._last_plan_at = False, now
+        self._failed = False
+        self._last_plan_at = now
         self._follower.set_path(path)
         return path

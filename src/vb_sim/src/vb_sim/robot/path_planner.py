@@ -1,4 +1,4 @@
-"""Computes an occupancy grid's costs as move_base's costmap_2d does, and finds shortest paths on them."""
+"""Computes an occupancy grid's costs as move_base's costmap_2d does, and finds the cheapest paths on them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap, distance_to, nearest_cell, sample
 
 Cell = Tuple[int, int]  # row, column
-NEUTRAL_COST = 50.0  # cost of a free cell, and the weight of a cell's own cost: navfn's figures
+NEUTRAL_COST = 50.0  # cost of a free cell; with the factor for a cell's own cost, as in navfn
 COST_FACTOR = 0.8
-# [m] depth in the inscribed zone from which a robot may still plan its way out; never from inside an obstacle
+# [m] depth in the inscribed zone from which a robot may still plan a path out of it, but not out of an obstacle
 _ESCAPE = 0.10
 _SPACING = 0.05  # [m] between a plan's poses
 # a costmap's costs
@@ -28,10 +28,10 @@ _SCALING = 8.0  # [1/m] decay of the cost around obstacles: costmap_2d's cost_sc
 
 
 class Costmap:
-    """Costs (H, W) uint8: 254 obstacle, 253 robot's centre must not be there, 255 unknown, 0 free.
+    """The costs of a map's cells: 254 for obstacles, 253 where the robot would touch one, 255 if unknown, 0 if free.
 
     Attributes:
-        grid: the map from which it was made.
+        grid: the map.
         costs: (H, W) uint8.
         distance: (H, W) float32 [m] from each cell's centre to the nearest obstacle cell's.
     """
@@ -39,11 +39,11 @@ class Costmap:
     def __init__(
         self, grid: GridMap, radius: float, obstacles: Optional[np.ndarray] = None, inflation: float = INFLATION
     ) -> None:
-        """Makes the costmap of a map.
+        """Computes the costs of a map.
 
         Args:
-            radius: [m] of the robot, or person, that moves there.
-            obstacles: (H, W) bool, further obstacle cells beside the map's.
+            radius: [m] radius of the robot or person.
+            obstacles: (H, W) bool, obstacle cells that are not on the map.
             inflation: [m] beyond the radius, within which cells near obstacles cost more.
         """
         self.grid = grid
@@ -54,11 +54,11 @@ class Costmap:
         self.costs = inflate(static, self.distance, radius, inflation)
 
     def traversable(self) -> np.ndarray:
-        """Returns (H, W) bool: in which cells the robot's centre may be; in unknown cells it may not."""
+        """Returns (H, W) bool: whether the robot's centre may be in each cell; unknown cells are not traversable."""
         return self.costs < INSCRIBED
 
     def occupancy(self) -> np.ndarray:
-        """Returns (H, W) int8, as costmap_2d's publisher does: 100 lethal, 99 inscribed, 98 ... 0, -1 unknown."""
+        """Returns (H, W) int8 as costmap_2d publishes it: 100 lethal, 99 inscribed, 98 to 0, -1 unknown."""
         table = np.zeros(256, np.int16)
         table[1:INSCRIBED] = 1 + (97 * (np.arange(1, INSCRIBED) - 1)) // 251
         table[INSCRIBED], table[LETHAL], table[NO_INFORMATION] = 99, 100, -1
@@ -68,36 +68,36 @@ class Costmap:
 def static_costs(data: np.ndarray) -> np.ndarray:
     """Converts occupancy (H, W) int8 to costs (H, W) uint8 as static_layer's interpretValue does.
 
-    As without `trinary_costmap`: soft borders (occupancy under 100) are crossed where there is no other path.
+    As without `trinary_costmap`, paths cross soft borders (occupancy below 100) only if there is no other path.
     """
-    table = np.full(256, NO_INFORMATION, np.uint8)  # -1, seen as unsigned, is among the rest
+    table = np.full(256, NO_INFORMATION, np.uint8)  # includes -1, which is 255 as unsigned
     table[: OCCUPIED + 1] = np.arange(OCCUPIED + 1) / OCCUPIED * LETHAL
     return table[data.view(np.uint8)]
 
 
 def inflate(static: np.ndarray, distance: np.ndarray, radius: float, inflation: float) -> np.ndarray:
-    """Inflates costs (H, W) uint8 with the decay of inflation_layer's computeCost; the higher cost wins."""
+    """Inflates costs (H, W) uint8 with the decay of inflation_layer's computeCost. The higher cost counts."""
     decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - radius))
-    # a cell whose distance equals the radius is within it, despite rounding errors
+    # a cell at a distance of exactly the radius is inscribed; the tolerance covers rounding errors
     inflated = np.where(distance <= radius + 1e-6, INSCRIBED, decay)
     inflated[distance > radius + inflation + 1e-6] = 0
     costs = np.maximum(static, np.minimum(inflated, INSCRIBED).astype(np.uint8))
     costs[static == LETHAL] = LETHAL
-    # as in the real layer: unknown stays unknown unless a robot would touch an obstacle there
+    # as in costmap_2d, an unknown cell stays unknown unless a robot would touch an obstacle there
     unknown = static == NO_INFORMATION
     costs[unknown] = np.where(inflated[unknown] >= INSCRIBED, INSCRIBED, NO_INFORMATION)
     return costs
 
 
 class Planner:
-    """Plans on one costmap. The search from the last start is kept, so that further goals from there cost nothing."""
+    """Plans paths on one costmap. It stores the search from the last start, so further goals from there are fast."""
 
     def __init__(self, costmap: Costmap) -> None:
         self.costmap, self._grid = costmap, costmap.grid
         self._free = costmap.traversable()
         self._weights = NEUTRAL_COST + COST_FACTOR * costmap.costs.astype(np.float64)
-        # a start, and what `_search` found from there
-        self._searched: Optional[Tuple[Cell, np.ndarray, np.ndarray]] = None
+        # a start, and the result of `_search` from there
+        self._last_search: Optional[Tuple[Cell, np.ndarray, np.ndarray]] = None
 
     def plan(self, start: np.ndarray, goal: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
         """Plans the cheapest path.
@@ -113,43 +113,43 @@ class Planner:
             CodedError: "off_map", "start_blocked", "goal_blocked" or "no_path".
         """
         start, goal = np.asarray(start, dtype=float), np.asarray(goal, dtype=float)
-        costs, before = self._search(self._start_cell(start))
-        last, end = self._goal_cell(goal, tolerance, costs)
-        nodes = [int(np.ravel_multi_index(last, costs.shape))]
-        while before[nodes[-1]] >= 0:
-            nodes.append(int(before[nodes[-1]]))
-        way = np.column_stack(np.unravel_index(nodes[::-1], costs.shape))
-        middle = self._grid.cell_to_world(self._shortened(way, costs))
-        # the exact ends, in those cells or beside them, replace the cells' centres
-        path = np.vstack([start[None], middle[1:-1], end[None]])
-        if not np.allclose(middle[0], path[0], atol=self._grid.resolution):
-            path = np.vstack([path[:1], middle[:1], path[1:]])
+        costs, predecessors = self._search(self._start_cell(start))
+        goal_cell, end = self._goal_cell(goal, tolerance, costs)
+        nodes = [int(np.ravel_multi_index(goal_cell, costs.shape))]
+        while predecessors[nodes[-1]] >= 0:
+            nodes.append(int(predecessors[nodes[-1]]))
+        cells = np.column_stack(np.unravel_index(nodes[::-1], costs.shape))
+        points = self._grid.cell_to_world(self._simplify(cells, costs))
+        # the exact start and end replace the centres of their cells, or precede the first if it is another cell
+        path = np.vstack([start[None], points[1:-1], end[None]])
+        if not np.allclose(points[0], path[0], atol=self._grid.resolution):
+            path = np.vstack([path[:1], points[:1], path[1:]])
         if np.allclose(path[0], path[-1]) and len(path) == 2:
             return path[:1]
         return geometry.resample_chain(path, _SPACING)
 
-    def is_traversable(self, place: np.ndarray) -> bool:
+    def is_traversable(self, position: np.ndarray) -> bool:
         """Returns whether the robot's centre may be at a position (2,) [m]."""
-        return bool(sample(self._grid, self._free, place)[0])
+        return bool(sample(self._grid, self._free, position)[0])
 
     # ------------------------------------------------------------ ends of the path
-    def _cell(self, point: np.ndarray, what: str) -> Cell:
+    def _cell(self, point: np.ndarray, role: str) -> Cell:
         finite = bool(np.isfinite(point).all())
         cell = self._grid.world_to_cell(point if finite else np.full(2, -1e9))[0]
         if not finite or not self._grid.contains_cells(cell)[0]:
-            raise CodedError("off_map", f"the {what} ({point[0]:.2f}, {point[1]:.2f}) is not on the map")
+            raise CodedError("off_map", f"the {role} ({point[0]:.2f}, {point[1]:.2f}) is not on the map")
         return int(cell[0]), int(cell[1])
 
     def _start_cell(self, start: np.ndarray) -> Cell:
         cell = self._cell(start, "start")
         if self._free[cell]:
             return cell
-        # move_base frees the robot's own cell only. A robot that is in the inscribed zone by a localisation error gets
-        # out of it here, but not across an obstacle or border, nor if its centre is in one.
-        near, place = nearest_cell(self._grid, self._free, start, _ESCAPE)
-        between = self._grid.world_to_cell(np.linspace(start, place, 16))
-        if near is not None and (self.costmap.costs[tuple(between.T)] != LETHAL).all():
-            return near
+        # A robot may be in the inscribed zone through a localisation error. It may plan a path out of it (move_base
+        # frees only the robot's own cell), but not across an obstacle or border, nor if its centre is in one.
+        nearest, position = nearest_cell(self._grid, self._free, start, _ESCAPE)
+        cells = self._grid.world_to_cell(np.linspace(start, position, 16))
+        if nearest is not None and (self.costmap.costs[tuple(cells.T)] != LETHAL).all():
+            return nearest
         raise CodedError(
             "start_blocked", f"the start ({start[0]:.2f}, {start[1]:.2f}) is inside an obstacle or a border"
         )
@@ -158,9 +158,9 @@ class Planner:
         cell = self._cell(goal, "goal")
         if np.isfinite(costs[cell]):
             return cell, goal
-        near, place = nearest_cell(self._grid, np.isfinite(costs), goal, tolerance)
-        if near is not None:
-            return near, place
+        nearest, position = nearest_cell(self._grid, np.isfinite(costs), goal, tolerance)
+        if nearest is not None:
+            return nearest, position
         if not self._free[cell]:
             raise CodedError(
                 "goal_blocked", f"the goal ({goal[0]:.2f}, {goal[1]:.2f}) is in or too near an obstacle or a border"
@@ -169,41 +169,43 @@ class Planner:
 
     # ------------------------------------------------------------ search
     def _search(self, start: Cell) -> Tuple[np.ndarray, np.ndarray]:
-        """Searches from a cell; returns the least cost of reaching each cell (H, W), and its predecessor (H * W,)."""
-        if self._searched is None or self._searched[0] != start:
-            first = np.ravel_multi_index(start, self._free.shape)
-            costs, before = dijkstra(self._graph, indices=first, return_predecessors=True)
-            self._searched = (start, costs.reshape(self._free.shape), before)
-        return self._searched[1:]
+        """Searches from a cell, and returns each cell's lowest cost (H, W) and predecessor (H * W,)."""
+        if self._last_search is None or self._last_search[0] != start:
+            node = np.ravel_multi_index(start, self._free.shape)
+            costs, predecessors = dijkstra(self._graph, indices=node, return_predecessors=True)
+            self._last_search = (start, costs.reshape(self._free.shape), predecessors)
+        return self._last_search[1:]
 
     @cached_property
     def _graph(self) -> csr_matrix:
-        """The cost of going from one cell to the next; cells are numbered row by row."""
+        """The cost of moving from each cell to its neighbours. Cells are numbered row by row."""
         rows, columns = self._free.shape
         nodes = np.arange(self._free.size).reshape(self._free.shape)
-        ends: List[np.ndarray] = []
-        others: List[np.ndarray] = []
+        sources: List[np.ndarray] = []
+        targets: List[np.ndarray] = []
         weights: List[np.ndarray] = []
         for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
             a = (slice(0, rows - dy), slice(max(0, -dx), columns - max(0, dx)))
             b = (slice(dy, rows), slice(max(0, dx), columns + min(0, dx)))
-            # no diagonal step past a blocked cell
-            both = self._free[a] & self._free[b] & self._free[a[0], b[1]] & self._free[b[0], a[1]]
-            i, j = nodes[a][both], nodes[b][both]
-            w = (self._weights[a][both] + self._weights[b][both]) / 2.0 * np.hypot(dx, dy)
-            ends += [i, j]
-            others += [j, i]
+            # a diagonal step must not pass a blocked cell
+            passable = self._free[a] & self._free[b] & self._free[a[0], b[1]] & self._free[b[0], a[1]]
+            i, j = nodes[a][passable], nodes[b][passable]
+            w = (self._weights[a][passable] + self._weights[b][passable]) / 2.0 * np.hypot(dx, dy)
+            sources += [i, j]
+            targets += [j, i]
             weights += [w, w]
-        edges = (np.concatenate(weights), (np.concatenate(ends), np.concatenate(others)))
+        edges = (np.concatenate(weights), (np.concatenate(sources), np.concatenate(targets)))
         return csr_matrix(edges, shape=(nodes.size, nodes.size))
 
     # ------------------------------------------------------------ shape of the path
-    def _shortened(self, way: np.ndarray, costs: np.ndarray) -> np.ndarray:
-        """Reduces a way (N, 2), which has only eight directions, to cells between which straight lines cost no more."""
-        spent, last, kept = costs[tuple(way.T)], len(way) - 1, [0]
+    def _simplify(self, cells: np.ndarray, costs: np.ndarray) -> np.ndarray:
+        """Selects the cells of a path (N, 2) between which straight lines cost no more than steps from cell to cell."""
+        spent = costs[tuple(cells.T)]
+        last = len(cells) - 1
+        corners = [0]
 
         def line_is_cheap(a: int, b: int) -> bool:
-            start, end = way[[a, b]].astype(float)
+            start, end = cells[[a, b]].astype(float)
             length = float(np.hypot(*(end - start)))
             count = max(2, int(2 * length) + 1)
             points = np.rint(start + (end - start) * np.linspace(0.0, 1.0, count)[:, None]).astype(int)
@@ -211,12 +213,12 @@ class Planner:
                 return False
             return float(self._weights[tuple(points.T)].mean()) * length <= (spent[b] - spent[a]) * (1.0 + 1e-9)
 
-        while kept[-1] < last:
-            at = kept[-1]
-            best, probe = at + 1, at + 2
-            while probe <= last and line_is_cheap(at, probe):
-                best, probe = probe, probe + max(1, (probe - at) // 4)
-            if probe > last > best and line_is_cheap(at, last):
-                best = last
-            kept.append(best)
-        return way[kept]
+        while corners[-1] < last:
+            current = corners[-1]
+            farthest, candidate = current + 1, current + 2
+            while candidate <= last and line_is_cheap(current, candidate):
+                farthest, candidate = candidate, candidate + max(1, (candidate - current) // 4)
+            if candidate > last > farthest and line_is_cheap(current, last):
+                farthest = last
+            corners.append(farthest)
+        return cells[corners]

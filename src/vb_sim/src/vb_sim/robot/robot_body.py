@@ -1,4 +1,4 @@
-"""One simulated robot: its true motion, its odometry, and the pose that localisation reports."""
+"""Simulates one robot's true motion, its odometry, and the pose that localisation reports."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from vb_sim.models import Models
 
 
 def advance(pose: Pose, distance: float, turn: float) -> Pose:
-    """Returns the pose [m, m, rad] after driving an arc of length `distance` [m] while turning by `turn` [rad]."""
+    """Returns the pose [m, m, rad] after driving along an arc by `distance` [m] and `turn` [rad]."""
     x, y, yaw = pose
-    # chord of the arc: exact, also for a turn of zero
+    # the chord of the arc; exact even if `turn` is 0
     chord = distance * float(np.sinc(turn / 2.0 / math.pi))
-    middle = yaw + turn / 2.0
-    return x + chord * math.cos(middle), y + chord * math.sin(middle), geometry.wrap_angle(yaw + turn)
+    mean_yaw = yaw + turn / 2.0
+    return x + chord * math.cos(mean_yaw), y + chord * math.sin(mean_yaw), geometry.wrap_angle(yaw + turn)
 
 
 def toward(value: float, target: float, faster: float, slower: float) -> float:
-    """Moves `value` towards `target`, by at most `faster` away from zero and `slower` towards it."""
+    """Moves `value` towards `target`, by at most `faster` away from zero or `slower` towards zero."""
     limit = faster if abs(target) > abs(value) and target * value >= 0 else slower
     return value + min(max(target - value, -limit), limit)
 
@@ -31,10 +31,10 @@ class RobotBody:
     """A differential drive on the floor of a room.
 
     Args:
-        start: true pose at the beginning, (x, y, yaw) [m, m, rad], map frame.
-        radius: [m] of the round body.
+        start: true start pose, (x, y, yaw) [m, m, rad], map frame.
+        radius: [m] radius of the round body.
         clearance: returns the distance [m] from a point to the nearest obstacle.
-        rng: the generator of all its noise.
+        rng: generates all noise.
     """
 
     def __init__(
@@ -46,9 +46,9 @@ class RobotBody:
         rng: np.random.Generator,
     ) -> None:
         self._radius = radius
-        self._model, figures = models.robot, models.localisation
-        self._sigmas = np.array([figures.position_sigma, figures.position_sigma, figures.yaw_sigma])
-        self._correlation_time = figures.correlation_time
+        self._model, localisation = models.robot, models.localisation
+        self._sigmas = np.array([localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma])
+        self._correlation_time = localisation.correlation_time
         self._clearance = clearance
         self._rng = rng
         self.pose: Pose = start
@@ -58,59 +58,59 @@ class RobotBody:
         self._touching = False
         self._command: Tuple[float, float] = (0.0, 0.0)
         self._command_time = -math.inf
-        # encoders and wheel diameters are slightly off, always by the same amount
+        # encoders and wheel diameters have small systematic errors
         self._scale = 1.0 + self._model.odometry_scale_sigma * rng.standard_normal(2)
         self._error = self._sigmas * rng.standard_normal(3)
 
     # ------------------------------------------------------------ commands
     def command(self, speed: float, turn_rate: float, now: float) -> None:
-        """Sets a velocity command [m/s, rad/s] that holds until `command_timeout` after `now` [s]."""
+        """Sets a velocity command [m/s, rad/s] that is valid until `command_timeout` after time `now` [s]."""
         self._command, self._command_time = (speed, turn_rate), now
 
     # ------------------------------------------------------------ motion
     def step(self, dt: float, now: float) -> None:
-        """Moves the robot on by `dt` [s], to the time `now` [s]."""
+        """Moves the robot for `dt` [s], up to time `now` [s]."""
         speed, turn_rate = self._velocity_after(dt, now)
         distance, turn = speed * dt, turn_rate * dt
-        after = advance(self.pose, distance, turn)
-        room = self._clearance(after[0], after[1])
-        # a robot that already touches something may still back away from it
-        if room < self._radius and room < self._clearance(self.pose[0], self.pose[1]) + 1e-9 and distance != 0.0:
+        pose = advance(self.pose, distance, turn)
+        gap = self._clearance(pose[0], pose[1])
+        # a robot that touches an obstacle may still back away from it
+        if gap < self._radius and gap < self._clearance(self.pose[0], self.pose[1]) + 1e-9 and distance != 0.0:
             if not self._touching:
                 self.collisions += 1
             self._touching = True
             speed = distance = 0.0
-            after = advance(self.pose, 0.0, turn)
-        elif room > self._radius + 0.02:
-            # pushing on in small steps is still the same collision
+            pose = advance(self.pose, 0.0, turn)
+        elif gap > self._radius + 0.02:
+            # the distance ensures that repeated pushing against an obstacle counts as one collision
             self._touching = False
-        self.pose = after
+        self.pose = pose
         self.velocity = (speed, turn_rate)
         if distance != 0.0 or turn != 0.0:
-            self._count_wheels(distance, turn)
-            self._vary_error(dt)
+            self._update_odometry(distance, turn)
+            self._update_error(dt)
 
     def _velocity_after(self, dt: float, now: float) -> Tuple[float, float]:
-        m = self._model
-        alive = now - self._command_time <= m.command_timeout
-        target_speed, target_turn = self._command if alive else (0.0, 0.0)
-        target_speed = min(max(target_speed, -m.max_speed), m.max_speed)
-        target_turn = min(max(target_turn, -m.max_turn_rate), m.max_turn_rate)
-        speed = toward(self.velocity[0], target_speed, m.acceleration * dt, m.deceleration * dt)
-        turn_rate = toward(self.velocity[1], target_turn, m.turn_acceleration * dt, m.turn_acceleration * dt)
+        model = self._model
+        is_current = now - self._command_time <= model.command_timeout
+        target_speed, target_turn = self._command if is_current else (0.0, 0.0)
+        target_speed = min(max(target_speed, -model.max_speed), model.max_speed)
+        target_turn = min(max(target_turn, -model.max_turn_rate), model.max_turn_rate)
+        speed = toward(self.velocity[0], target_speed, model.acceleration * dt, model.deceleration * dt)
+        turn_rate = toward(self.velocity[1], target_turn, model.turn_acceleration * dt, model.turn_acceleration * dt)
         return speed, turn_rate
 
-    def _count_wheels(self, distance: float, turn: float) -> None:
-        m = self._model
+    def _update_odometry(self, distance: float, turn: float) -> None:
+        model = self._model
         noise = self._rng.standard_normal(3)
-        measured = distance * self._scale[0] + m.odometry_distance_noise * math.sqrt(abs(distance)) * noise[0]
-        turned = turn * self._scale[1] + m.odometry_turn_noise * math.sqrt(abs(turn)) * noise[1]
-        turned += m.odometry_drift_noise * math.sqrt(abs(distance)) * noise[2]
+        measured = distance * self._scale[0] + model.odometry_distance_noise * math.sqrt(abs(distance)) * noise[0]
+        turned = turn * self._scale[1] + model.odometry_turn_noise * math.sqrt(abs(turn)) * noise[1]
+        turned += model.odometry_drift_noise * math.sqrt(abs(distance)) * noise[2]
         self.odometry = advance(self.odometry, measured, turned)
 
     # ------------------------------------------------------------ localisation
-    def _vary_error(self, dt: float) -> None:
-        # Ornstein-Uhlenbeck process; it rests while the robot does, since AMCL updates only on motion
+    def _update_error(self, dt: float) -> None:
+        # Ornstein-Uhlenbeck process; constant while the robot stands, since AMCL updates only on motion
         share = dt / self._correlation_time
         change = self._sigmas * math.sqrt(2.0 * share) * self._rng.standard_normal(3)
         self._error = self._error * (1.0 - share) + change

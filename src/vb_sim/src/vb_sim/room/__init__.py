@@ -1,1 +1,1 @@
-"""The simulated room: world file, floor plan, geometry, appearance and the laser spot."""
+"""The simulated room: world file, floor plan, geometry, appearance and laser spot."""

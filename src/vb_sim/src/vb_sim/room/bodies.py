@@ -1,4 +1,4 @@
-"""Person and robot as stacks of rounded pieces; the person's dimensions are assumed for 1.75 m, and scaled."""
+"""Builds people and robots from rounded pieces. A person's dimensions are assumed for 1.75 m, and scaled."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class BodyParts:
 
     Attributes:
         low, high: (N, 3) [m] the ellipses' centres, map frame.
-        low_radii, high_radii: (N, 2) [m] half axes along and across the heading.
+        low_radii, high_radii: (N, 2) [m] semi-axes along and across the heading.
         yaws: (N,) [rad] headings.
         colors: (N, 3) rgb.
     """
@@ -43,23 +43,23 @@ class BodyParts:
         return len(self.yaws)
 
     def move_to(self, x: float, y: float, yaw: float) -> "BodyParts":
-        """Moves the pieces of a body at the origin to a pose [m, m, rad]."""
+        """Returns the pieces of a body at the origin moved to a pose [m, m, rad]."""
         c, s = math.cos(yaw), math.sin(yaw)
 
-        def moved(points: np.ndarray) -> np.ndarray:
+        def transform(points: np.ndarray) -> np.ndarray:
             forward, left, up = points.T
             return np.stack([x + c * forward - s * left, y + s * forward + c * left, up], axis=1)
 
-        return replace(self, low=moved(self.low), high=moved(self.high), yaws=np.full(len(self), yaw))
+        return replace(self, low=transform(self.low), high=transform(self.high), yaws=np.full(len(self), yaw))
 
-    def scale_to(self, middle: Tuple[float, float], build: BodyProportions) -> "BodyParts":
-        """Scales a person's pieces from the average build to another, about the centre (x, y) [m]."""
+    def scale_to(self, center: Tuple[float, float], build: BodyProportions) -> "BodyParts":
+        """Returns a person's pieces scaled from the average build to another, about `center` (x, y) [m]."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
-        at = np.array([*middle, 0.0])
+        origin = np.array([*center, 0.0])
         return replace(
             self,
-            low=at + (self.low - at) * scale,
-            high=at + (self.high - at) * scale,
+            low=origin + (self.low - origin) * scale,
+            high=origin + (self.high - origin) * scale,
             low_radii=self.low_radii * build.breadth,
             high_radii=self.high_radii * build.breadth,
         )
@@ -71,29 +71,29 @@ def join_pieces(parts: Sequence[BodyParts]) -> BodyParts:
 
 
 def piece_outlines(pieces: BodyParts) -> np.ndarray:
-    """Returns points (N, 32, 3) [m] on both ellipses of each piece."""
+    """Returns 32 points (N, 32, 3) [m] on the two ellipses of each piece."""
     c, s = np.cos(pieces.yaws)[:, None], np.sin(pieces.yaws)[:, None]
     points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
-    for end, (middles, radii) in enumerate(((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii))):
+    for end, (centers, radii) in enumerate(((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii))):
         along, across = _CIRCLE[:, 0] * radii[:, :1], _CIRCLE[:, 1] * radii[:, 1:]
-        points[:, end, :, 0] = middles[:, :1] + c * along - s * across
-        points[:, end, :, 1] = middles[:, 1:2] + s * along + c * across
-        points[:, end, :, 2] = middles[:, 2:]
+        points[:, end, :, 0] = centers[:, :1] + c * along - s * across
+        points[:, end, :, 1] = centers[:, 1:2] + s * along + c * across
+        points[:, end, :, 2] = centers[:, 2:]
     return points.reshape(len(pieces), -1, 3)
 
 
-def _stack(rows: Sequence[Tuple]) -> BodyParts:
-    """Makes pieces from rows (forward, left, z low, z high, radii low, radii high, colour)."""
+def _make_parts(rows: Sequence[Tuple]) -> BodyParts:
+    """Converts rows (forward, left, z low, z high, radii low, radii high, colour) to pieces."""
     x, y, low, high, *radii, colors = (np.array(column, dtype=float) for column in zip(*rows))
     return BodyParts(np.column_stack([x, y, low]), np.column_stack([x, y, high]), *radii, np.zeros(len(x)), colors)
 
 
-def _tinted(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
+def _tint(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
     return tuple(int(value * brightness) for value in color)
 
 
-# from the feet up to the hair, without the right arm, which moves
-_PERSON = _stack(
+# from the feet to the hair, without the right arm, which moves
+_PERSON = _make_parts(
     [
         *(
             row
@@ -107,9 +107,9 @@ _PERSON = _stack(
         (0.0, 0.0, 0.82, 1.0, (0.12, 0.18), (0.11, 0.17), TROUSERS),
         (0.0, 0.0, 0.98, 1.2, (0.115, 0.17), (0.125, 0.19), SHIRT),
         (0.0, 0.0, 1.2, 1.38, (0.125, 0.19), (0.115, 0.22), SHIRT),
-        (0.0, 0.0, 1.38, 1.46, (0.11, 0.22), (0.06, 0.12), _tinted(SHIRT, 1.12)),
+        (0.0, 0.0, 1.38, 1.46, (0.11, 0.22), (0.06, 0.12), _tint(SHIRT, 1.12)),
         # the left arm hangs
-        (0.0, 0.235, 1.1, 1.4, (0.05, 0.05), (0.055, 0.055), _tinted(SHIRT, 0.9)),
+        (0.0, 0.235, 1.1, 1.4, (0.05, 0.05), (0.055, 0.055), _tint(SHIRT, 0.9)),
         (0.03, 0.245, 0.82, 1.1, (0.045, 0.035), (0.045, 0.045), SKIN),
         (0.0, 0.0, 1.44, 1.53, (0.055, 0.055), (0.055, 0.055), SKIN),
         (0.015, 0.0, 1.53, 1.62, (0.075, 0.065), (0.098, 0.078), SKIN),
@@ -120,13 +120,13 @@ _PERSON = _stack(
 # of the upper arm, the forearm, and the pointer in the hand
 _ARM_LOW_RADII = np.array([(0.055, 0.055), (0.045, 0.045), (0.014, 0.014)])
 _ARM_HIGH_RADII = np.array([(0.046, 0.046), (0.035, 0.035), (0.01, 0.01)])
-_ARM_COLORS = np.array([_tinted(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
+_ARM_COLORS = np.array([_tint(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 
 
 def hand_position(
     person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float
 ) -> np.ndarray:
-    """Returns the position (3,) [m] at which the right hand holds the pointer, at a height [m]."""
+    """Returns the position (3,) [m] of the right hand, which holds the pointer at a height [m]."""
     x, y, yaw = person
     shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
     along_x, along_y = math.cos(yaw), math.sin(yaw)
@@ -147,12 +147,12 @@ def person_pieces(
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
     Args:
-        hand_height: [m] at which this person holds the pointer.
+        hand_height: [m] at which the person holds the pointer.
     """
-    (x, y, yaw), broad, tall = person, build.breadth, build.height / AVERAGE.height
-    shoulder = np.array([x + 0.21 * broad * math.sin(yaw), y - 0.21 * broad * math.cos(yaw), 1.38 * tall])
+    (x, y, yaw), breadth, tallness = person, build.breadth, build.height / AVERAGE.height
+    shoulder = np.array([x + 0.21 * breadth * math.sin(yaw), y - 0.21 * breadth * math.cos(yaw), 1.38 * tallness])
     if target is None:
-        hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82 * tall])
+        hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82 * tallness])
         joints = [shoulder, 0.5 * (shoulder + hand), hand]
     else:
         hand = hand_position(person, target, hand_height)
@@ -163,17 +163,17 @@ def person_pieces(
     arm = BodyParts(
         np.array(joints[:-1]),
         np.array(joints[1:]),
-        broad * _ARM_LOW_RADII[:count],
-        broad * _ARM_HIGH_RADII[:count],
+        breadth * _ARM_LOW_RADII[:count],
+        breadth * _ARM_HIGH_RADII[:count],
         np.full(count, yaw),
         _ARM_COLORS[:count],
     )
-    rest = _PERSON.move_to(x, y, yaw)
-    return join_pieces([rest if build == AVERAGE else rest.scale_to((x, y), build), arm])
+    body = _PERSON.move_to(x, y, yaw)
+    return join_pieces([body if build == AVERAGE else body.scale_to((x, y), build), arm])
 
 
 def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float, float]]) -> Tuple:
-    """Returns a key, equal for people who look the same to within some centimetres: one image serves for them."""
+    """Returns a key that is the same for people who look the same to within some centimetres, to reuse images."""
     hand: Tuple = ()
     if target is not None:
         x, y, _ = hand_position(person, target, 0.0)
@@ -182,13 +182,13 @@ def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float,
 
 
 def robot_key(pose: Tuple[float, float, float]) -> Tuple:
-    """Returns a key that is equal for robots that look the same to within a few millimetres."""
+    """Returns a key that is the same for robots that look the same to within a few millimetres."""
     return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
 
 
 # a TurtleBot 2: a round base, plates on poles, a camera at the front, a green button
 _ROBOT_RADIUS = 0.18
-_ROBOT = _stack(
+_ROBOT = _make_parts(
     [
         (0.0, 0.0, 0.01, 0.10, (0.18, 0.18), (0.18, 0.18), (40, 40, 43)),
         (0.0, 0.0, 0.10, 0.115, (0.1728, 0.1728), (0.1728, 0.1728), (70, 70, 72)),
@@ -215,10 +215,10 @@ def robot_pieces(pose: Tuple[float, float, float], radius: float) -> BodyParts:
 
 @dataclass(frozen=True)
 class Outlines:
-    """Pieces as a camera sees them, the furthest first.
+    """The outlines of pieces in a camera's image, the furthest first.
 
     Attributes:
-        points: (N, 32, 2) [px]; each piece is the convex hull of its points.
+        points: (N, 32, 2) [px]; each outline is the convex hull of its points.
         depths: (N,) [m] of each piece's centre along the optical axis.
         colors: (N, 3) rgb.
     """
@@ -229,16 +229,16 @@ class Outlines:
 
 
 def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray) -> Outlines:
-    """Projects pieces, without those that reach behind the camera or far outside the image."""
+    """Projects the pieces that are entirely before the camera and not far outside its image."""
     T = invert(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
     pixels = camera.project(points).reshape(len(pieces), -1, 2)
     depths = points[:, 2].reshape(len(pieces), -1)
-    # wide-angle distortion is meaningless far outside the image
+    # the distortion model is invalid far outside the image
     limit = 3.0 * max(camera.width, camera.height)
     with np.errstate(invalid="ignore"):
         usable = (depths.min(axis=1) > _NEAR) & (np.abs(pixels).max(axis=(1, 2)) < limit)
-    middle = depths.mean(axis=1)
-    order = np.argsort(-middle)
+    center_depths = depths.mean(axis=1)
+    order = np.argsort(-center_depths)
     order = order[usable[order]]
-    return Outlines(pixels[order], middle[order], pieces.colors[order])
+    return Outlines(pixels[order], center_depths[order], pieces.colors[order])

@@ -1,4 +1,4 @@
-"""The occupancy grid that SLAM would make of a world, and the ground truth of its scenarios."""
+"""Draws the occupancy grid that SLAM would produce in a world, and the ground truth of its scenarios."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vb_sim.room.world import Furniture, Room, Scenario, Wall, World
 
 
 def physical_map(world: World) -> GridMap:
-    """Draws the physical map: walls and furniture are occupied, and cells beyond the walls unknown."""
+    """Draws the physical map, in which walls and furniture are occupied and cells beyond the walls unknown."""
     grid = _physical_map(world.room, world.walls, world.furniture)
     return grid.with_data(grid.data.copy())
 
@@ -38,9 +38,9 @@ def _physical_map(room: Room, walls: Tuple[Wall, ...], furniture: Tuple[Furnitur
 
 
 def ground_truth(world: World, scenario: Scenario) -> np.ndarray:
-    """Returns (H, W) bool: which free cells the scenario asks to restrict, in the geometry of `physical_map`.
+    """Returns (H, W) bool: the free cells that the scenario asks to restrict, in the geometry of `physical_map`.
 
-    It corresponds to the ground truth map that the paper's authors drew by hand (Sect. 5.5), and uses none of the code
+    It corresponds to the ground truth map that the paper's authors drew by hand (Sect. 5.5). It does not use the code
     that integrates borders.
     """
     grid = physical_map(world)
@@ -56,7 +56,7 @@ def wall_outline(wall: Wall) -> np.ndarray:
 
 
 def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
-    """Returns (H, W) bool: which cells have their centre within an outline (N, 2) [m]; at least one cell."""
+    """Returns (H, W) bool: the cells, at least one, whose centres are within an outline (N, 2) [m]."""
     mask = np.zeros(grid.shape, bool)
     corners = grid.world_to_grid(outline)
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
@@ -66,7 +66,7 @@ def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
     columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
     mask[low[1] : high[1], low[0] : high[0]] = shapely.contains_xy(Polygon(corners), columns, rows)
     if not mask.any():
-        # a table leg thinner than a cell still stops a robot
+        # even a table leg thinner than a cell stops a robot
         row, column = grid.world_to_cell(np.mean(outline, axis=0))[0]
         if 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]:
             mask[row, column] = True

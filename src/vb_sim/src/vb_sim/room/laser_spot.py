@@ -1,9 +1,9 @@
-"""Renders a laser spot on the floor as a camera sees it.
+"""Renders the image of a laser spot on the floor.
 
 The beam's footprint is an ellipse of light, many times brighter than the floor. Lens and filter blur it, motion during
-the exposure smears it, and part of the light is scattered into a halo. The sensor then saturates, which leaves a
-coloured halo round a white core, in which even the light that leaks through the other colours' filters saturates. The
-spot's size follows from power, exposure and distance; it is not set by hand.
+the exposure smears it, and some of the light is scattered into a halo. The sensor saturates: the core is white, because
+even the light that leaks through the other colours' filters saturates there, and the halo around it is coloured. The
+spot's size follows from power, exposure and distance.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class SpotImage:
     """The light of a spot.
 
     Attributes:
-        column, row: [px] of the patch's first pixel.
+        column, row: [px] position of the patch's first pixel.
         center: (u, v) [px] of the spot in the middle of the exposure.
-        light: (h, w) float32 [grey levels] on a white floor behind a filter that passes all of it.
+        light: (h, w) float32 [grey levels] on a white floor, before any colour filter.
     """
 
     column: int
@@ -56,27 +56,27 @@ def render_spot(
     T_map_optical: np.ndarray,
     optics: Optics,
 ) -> Optional[SpotImage]:
-    """Renders the image of a spot; None if the camera does not look there.
+    """Renders the light of a spot. Returns None if it is out of view.
 
     Args:
-        point: [m] where the beam meets the floor, map frame.
-        velocity: [m/s] of that point.
-        source: (3,) [m] where the beam comes from; None: straight from above.
+        point: [m] position of the spot, map frame.
+        velocity: [m/s] velocity of the spot.
+        source: (3,) [m] position of the pointer; if None, it is straight above the spot.
     """
-    seen = _project(point, velocity, camera, T_map_optical, optics)
-    if seen is None:
+    projection = _project(point, velocity, camera, T_map_optical, optics)
+    if projection is None:
         return None
-    center, jacobian, smear = seen
+    center, jacobian, smear = projection
     pixels_per_m2 = abs(_determinant(jacobian))
     if pixels_per_m2 < 1e-6:
         return None
-    # a pixel integrates light over its own area, which adds a variance of 1/12 px^2
+    # a pixel integrates light over its area, which adds a variance of 1/12 px^2
     blur = (optics.psf_sigma_px**2 + 1.0 / 12.0) * np.eye(2)
-    covariance = jacobian @ _footprint(point, source, optics) @ jacobian.T + blur
-    # laser power relative to ambient light, as if all of it fell into one pixel
+    covariance = jacobian @ _footprint_covariance(point, source, optics) @ jacobian.T + blur
+    # laser power relative to ambient light, if all its light fell into one pixel
     total = optics.laser_power_mw * 1e-3 * pixels_per_m2 / optics.ambient_w_m2
     total *= optics.white_level * optics.exposure_gain
-    radius = _radius(total, covariance, optics) + float(np.linalg.norm(smear)) / 2.0
+    radius = _light_radius(total, covariance, optics) + float(np.linalg.norm(smear)) / 2.0
     half = int(min(_MAX_PX, math.ceil(radius)))
     column, row = int(round(center[0])) - half, int(round(center[1])) - half
     first_column, first_row = max(column, 0), max(row, 0)
@@ -85,7 +85,7 @@ def render_spot(
         return None
     u = np.arange(first_column, last_column, dtype=np.float32)[None, :] - np.float32(center[0])
     v = np.arange(first_row, last_row, dtype=np.float32)[:, None] - np.float32(center[1])
-    light = _core(u, v, (1.0 - optics.halo_share) * total, covariance, smear)
+    light = _spread_light(u, v, (1.0 - optics.halo_share) * total, covariance, smear)
     scale = optics.halo_scale_px
     halo = optics.halo_share * total / (2.0 * math.pi * scale**2)
     light += np.float32(halo) * np.exp(-np.sqrt(u * u + v * v) / np.float32(scale))
@@ -98,8 +98,8 @@ def add_spot(
     """Adds a spot's light to an image in place.
 
     Args:
-        weights: (3,) share of the light that passes the red, green and blue filters.
-        full_well_e: [electrons] at 255; sets the light's photon noise, drawn from `rng`.
+        weights: (3,) shares of the light that pass the red, green and blue filters.
+        full_well_e: [electrons] at 255, which determines the photon noise of the light.
     """
     light = apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
     sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
@@ -109,11 +109,11 @@ def add_spot(
 
 
 def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:
-    """Spreads light (h, w) over the filters of a sensor: (h, w) or (h, w, 3).
+    """Returns the light behind a sensor's colour filters, (h, w) or (h, w, 3), for light (h, w) before them.
 
     Args:
         weights: (3,) shares for red, green, blue.
-        column, row: where the patch is in the image (a Bayer pattern's phase depends on it).
+        column, row: position of the light's first pixel in the image, on which a Bayer pattern's phase depends.
     """
     red, green, blue = (np.float32(weight) for weight in weights)
     if encoding == "rgb8":
@@ -136,8 +136,8 @@ def _project(
     T_map_optical: np.ndarray,
     optics: Optics,
 ) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Projects the spot: centre (2,) [px], Jacobian there (2, 2) [px/m], smear over the exposure (2,) [px]."""
-    reach = optics.exposure_ms * 1e-3 / 2.0
+    """Returns the spot's centre (2,) [px], the Jacobian there (2, 2) [px/m], and the spot's motion blur (2,) [px]."""
+    half_exposure = optics.exposure_ms * 1e-3 / 2.0
     step, border = 1e-3, 30.0
     x, y = point
     probes = np.array(
@@ -145,8 +145,8 @@ def _project(
             (x, y, 0),
             (x + step, y, 0),
             (x, y + step, 0),
-            (x - velocity[0] * reach, y - velocity[1] * reach, 0),
-            (x + velocity[0] * reach, y + velocity[1] * reach, 0),
+            (x - velocity[0] * half_exposure, y - velocity[1] * half_exposure, 0),
+            (x + velocity[0] * half_exposure, y + velocity[1] * half_exposure, 0),
         ]
     )
     T = invert(T_map_optical)
@@ -159,8 +159,8 @@ def _project(
     return center, np.column_stack([along_x - center, along_y - center]) / step, last - first
 
 
-def _core(u: np.ndarray, v: np.ndarray, total: float, covariance: np.ndarray, smear: np.ndarray) -> np.ndarray:
-    """Spreads light over an ellipse that moves by `smear` (2,) [px]: (h, w) at offsets u (1, w), v (h, 1) [px]."""
+def _spread_light(u: np.ndarray, v: np.ndarray, total: float, covariance: np.ndarray, smear: np.ndarray) -> np.ndarray:
+    """Returns the light (h, w) of an ellipse that moves by `smear` (2,) [px], at offsets u (1, w) and v (h, 1) [px]."""
     determinant = _determinant(covariance)
     uu, uv, vv = (np.float32(value / determinant) for value in (covariance[1, 1], -covariance[0, 1], covariance[0, 0]))
     length = float(np.linalg.norm(smear))
@@ -177,22 +177,23 @@ def _determinant(matrix: np.ndarray) -> float:
     return float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
 
 
-def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
-    """Computes the covariance (2, 2) [m^2] of the light on the floor; an oblique beam makes an ellipse."""
-    distance, covariance = 1.5, np.eye(2)
+def _footprint_covariance(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
+    """Computes the covariance (2, 2) [m^2] of the light on the floor, an ellipse if the beam is oblique."""
+    distance = 1.5
+    covariance = np.eye(2)
     if source is not None:
         along = np.array(point) - source[:2]
-        level = float(np.linalg.norm(along))
-        distance = math.hypot(level, source[2])
-        if level > 1e-6:
-            along /= level
+        horizontal = float(np.linalg.norm(along))
+        distance = math.hypot(horizontal, source[2])
+        if horizontal > 1e-6:
+            along /= horizontal
             stretch = min(distance / max(float(source[2]), 0.05), 6.0)
             covariance = np.eye(2) + (stretch**2 - 1.0) * np.outer(along, along)
     diameter = optics.beam_diameter_mm * 1e-3 + optics.divergence_mrad * 1e-3 * distance
     return covariance * (diameter / 4.0) ** 2
 
 
-def _radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
+def _light_radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
     """Computes the radius [px] beyond which the spot adds less than half a grey level."""
     half_trace = 0.5 * float(covariance[0, 0] + covariance[1, 1])
     sigma = math.sqrt(half_trace + math.sqrt(max(0.0, half_trace**2 - _determinant(covariance))))

@@ -1,6 +1,6 @@
-"""The world's solid objects as flat faces, and a depth buffer that draws them.
+"""Represents the world's solid objects by flat faces, and draws them with a depth buffer.
 
-Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m]; 0 where nothing is drawn.
+Colours are rgb. A depth buffer contains inverse depths along the optical axis [1/m], 0 where nothing is drawn.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from vb_sim.room.world import Furniture, World
 
 Face = Tuple[Any, Sequence[float]]  # corners and colour
 _NEAR = 0.03
-# light from above and a little from the side, so that a box's sides differ
+# light from above and slightly from the side, so that a box's sides differ in brightness
 _LIGHT = np.array([0.30, -0.45, 0.84])
 _AMBIENT, _DIRECT = 0.58, 0.46
 _SHIFT = 4
 
 
 class Mesh:
-    """Flat convex faces in the map frame: normals (N, 3), colours (N, 3), and the corners (M, 3) [m] of all of them.
+    """Flat convex faces in the map frame: their normals (N, 3), colours (N, 3), and all their corners (M, 3) [m].
 
     Args:
-        faces: of each face, its corners (K, 3) [m], counter-clockwise as seen from outside, and its colour.
+        faces: corners (K, 3) [m] of each face, counter-clockwise seen from outside, and its colour.
     """
 
     def __init__(self, faces: Sequence[Face]) -> None:
         corners = [np.asarray(face, dtype=float) for face, _ in faces]
         normals = [np.cross(face[1] - face[0], face[2] - face[0]) for face in corners]
         normals = [normal / float(np.linalg.norm(normal)) for normal in normals]
-        lit = [_AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT)) for normal in normals]
-        colors = [np.clip(np.array(color, dtype=float) * light, 0, 255) for (_, color), light in zip(faces, lit)]
+        brightness = [_AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT)) for normal in normals]
+        colors = [np.clip(np.array(color, dtype=float) * light, 0, 255) for (_, color), light in zip(faces, brightness)]
         self.normals, self.colors = np.array(normals).reshape(-1, 3), np.array(colors).reshape(-1, 3)
         self.corners = np.concatenate(corners) if corners else np.zeros((0, 3))
         self.starts = np.concatenate([[0], np.cumsum([len(face) for face in corners])]).astype(int)
@@ -45,10 +45,10 @@ class Mesh:
 def prism(
     outline: np.ndarray, low: float, high: float, color: Sequence[float], bands: Sequence[Tuple[float, float]] = ()
 ) -> List[Face]:
-    """Makes the faces of an upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
+    """Builds the faces of an upright prism over a convex outline (N, 2), counter-clockwise, from `low` to `high` [m].
 
     Args:
-        bands: (upper height [m], brightness) of each strip of its sides, from the bottom up; the rest is plain.
+        bands: (upper height [m], brightness) of strips of its sides, from the bottom up; above, the brightness is 1.
     """
     outline, color = np.asarray(outline, dtype=float), np.array(color, dtype=float)
     strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
@@ -65,7 +65,7 @@ def prism(
 
 
 def world_mesh(world: World) -> Mesh:
-    """Makes the mesh of a world's walls and furniture."""
+    """Builds the mesh of a world's walls and furniture."""
     width, height = world.room.size
     t, top = world.room.wall_thickness, world.room.wall_height
     faces: List[Face] = []
@@ -75,21 +75,21 @@ def world_mesh(world: World) -> Mesh:
         [(-t, 0), (0, 0), (0, height), (-t, height)],
         [(width, 0), (width + t, 0), (width + t, height), (width, height)],
     ):
-        # a skirting board
+        # the bands are a skirting board
         faces += prism(np.array(outline, dtype=float), 0.0, top, (214, 209, 200), [(0.07, 0.72), (0.08, 0.5)])
     for wall in world.walls:
         faces += prism(wall_outline(wall), 0.0, wall.height, wall.color, [(0.04, 0.8)])
     for thing in world.furniture:
-        faces += _furniture(thing)
+        faces += _furniture_faces(thing)
     return Mesh(faces)
 
 
-def _furniture(thing: Furniture) -> List[Face]:
+def _furniture_faces(thing: Furniture) -> List[Face]:
     if thing.kind == "table":
         board = min(0.04, thing.height / 4)
         legs = [prism(leg, 0.0, thing.height - board, np.array(thing.color) * 0.8) for leg in thing.contact_outlines()]
         return sum(legs, []) + prism(thing.footprint(), thing.height - board, thing.height, thing.color)
-    # darker towards the floor
+    # objects are darker near the floor
     bands = [(share * thing.height, brightness) for share, brightness in ((0.06, 0.55), (0.3, 0.86), (0.65, 0.94))]
     return prism(thing.footprint(), 0.0, thing.height, thing.color, [] if thing.kind == "cylinder" else bands)
 
@@ -97,14 +97,14 @@ def _furniture(thing: Furniture) -> List[Face]:
 class RayGrid:
     """The viewing rays of all pixels of a camera, (x, y, 1) in the optical frame.
 
-    Without distortion x is (1, W) and y is (H, 1), else both are (H, W); float32.
+    Without distortion, x is (1, W) and y is (H, 1), otherwise both are (H, W); float32.
     """
 
     def __init__(self, camera: CameraModel) -> None:
         self.camera = camera
         self.distorted = camera.distorted
         if self.distorted:
-            self.x, self.y = self._distorted(camera)
+            self.x, self.y = self._distorted_rays(camera)
         else:
             matrix = camera.matrix
             self.x = ((np.arange(camera.width) - matrix[0, 2]) / matrix[0, 0]).astype(np.float32)[None, :]
@@ -112,8 +112,8 @@ class RayGrid:
         self.limits = (float(self.x.min()), float(self.x.max()), float(self.y.min()), float(self.y.max()))
 
     @staticmethod
-    def _distorted(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
-        # exact at every eighth pixel; in between, linear interpolation follows the lens closely enough
+    def _distorted_rays(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
+        # exact at every eighth pixel; linear interpolation between them is accurate enough
         step = 8
         columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
         u, v = np.meshgrid(
@@ -139,8 +139,8 @@ class DepthBuffer:
     """The nearest surface in each pixel.
 
     Attributes:
-        inverse: (H, W) float32 [1/m] inverse depth along the optical axis, 0 where there is only floor.
-        ids: (H, W) uint8, 0 where there is only floor, else an index into `colors`.
+        inverse: (H, W) float32 [1/m] inverse depth along the optical axis, 0 for the floor.
+        ids: (H, W) uint8, index into `colors` and `normals`, 0 for the floor.
         colors: (256, 3) uint8 rgb.
     """
 
@@ -160,7 +160,7 @@ class DepthBuffer:
         self._count = 0
 
     def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
-        """Draws the faces of a mesh that this camera sees, with their colours multiplied by a gain."""
+        """Draws the faces of a mesh that the camera sees, with their colours multiplied by a gain."""
         if not len(mesh.corners):
             return
         T = invert(T_map_optical)
@@ -173,13 +173,13 @@ class DepthBuffer:
         sides = np.stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
         reachable = (np.maximum.reduceat(sides, starts, axis=1) > 0).all(axis=0) & (offsets < -1e-9)
         inside = np.minimum.reduceat(sides, starts, axis=1).T >= 0
-        chosen = np.nonzero(reachable)[0]
-        if len(chosen) > 255 - self._count:
+        visible = np.nonzero(reachable)[0]
+        if len(visible) > 255 - self._count:
             nearest = np.minimum.reduceat(z, starts)
-            chosen = chosen[np.argsort(nearest[chosen])][: 255 - self._count]
-        for index in chosen:
+            visible = visible[np.argsort(nearest[visible])][: 255 - self._count]
+        for index in visible:
             face = corners[mesh.starts[index] : mesh.starts[index + 1]]
-            # without distortion, parts outside the image are harmless: drawing clips them
+            # without distortion, faces need clipping only at the near plane, as drawing clips them to the image
             for side in np.nonzero(~inside[index])[0] if self.grid.distorted else [] if inside[index, 0] else [0]:
                 face = self._clip(face, int(side))
                 if len(face) < 3:
@@ -198,19 +198,19 @@ class DepthBuffer:
         x0, x1, y0, y1 = self.grid.limits
         plane = [(0, 0, 1), (1, 0, -x0), (-1, 0, x1), (0, 1, -y0), (0, -1, y1)][side]
         distances = face @ np.array(plane, dtype=float) - (_NEAR if side == 0 else 0.0)
-        kept = []
+        clipped = []
         for i in range(len(face)):
             j = (i + 1) % len(face)
             if distances[i] >= 0:
-                kept.append(face[i])
+                clipped.append(face[i])
             if (distances[i] >= 0) != (distances[j] >= 0):
                 share = distances[i] / (distances[i] - distances[j])
-                kept.append(face[i] + share * (face[j] - face[i]))
-        return np.array(kept).reshape(-1, 3)
+                clipped.append(face[i] + share * (face[j] - face[i]))
+        return np.array(clipped).reshape(-1, 3)
 
     def _outline(self, face: np.ndarray) -> np.ndarray:
         if self.grid.distorted:
-            # the lens bends straight edges
+            # samples the edges, because the lens bends them
             steps = np.linspace(0, 1, 12, endpoint=False)[None, :, None]
             face = (face[:, None, :] * (1 - steps) + np.roll(face, -1, axis=0)[:, None, :] * steps).reshape(-1, 3)
             return self.grid.camera.project(face)
@@ -221,9 +221,9 @@ class DepthBuffer:
         self, outline: np.ndarray, plane: Tuple[float, float, float], color: Sequence[float], normal: np.ndarray
     ) -> None:
         height, width = self.ids.shape
-        (least_x, least_y), (most_x, most_y) = outline.min(axis=0), outline.max(axis=0)
-        left, top = max(math.floor(least_x), 0), max(math.floor(least_y), 0)
-        right, bottom = min(math.ceil(most_x) + 1, width), min(math.ceil(most_y) + 1, height)
+        (min_x, min_y), (max_x, max_y) = outline.min(axis=0), outline.max(axis=0)
+        left, top = max(math.floor(min_x), 0), max(math.floor(min_y), 0)
+        right, bottom = min(math.ceil(max_x) + 1, width), min(math.ceil(max_y) + 1, height)
         if right <= left or bottom <= top:
             return
         mask = np.zeros((bottom - top, right - left), np.uint8)
@@ -244,7 +244,7 @@ class DepthBuffer:
         self.ids[rows, columns][nearer] = self._count
 
     def paint(self, image: np.ndarray) -> None:
-        """Paints the drawn objects over the image (H, W, 3) of the floor, in place."""
+        """Paints the drawn objects into the image (H, W, 3) of the floor, in place."""
         left, top, width, height = cv2.boundingRect(self.ids)
         if width == 0:
             return

@@ -1,8 +1,7 @@
-"""A simulated world: room, furniture, cameras, robots and scenarios, read from one YAML file.
+"""Reads a simulated world from a YAML file: room, furniture, cameras, robots and scenarios.
 
-Everything is checked when it is read: an unknown key, a wrong type or a value out of range raises a `ParameterError`
-that gives its position in the file, for instance "cameras[1]/height". Angles are degrees in the file and in the fields,
-radians in what the methods return.
+An unknown key, a wrong type or a value out of range raises a `ParameterError` that gives its position in the file, for
+instance "cameras[1]/height". Angles are in degrees in the file and the fields, and in radians in returned values.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ def _color(default: Color) -> Any:
 
 @dataclass(frozen=True)
 class Room(Parameters):
-    """The outer walls and the grid of the map."""
+    """The outer walls, and the grid of the map."""
 
     size: Tuple[float, float] = param((8.0, 5.0), "m", above=0.0, high=100.0)
     resolution: float = param(0.025, "m", low=0.005, high=0.5)
@@ -53,7 +52,7 @@ class Floor(Parameters):
 
 @dataclass(frozen=True)
 class Wall(Parameters):
-    """An inner wall from end to end."""
+    """An inner wall between two points."""
 
     start: Tuple[float, float] = param((0.0, 0.0), "m")
     end: Tuple[float, float] = param((1.0, 0.0), "m")
@@ -64,7 +63,7 @@ class Wall(Parameters):
 
 @dataclass(frozen=True)
 class Furniture(Parameters):
-    """A box, a cylinder, or a table on four legs; x, y is its centre."""
+    """A box, a cylinder, or a table with four legs; x, y is its centre."""
 
     name: str = param("thing")
     kind: str = param("box", choices=("box", "cylinder", "table"))
@@ -78,14 +77,14 @@ class Furniture(Parameters):
     color: Color = _color((160, 160, 160))
 
     def footprint(self) -> np.ndarray:
-        """Returns the outline (N, 2) [m] as seen from above, counter-clockwise."""
+        """Returns the outline (N, 2) [m] seen from above, counter-clockwise."""
         if self.kind == "cylinder":
             angles = np.linspace(0, 2 * math.pi, 24, endpoint=False)
             return np.column_stack([self.x + self.radius * np.cos(angles), self.y + self.radius * np.sin(angles)])
         return _rectangle(self.x, self.y, self.size, self.yaw)
 
     def contact_outlines(self) -> List[np.ndarray]:
-        """Returns the outlines (N, 2) [m] of the parts that touch the floor, which a laser scanner sees."""
+        """Returns the outlines (N, 2) [m] of the parts on the floor, which a laser scanner sees."""
         if self.kind != "table":
             return [self.footprint()]
         legs = _rectangle(self.x, self.y, (self.size[0] - self.leg, self.size[1] - self.leg), self.yaw)
@@ -94,7 +93,7 @@ class Furniture(Parameters):
 
 @dataclass(frozen=True)
 class FloorPatch(Parameters):
-    """A carpet, or scattered paper snippets, flat on the floor."""
+    """A carpet or scattered snippets of paper, flat on the floor."""
 
     name: str = param("patch")
     kind: str = param("rectangle", choices=("rectangle", "snippets"))
@@ -108,7 +107,7 @@ class FloorPatch(Parameters):
     color: Color = _color((128, 48, 52))
 
     def footprint(self) -> np.ndarray:
-        """Returns its outline (4, 2) [m]."""
+        """Returns the outline (4, 2) [m]."""
         return _rectangle(self.x, self.y, self.size, self.yaw)
 
 
@@ -155,7 +154,7 @@ class CeilingCamera(Parameters):
 
         At pitch 90 and yaw 0 the image's right is +x and its top is +y.
         """
-        # the body looks along +x; the extra quarter turn makes yaw 0 an upright image of the map
+        # the body faces +x; with the additional quarter turn, the map is upright in the image at yaw 0
         yaw = math.radians(self.yaw) + math.pi / 2.0
         body = geometry.rotation_from_rpy(0.0, math.radians(self.pitch), yaw)
         return geometry.transform(body @ geometry.optical_rotation(), (self.x, self.y, self.height))
@@ -163,7 +162,7 @@ class CeilingCamera(Parameters):
 
 @dataclass(frozen=True)
 class Robot(Parameters):
-    """A TurtleBot-like robot with a camera at its front. The camera's figures are assumed."""
+    """A robot like a TurtleBot, with a camera at its front. The camera's values are assumptions."""
 
     name: str = param("robot")
     namespace: str = param("")
@@ -180,11 +179,11 @@ class Robot(Parameters):
         return self.start[0], self.start[1], math.radians(self.start[2])
 
     def color_model(self) -> CameraModel:
-        """Returns the colour camera: 640 x 480 px (paper)."""
+        """Returns the model of the colour camera, 640 x 480 px (paper)."""
         return CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(self.camera_fov) / 2.0))
 
     def depth_model(self) -> CameraModel:
-        """Returns the depth camera: 160 x 120 px (paper), registered to the colour image."""
+        """Returns the model of the depth camera, 160 x 120 px (paper), registered to the colour image."""
         return self.color_model().scaled_to(160, 120)
 
     def camera_mount(self) -> np.ndarray:
@@ -195,7 +194,7 @@ class Robot(Parameters):
 
 @dataclass(frozen=True)
 class DetourCheck(Parameters):
-    """Start and goal of a path through the region, to show that the border takes effect."""
+    """Start and goal of a path through the region, which show whether the border takes effect."""
 
     start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
     goal: Tuple[float, float, float] = param((1.0, 0.0, 0.0), "m, m, deg")
@@ -203,17 +202,17 @@ class DetourCheck(Parameters):
 
 @dataclass(frozen=True)
 class Scenario(Parameters):
-    """A participant's task; its points are converted to arrays [m].
+    """A participant's task. Its points are converted to arrays [m].
 
     Attributes:
-        key: its name in the file.
-        border: (N, 2) the chain to draw.
+        key: the task's name in the file.
+        border: (N, 2) the polygonal chain to draw.
         closed: whether the border is a polygon.
         seed: (2,) the seed point.
         region: (M, 2) outline of the ground truth.
-        stand: (2,) where the person stands while drawing.
-        guide: (K, 2) the path along which a person guides the robot when there are no ceiling cameras.
-        proof: start and goal of the path that is compared without and with the border.
+        stand: (2,) the person's position while drawing.
+        guide: (K, 2) the path along which a person without ceiling cameras guides the robot.
+        proof: start and goal of the path that is planned without and with the border.
     """
 
     key: str = param("")
@@ -228,8 +227,8 @@ class Scenario(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("border", 2), ("seed", 1), ("region", 3), ("stand", 1), ("guide", 0)):
-            points = _points(getattr(self, name), name, least)
+        for name, min_points in (("border", 2), ("seed", 1), ("region", 3), ("stand", 1), ("guide", 0)):
+            points = _read_points(getattr(self, name), name, min_points)
             object.__setattr__(self, name, points[0] if name in ("seed", "stand") else points)
         if not Polygon(self.region).is_valid:
             raise ParameterError("region", "the outline crosses itself")
@@ -237,7 +236,7 @@ class Scenario(Parameters):
 
 @dataclass(frozen=True)
 class World(Parameters):
-    """The contents of a world file."""
+    """The content of a world file."""
 
     name: str = param("world")
     room: Room = param(Room())
@@ -254,36 +253,36 @@ class World(Parameters):
         super().__post_init__()
         if not self.robots:
             raise ParameterError("robots", "a world needs at least one robot")
-        for kind, things in (("cameras", self.cameras), ("robots", self.robots)):
-            for name, count in Counter(thing.name for thing in things).items():
+        for kind, items in (("cameras", self.cameras), ("robots", self.robots)):
+            for name, count in Counter(item.name for item in items).items():
                 if count > 1:
                     raise ParameterError(kind, f"the name '{name}' is used twice")
-        scenarios = {str(key): _scenario(str(key), given) for key, given in self.scenarios.items()}
+        scenarios = {str(key): _read_scenario(str(key), scenario) for key, scenario in self.scenarios.items()}
         object.__setattr__(self, "scenarios", scenarios)
 
     def scenario(self, key: str) -> Scenario:
-        """Returns the scenario of that name.
+        """Returns the scenario with a key.
 
         Raises:
-            ParameterError: lists the known names; so do `camera` and `robot`.
+            ParameterError: lists the known keys; `camera` and `robot` raise it too.
         """
-        return self._one("scenario", key, self.scenarios)
+        return self._find("scenario", key, self.scenarios)
 
     def camera(self, name: str) -> CeilingCamera:
-        """Returns the ceiling camera of that name."""
-        return self._one("camera", name, {camera.name: camera for camera in self.cameras})
+        """Returns the ceiling camera with a name."""
+        return self._find("camera", name, {camera.name: camera for camera in self.cameras})
 
     def robot(self, name: str) -> Robot:
-        """Returns the robot of that name."""
-        return self._one("robot", name, {robot.name: robot for robot in self.robots})
+        """Returns the robot with a name."""
+        return self._find("robot", name, {robot.name: robot for robot in self.robots})
 
-    def _one(self, what: str, name: str, known: Mapping[str, Any]) -> Any:
-        if name not in known:
-            raise ParameterError(what, f"'{name}' is not in world '{self.name}'; known are {', '.join(known)}")
-        return known[name]
+    def _find(self, kind: str, name: str, items: Mapping[str, Any]) -> Any:
+        if name not in items:
+            raise ParameterError(kind, f"'{name}' is not in world '{self.name}'; known are {', '.join(items)}")
+        return items[name]
 
     def robot_radii(self) -> Dict[str, float]:
-        """Returns the radius [m] of each robot, by its name and by its namespace: people and topics use either."""
+        """Returns the radius [m] of each robot by its name, which people use, and its namespace, which topics use."""
         radii = {robot.namespace.strip("/"): robot.radius for robot in self.robots}
         radii.update({robot.name: robot.radius for robot in self.robots})
         return radii
@@ -296,48 +295,48 @@ def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) ->
 
 
 def load_world(path: str) -> World:
-    """Reads a world file, which extends another one in its folder if it has the key `like`.
+    """Reads a world file. With the key `like`, it extends another file in the same folder.
 
     Raises:
         CodedError: "no_world" if there is no such file, "bad_world" if it is not YAML.
-        ParameterError: names the key that is wrong, or says that the path is empty.
+        ParameterError: names the wrong key, or says that the path is empty.
     """
     if not path:
         raise ParameterError("world", "must be set: the path of a world's file")
     file = Path(path)
     document = read_document(file, "world")
     if isinstance(document, Mapping) and "like" in document:
-        own = dict(document)
-        base = read_document(file.parent / str(own.pop("like")), "world")
-        document = {**base, **own} if isinstance(base, Mapping) else base
+        overrides = dict(document)
+        base = read_document(file.parent / str(overrides.pop("like")), "world")
+        document = {**base, **overrides} if isinstance(base, Mapping) else base
     return world_from_mapping(document, file.stem)
 
 
 def world_from_mapping(document: Any, default_name: str = "world") -> World:
-    """Makes a world from a YAML document.
+    """Creates a world from a YAML document.
 
     Raises:
-        ParameterError: names the key that is wrong.
+        ParameterError: names the wrong key.
     """
     if not isinstance(document, Mapping):
         raise ParameterError("world", "expected keys and values at the top of the file")
     # a key without a value counts as absent
-    given = {key: value for key, value in document.items() if value is not None}
-    return World.from_mapping({"name": default_name, **given})
+    values = {key: value for key, value in document.items() if value is not None}
+    return World.from_mapping({"name": default_name, **values})
 
 
-def _points(value: Any, where: str, least: int = 1) -> np.ndarray:
+def _read_points(value: Any, key: str, min_points: int = 1) -> np.ndarray:
     try:
         points = np.array(value, dtype=float).reshape(-1, 2)
     except (TypeError, ValueError):
         points = np.zeros((0, 2))
-    if len(points) < least or not np.isfinite(points).all():
-        raise ParameterError(where, f"expected at least {least} point(s) [x, y], got {value!r}")
+    if len(points) < min_points or not np.isfinite(points).all():
+        raise ParameterError(key, f"expected at least {min_points} point(s) [x, y], got {value!r}")
     return points
 
 
-def _scenario(key: str, given: Any) -> Scenario:
-    if isinstance(given, Scenario):
-        return given
-    read = Scenario.from_mapping(given, f"scenarios/{key}")
-    return read.replace(key=key, title=read.title or key)
+def _read_scenario(key: str, document: Any) -> Scenario:
+    if isinstance(document, Scenario):
+        return document
+    scenario = Scenario.from_mapping(document, f"scenarios/{key}")
+    return scenario.replace(key=key, title=scenario.title or key)
