@@ -120,12 +120,12 @@ class CameraModel:
 
     @cached_property
     def distorted(self) -> bool:
-        """Returns whether the lens distorts; a fisheye does even with coefficients of 0."""
+        """Whether the lens distorts; a fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
 
     @cached_property
     def _pinhole(self) -> Tuple[np.ndarray, np.ndarray]:
-        """Returns focal lengths and principal point [px]."""
+        """Focal lengths and principal point [px]."""
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     @cached_property

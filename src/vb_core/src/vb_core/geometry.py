@@ -191,6 +191,10 @@ def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, fl
     """
     distances = np.linalg.norm(path - np.asarray(place), axis=1)
     nearest = int(np.argmin(distances))
-    rest = path[nearest:]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
-    return rest[min(int(np.searchsorted(along, distance)), len(rest) - 1)], float(distances[nearest]), float(along[-1])
+    remainder = path[nearest:]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(remainder, axis=0), axis=1))])
+    return (
+        remainder[min(int(np.searchsorted(along, distance)), len(remainder) - 1)],
+        float(distances[nearest]),
+        float(along[-1]),
+    )

@@ -85,12 +85,12 @@ class GridMap:
 
     @cached_property
     def _corner(self) -> np.ndarray:
-        """Returns the outer corner (2,) [m] of cell (0, 0)."""
+        """The outer corner (2,) [m] of cell (0, 0)."""
         return np.array(self.origin[:2])
 
     @cached_property
     def _turn(self) -> np.ndarray:
-        """Returns the matrix (2, 2) that rotates row vectors from the map frame to (column, row) axes."""
+        """The matrix (2, 2) that rotates row vectors from the map frame to (column, row) axes."""
         c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
         return np.array([[c, -s], [s, c]])
 

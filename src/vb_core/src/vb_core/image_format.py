@@ -86,12 +86,12 @@ class Picture(NamedTuple):
 
     @property
     def searched(self) -> np.ndarray:
-        """Returns the pixels to be searched for spots."""
+        """The pixels to be searched for spots."""
         return self.pixels
 
     @property
     def mosaic(self) -> bool:
-        """Returns whether each pixel holds one colour only."""
+        """Whether each pixel holds one colour only."""
         return self.content in _BAYER
 
     def bgr(self) -> np.ndarray:
@@ -122,17 +122,17 @@ class HalvedPicture:
 
     @property
     def whole(self) -> bool:
-        """Returns whether the full size has been decoded."""
+        """Whether the full size has been decoded."""
         return "pixels" in vars(self)
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """Returns the pixels at full size."""
+        """The pixels at full size."""
         return self._decode(*self.size)
 
     @cached_property
     def searched(self) -> np.ndarray:
-        """Returns the pixels at half the size, which a codec decodes faster than the full size."""
+        """The pixels at half the size, which a codec decodes faster than the full size."""
         return self._decode(self.size[0] // 2, self.size[1] // 2)
 
     def decode_whole(self) -> None:

@@ -97,21 +97,21 @@ class Offer:
 
 def offer(connections: Connections) -> Offer:
     """Derives what is offered from what is connected."""
-    there = [robot for robot in connections.robots if robot.is_there]
-    ignored = {zone: tuple(robot.name for robot in there if not robot.keeps(zone)) for zone in ZONES}
-    goes = tuple(robot.name for robot in there if robot.plans and robot.keeps(KEEP_OUT.name))
+    connected = [robot for robot in connections.robots if robot.is_there]
+    ignored = {zone: tuple(robot.name for robot in connected if not robot.keeps(zone)) for zone in ZONES}
+    goes = tuple(robot.name for robot in connected if robot.plans and robot.keeps(KEEP_OUT.name))
     pointing = connections.interaction and connections.cameras
     has = {
         CAMERA: pointing,
-        DRIVER: pointing and any(robot.driver for robot in there),
-        STOPPABLE: any(robot.stops for robot in there),
+        DRIVER: pointing and any(robot.driver for robot in connected),
+        STOPPABLE: any(robot.stops for robot in connected),
     }
     commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
-    state = NO_ROBOT if not there else UNREADY if ignored[KEEP_OUT.name] else READY
+    state = NO_ROBOT if not connected else UNREADY if ignored[KEEP_OUT.name] else READY
     return Offer(
         state=state,
         commands=tuple(commands),
-        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
+        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
         ignored_by=ignored,
         goes=goes,
         lines=tuple(line for robot in connections.robots for line in _lines(robot)),
@@ -143,8 +143,8 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
     values = {"who": sentences.robot_value(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
-    def line(severity: Severity, code: str, **more: str) -> Notice:
-        return Notice(code, severity, robot.name, values={**values, **more})
+    def line(severity: Severity, code: str, **more_values: str) -> Notice:
+        return Notice(code, severity, robot.name, values={**values, **more_values})
 
     if not robot.is_there:
         return [line(Severity.INFO, "robot_not_connected")]

@@ -123,7 +123,7 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
     Raises:
         ParameterError: names the key and says what was expected.
     """
-    unit, kind, of = limits["unit"], type(limits["default"]), limits["of"]
+    unit, kind, entry_class = limits["unit"], type(limits["default"]), limits["of"]
     if issubclass(kind, Parameters):
         return value if isinstance(value, kind) else kind.from_mapping(value, key)
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
@@ -132,9 +132,12 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
         raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
     if kind in (float, tuple):
         value = kind(value)
-    if of is not None:
+    if entry_class is not None:
         items = enumerate(value)
-        return kind(item if isinstance(item, of) else of.from_mapping(item, f"{key}[{index}]") for index, item in items)
+        return kind(
+            item if isinstance(item, entry_class) else entry_class.from_mapping(item, f"{key}[{index}]")
+            for index, item in items
+        )
     for element in value if isinstance(value, (list, tuple)) else [value]:
         if isinstance(element, (int, float)) and not isinstance(element, bool):
             _check_limits(key, element, limits)

@@ -70,7 +70,7 @@ class Lab:
 
     @property
     def discovery(self) -> str:
-        """Returns the topic filter for the descriptions of this lab's entities."""
+        """The topic filter for the descriptions of this lab's entities."""
         return f"{PREFIX}/+/{self.device}/+/config"
 
 
@@ -204,13 +204,13 @@ def stop_value(message: Any) -> Dict[str, Any]:
 
 def question_value(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the open question, who was asked, and the command that answers yes."""
-    since = (message.header.stamp - message.last_answered).to_sec()
-    asked = message.last_code in QUESTIONS and since <= QUESTION_TIME
-    answer = mapping_from_values(message.last_values).get("answer", "") if asked else ""
+    answer_age = (message.header.stamp - message.last_answered).to_sec()
+    is_open = message.last_code in QUESTIONS and answer_age <= QUESTION_TIME
+    answer = mapping_from_values(message.last_values).get("answer", "") if is_open else ""
     return {
-        "question": sentence_in(message, language, "last_")[:_TEXT] if asked else NOBODY_ASKS,
-        "command": message.last_command if asked else "",
-        "asked": message.last_source if asked else "",
+        "question": sentence_in(message, language, "last_")[:_TEXT] if is_open else NOBODY_ASKS,
+        "command": message.last_command if is_open else "",
+        "asked": message.last_source if is_open else "",
         "answer": answer.replace(" ", "_"),
         "stop_number": message.stop_number,
     }
@@ -232,11 +232,14 @@ def border_value(border: Any) -> Dict[str, Any]:
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
     """Returns sentences on a robot's problems, or that it is not connected."""
     mine = [line for line in lines if line.robot == name]
-    bad = [one for one in mine if one.severity >= Severity.WARNING or one.code == "robot_not_connected"]
+    problems = [
+        notice for notice in mine if notice.severity >= Severity.WARNING or notice.code == "robot_not_connected"
+    ]
     # a notice about no robot has the empty name too, which is also that of the only robot
-    who = sentences.robot_value(name)
-    bad += [one for one in notices if one.severity >= Severity.WARNING and who in (one.robot, one.values.get("who"))]
-    return [one.sentence(language) for one in bad]
+    value = sentences.robot_value(name)
+    warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]
+    problems += [notice for notice in warnings if value in (notice.robot, notice.values.get("who"))]
+    return [notice.sentence(language) for notice in problems]
 
 
 def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
@@ -250,10 +253,10 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
     }
 
 
-def answer_value(sender_id: str, what: str, success: bool, code: str, text: str) -> Dict[str, Any]:
+def answer_value(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
     kind = ANSWERS[0] if success else ANSWERS[1] if code in QUESTIONS else ANSWERS[2]
-    return {"event_type": kind, "id": sender_id, "command": what, "code": code, "text": text[:_TEXT]}
+    return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_TEXT]}
 
 
 def draw_map(before: GridMap, after: GridMap, borders: Sequence[Any]) -> bytes:

@@ -130,14 +130,14 @@ class Inbox:
             raise _bad("command")
         return Request(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
 
-    def _age(self, at: Any, now: float, what: str) -> float:
-        if isinstance(at, bool) or not isinstance(at, (int, float)) or not 0.0 <= at < 1e12:
+    def _age(self, sent_at: Any, now: float, request_name: str) -> float:
+        if isinstance(sent_at, bool) or not isinstance(sent_at, (int, float)) or not 0.0 <= sent_at < 1e12:
             raise Refusal("mqtt_undated")
-        if at > now + MAX_AGE:
-            raise Refusal("mqtt_clock", seconds=round(at - now))
-        if at < max(now - MAX_AGE, self._started):
-            raise Refusal("expired", command=spelled_out(what))
-        return max(0.0, now - at)
+        if sent_at > now + MAX_AGE:
+            raise Refusal("mqtt_clock", seconds=round(sent_at - now))
+        if sent_at < max(now - MAX_AGE, self._started):
+            raise Refusal("expired", command=spelled_out(request_name))
+        return max(0.0, now - sent_at)
 
 
 def _bad(field: str) -> Refusal:

@@ -62,16 +62,16 @@ def load_codes(path: Path) -> Dict[str, str]:
             text = "# The codes of the page; delete this file and restart the page to replace both and log everybody out.\n"
             text += yaml.safe_dump({name: _new_code() for name in names})
             write_atomically(path, text.encode("utf-8"), private=True)
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        codes = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise CodedError("page_codes_bad", file=path, reason=error) from None
-    if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
+    if not isinstance(codes, dict) or set(codes) != set(names) or not all(isinstance(codes[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
-    if min(map(len, map(normalize, found.values()))) < _CODE_LENGTH:
+    if min(map(len, map(normalize, codes.values()))) < _CODE_LENGTH:
         raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
-    if len(set(map(normalize, found.values()))) < len(names):
+    if len(set(map(normalize, codes.values()))) < len(names):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
-    return found
+    return codes
 
 
 def _digest(text: str) -> str:
@@ -102,7 +102,7 @@ class Sessions:
         try:
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
-                self._open = {str(name): (str(code), float(at)) for name, (code, at) in entries}
+                self._open = {str(name): (str(code), float(opened_at)) for name, (code, opened_at) in entries}
         except (OSError, ValueError, TypeError, AttributeError):
             pass  # everybody logs in again
 
@@ -114,25 +114,25 @@ class Sessions:
         code, cookie = _digest(normalize(typed)), secrets.token_urlsafe(24)
         if code not in self._roles:
             return None
-        others = [name for name, (of, _) in self._open.items() if of == code][: 1 - _MAX_SESSIONS]
-        self._change({_digest(cookie): (code, time.time())}, others)
+        previous = [name for name, (opener, _) in self._open.items() if opener == code][: 1 - _MAX_SESSIONS]
+        self._change({_digest(cookie): (code, time.time())}, previous)
         return cookie
 
     def find(self, cookie: Optional[str]) -> Tuple[Role, str]:
         """Returns (role, session's name) of a cookie's value; (NOBODY, "") if there is no such session (any more)."""
         name = _digest(cookie or "")
-        code, since = self._open.get(name, ("", 0.0))
+        code, opened_at = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
-        fresh = 0.0 <= time.time() - since < COOKIE_DAYS * 86400
+        fresh = 0.0 <= time.time() - opened_at < COOKIE_DAYS * 86400
         return (role, name) if role and fresh else (Role.NOBODY, "")
 
     def end(self, name: str) -> None:
         """Ends a session."""
         self._change({}, [name])
 
-    def _change(self, new: Dict[str, Tuple[str, float]], gone: Any) -> None:
+    def _change(self, new_entries: Dict[str, Tuple[str, float]], ended: Any) -> None:
         with self._lock:
-            self._open = {name: entry for name, entry in {**self._open, **new}.items() if name not in gone}
+            self._open = {name: entry for name, entry in {**self._open, **new_entries}.items() if name not in ended}
             if self._path is not None:
                 try:
                     write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
@@ -204,10 +204,10 @@ class ConnectionSlots:
         counts = Counter(holder for whose in self._held.values() for holder in whose)
         shares = {other: max(counts[holder] for holder in whose) for other, whose in self._held.items()}
         largest = [other for other, share in shares.items() if share == max(shares.values())]
-        own = [] if self._yields else [other for other in largest if set(self._held[other]) & set(holders)]
-        gone = (own or largest)[0]
-        self.leave(gone)
-        return gone
+        own_connections = [] if self._yields else [other for other in largest if set(self._held[other]) & set(holders)]
+        displaced = (own_connections or largest)[0]
+        self.leave(displaced)
+        return displaced
 
 
 def security_headers(secure: bool) -> Dict[str, str]:

@@ -83,9 +83,9 @@ class ActionHandler:
             answered.set_result(refusal(CodedError("page_too_fast")))
         return answered
 
-    def _on_answer(self, _given: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
-        found = _answer(response) if error is None else refusal(error)
-        answered.get_loop().call_soon_threadsafe(answered.set_result, found)
+    def _on_answer(self, _order: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
+        result = _answer(response) if error is None else refusal(error)
+        answered.get_loop().call_soon_threadsafe(answered.set_result, result)
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
@@ -95,8 +95,9 @@ class ActionHandler:
         return copy.deepcopy(border)
 
     def _preview(self, request: Request, _source: str) -> Dict[str, Any]:
-        known = request.values["border"]
-        border = apply_draft(request.values["draft"], self._stored(known) if known else VirtualBorder(enabled=True))
+        border_id = request.values["border"]
+        stored = self._stored(border_id) if border_id else VirtualBorder(enabled=True)
+        border = apply_draft(request.values["draft"], stored)
         response = _call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
         return {
             **_answer(response),
@@ -141,9 +142,9 @@ class ActionHandler:
         return {**answer("ok"), **self._give_invitation()}
 
 
-def _call(which: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
+def _call(name: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
     """Calls a service with a request of these fields."""
-    return services.call(which, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
+    return services.call(name, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
 
 
 def _undo_or_redo(order: CommandRequest) -> Any:
@@ -152,7 +153,7 @@ def _undo_or_redo(order: CommandRequest) -> Any:
 
 def _answer(response: Any) -> Dict[str, Any]:
     code = response.code or ("ok" if response.success else "page_not_done")
-    found = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
+    result = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
     if hasattr(response, "issues"):
-        found["issues"] = issues_section(response.issues)
-    return found
+        result["issues"] = issues_section(response.issues)
+    return result

@@ -41,7 +41,7 @@ def make_request(
 
     Args:
         source: the input method that sends it.
-        validity: [s] of ROS time from now until it expires.
+        validity: [s] ROS time from now until it expires.
         uncertain: whether it may have been misunderstood.
         seen_stop: number of the newest stop that the person knew of, see vb_msgs/Command.
     """
@@ -117,7 +117,7 @@ class CommandSender:
 
     def stop_number(self, when: float) -> str:
         """Returns the number of the newest stop known to this node at time `when` [s] of the monotonic clock."""
-        return next(number for since, number in reversed(list(self._stop_numbers)) if since <= when)
+        return next(number for time_known, number in reversed(list(self._stop_numbers)) if time_known <= when)
 
     def put(
         self,

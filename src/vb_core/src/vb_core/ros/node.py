@@ -271,17 +271,18 @@ class WakeTimer:
         return None if self._closed else woken
 
     def _get_simulated(self) -> bool:
-        began, then = time.monotonic(), rospy.get_time()
-        if not 0.0 <= self._due - then <= self._period:
-            self._due = then + self._period  # this is the first wait, the last one ended too late, or time has jumped
-        wall, now, woken = began, then, False
+        began, began_simulated = time.monotonic(), rospy.get_time()
+        if not 0.0 <= self._due - began_simulated <= self._period:
+            # this is the first wait, the last one ended too late, or time has jumped
+            self._due = began_simulated + self._period
+        wall, now, woken = began, began_simulated, False
         while not (self._closed or woken) and wall < began + self._period and now < self._due:
-            rest = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
-            woken = self._wake.wait(min(began + self._period - wall, rest))
+            remaining_time = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
+            woken = self._wake.wait(min(began + self._period - wall, remaining_time))
             wall, now = time.monotonic(), rospy.get_time()
         self._due += self._period
         if wall > began:
-            self._pace = min(max((now - then) / (wall - began), 1.0), MAX_PACE)
+            self._pace = min(max((now - began_simulated) / (wall - began), 1.0), MAX_PACE)
         return woken
 
     def close(self) -> None:
@@ -345,14 +346,14 @@ def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float]
     Args:
         what: the input's name in the log, for instance "the map on /map".
         arrived: returns whether it is there.
-        timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
+        timeout: [s] wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """
     threading.Thread(target=_await, args=(what, arrived, timeout), daemon=True).start()
 
 
 def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
-    began = said = time.monotonic()
+    began = logged_at = time.monotonic()
     while not arrived():
         now = time.monotonic()
         if rospy.is_shutdown():
@@ -360,10 +361,10 @@ def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> 
         if timeout is not None and now - began > timeout:
             shut_down_with_error(CodedError("input_timeout", what=what, seconds=round(now - began)))
             return False
-        if now - said > LOG_DELAY:
+        if now - logged_at > LOG_DELAY:
             rospy.logwarn("%s waits for %s", rospy.get_name(), what)
             # the pause doubles each time: 5, 10, 20 s ...
-            said = now + max(0.0, now - began - LOG_DELAY)
+            logged_at = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)
     return True
 

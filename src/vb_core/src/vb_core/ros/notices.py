@@ -82,7 +82,7 @@ class NoticePublisher:
     Warnings and errors are also logged, once while they hold: roslaunch's terminal shows only the log.
 
     Args:
-        source: whose notices they are, if they are not the whole node's.
+        source: name of whoever reports the notices, if it is not the whole node.
     """
 
     def __init__(self, source: str = "") -> None:
@@ -112,21 +112,21 @@ class NoticePublisher:
     def _publish(self) -> None:
         with self._lock:
             message = NoticeArray(source=self._source, notices=[message_from_notice(n) for n in self._notices])
-            new = self._find_new()
+            new_notices = self._find_new()
         message.header.stamp = rospy.Time.now()
         self._publisher.publish(message)
-        for notice in new:
+        for notice in new_notices:
             log = rospy.logerr if notice.severity is Severity.ERROR else rospy.logwarn
             log("%s: %s [%s]", self._source, notice.sentence(), notice.code)
 
     def _find_new(self) -> List[Notice]:
         """Returns the warnings and errors that did not hold within LOG_PERIOD: an intermittent one is logged once."""
-        now, new = time.monotonic(), []
+        now, new_notices = time.monotonic(), []
         for notice in self._notices:
             # a warning that becomes an error is news
             key = (notice.code, notice.robot, notice.border_id, notice.camera, notice.severity)
             if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
-                new.append(notice)
+                new_notices.append(notice)
             self._logged[key] = now
-        self._logged = {key: at for key, at in self._logged.items() if now - at <= LOG_PERIOD}
-        return new
+        self._logged = {key: logged_at for key, logged_at in self._logged.items() if now - logged_at <= LOG_PERIOD}
+        return new_notices

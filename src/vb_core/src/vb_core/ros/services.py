@@ -33,12 +33,12 @@ def call(
             but no response came, so that it may or may not have been carried out.
     """
     answers: "queue.Queue" = queue.Queue()
-    sent = threading.Event()
+    is_sent = threading.Event()
 
     def call_service() -> None:
         try:
             rospy.wait_for_service(name, timeout=service_timeout)
-            sent.set()
+            is_sent.set()
             answers.put((rospy.ServiceProxy(name, service)(request), None))
         except Exception as error:  # the caller's thread reports anything that the transport raises
             answers.put((None, error))
@@ -49,6 +49,6 @@ def call(
     except queue.Empty:
         response, error = None, TimeoutError(f"no response within {response_timeout:g} s")
     if error is not None:
-        code = "no_response" if sent.is_set() else "no_service"
+        code = "no_response" if is_sent.is_set() else "no_service"
         raise CodedError(code, who=who) from error
     return response
