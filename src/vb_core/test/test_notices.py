@@ -45,7 +45,7 @@ def test_the_reason_replaces_a_missing_pose_of_its_camera():
     assert set(active) == {("camera_not_calibrated", "north"), ("camera_no_pose", "south")}
 
 
-@pytest.mark.parametrize("other", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
+@pytest.mark.parametrize("code", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
 def test_no_other_notice_hides_a_silent_camera(code):
     # a notice of another kind says nothing about the cable
     silent = [Notice("camera_silent", Severity.ERROR, camera="north")]

@@ -113,7 +113,7 @@ def _has_delay(detector: Mapping[str, Any]) -> bool:
 
 
 def _scan(robot: str) -> str:
-    """Returns the topic of a robot's scanner; "" if it has none."""
+    """Returns the topic of a robot's scanner, or "" if it has none."""
     try:
         scanner = robot_profile.read(robot).scanner
     except CodedError:  # the driver that uses this profile says what is wrong with it

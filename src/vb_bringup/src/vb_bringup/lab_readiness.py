@@ -24,7 +24,7 @@ _HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unk
 
 
 def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], measured: bool, rate: float) -> Notice:
-    """Checks how a camera's images reach its detector; the detector itself reports whether they are usable.
+    """Checks how a camera's images reach its detector. The detector itself reports whether they are usable.
 
     Args:
         parameters: the detector's parameters; empty if the camera is on a robot.
@@ -119,7 +119,7 @@ def is_all_known(cells: np.ndarray) -> bool:
 
 
 def check_nodes(missing_nodes: Sequence[str]) -> List[Notice]:
-    """Checks whether the nodes that belong to the lab are running; `missing_nodes` names those that are not."""
+    """Checks whether the nodes that belong to the lab are running. `missing_nodes` names those that are not."""
     if not missing_nodes:
         return [Notice("lab_node_ok", Severity.INFO)]
     return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing_nodes]

@@ -66,7 +66,7 @@ _REPEAT_NOTE = " The film repeats: press each just before its part; what was mis
 
 # ------------------------------------------------------------- the floor
 def seen_floor(view: FloorView) -> GridMap:
-    """Returns an empty map of the floor that a camera sees; raises CodedError "bad_rectangle" if all is far away."""
+    """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if all is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
@@ -149,7 +149,7 @@ class CornerPage:
         return self._newest[-1].picture().pixels if self._newest else None
 
     def judge(self, request: Dict[str, Any], start: bool) -> Dict[str, Any]:
-        """Returns the floor's grid and worst error from four corners; raises CodedError "bad_rectangle"."""
+        """Returns the floor's grid and worst error from four corners. Raises CodedError "bad_rectangle"."""
         picture = self.picture()
         corners = np.array(request["corners"], float).reshape(4, 2)
         size = float(request["width"]), float(request["depth"])
@@ -256,7 +256,7 @@ class TryLab:
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; returns 0 on success."""
+    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C. Returns 0 on success."""
     parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
     parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
     parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")
@@ -292,7 +292,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
 
 
 def _follow(folder: Path, address: str, instructions: str, once: bool, lab: Any) -> int:
-    """Follows the running lab; shows people the instructions or, without any, gives the supplied video's commands."""
+    """Follows the running lab. Shows people the instructions or, without any, gives the supplied video's commands."""
     wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
     try:
         if not lab.running:

@@ -8,7 +8,7 @@ ADDED, REMOVED, RENAMED, ENABLED, DISABLED, CHANGED = "added", "removed", "renam
 
 
 def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[Tuple[str, Any]]:
-    """Compares two sets of borders, vb_msgs/VirtualBorder by id; returns (change, border), at most one per border."""
+    """Compares two sets of borders, vb_msgs/VirtualBorder by id. Returns (change, border), at most one per border."""
     changes = [(REMOVED, border) for key, border in before.items() if key not in after]
     for key, border in after.items():
         previous = before.get(key)

@@ -104,7 +104,7 @@ class Picture(NamedTuple):
 
 
 class HalvedPicture:
-    """A picture that is searched for spots at half size and measured at full size; each size is decoded when needed.
+    """A picture that is searched for spots at half size and measured at full size. Each size is decoded when needed.
 
     Args:
         size: width and height [px], even.
@@ -149,7 +149,7 @@ AnyPicture = Union[Picture, HalvedPicture]
 
 
 class PixelReader:
-    """Converts the images of one camera to 8-bit pixels; remembers how many bits the camera really uses.
+    """Converts the images of one camera to 8-bit pixels. Remembers how many bits the camera really uses.
 
     A camera with 10 or 12 bits sends 16-bit values; the largest value received so far shows how many bits it uses.
     """

@@ -25,7 +25,7 @@ READY, NO_ROBOT, UNREADY = "ready", "no_robot", "robot_unready"
 
 @dataclass(frozen=True)
 class ConnectedRobot:
-    """What is connected to a robot; the fields are those of vb_msgs/RobotStatus, where they are explained.
+    """What is connected to a robot. The fields are those of vb_msgs/RobotStatus, where they are explained.
 
     `navigation`: a move_base is running for it.
     """
@@ -57,7 +57,7 @@ class ConnectedRobot:
         return self.driver or (self.navigation and self.obeys_stop)
 
     def keeps(self, zone: str) -> bool:
-        """Returns whether the robot keeps the rule of a zone, given by name; it keeps none while not localised."""
+        """Returns whether the robot keeps the rule of a zone, given by name. It keeps none while not localised."""
         return self.localized and ZONES[zone].kept_by(self)
 
 

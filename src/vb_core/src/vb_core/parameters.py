@@ -54,7 +54,7 @@ def param(
 
 @dataclasses.dataclass(frozen=True)
 class Parameters:
-    """Base of every parameter class; checks each value against its field's limits."""
+    """Base of every parameter class. Checks each value against its field's limits."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -63,7 +63,7 @@ class Parameters:
 
     @classmethod
     def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "") -> P:
-        """Makes parameters from a mapping; missing keys keep their defaults.
+        """Makes parameters from a mapping. Missing keys keep their defaults.
 
         Args:
             mapping: for instance a YAML document; None counts as empty.
@@ -118,7 +118,7 @@ _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "
 
 
 def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
-    """Checks a value against the limits from `param`; returns it in the default's type.
+    """Checks a value against the limits from `param`. Returns it in the default's type.
 
     Raises:
         ParameterError: names the key and says what was expected.

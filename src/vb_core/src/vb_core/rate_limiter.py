@@ -17,7 +17,7 @@ class Limiter:
         self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
 
     def allows(self, key: str, now: float) -> bool:
-        """Takes a token at a time [s]; returns False if there is none. A clock set back only delays new tokens."""
+        """Takes a token at a time [s]. Returns False if there is none. A clock set back only delays new tokens."""
         tokens, refilled_at = self._buckets.pop(key, (self._burst, now))
         tokens = min(self._burst, tokens + self._rate * max(0.0, now - refilled_at))
         allowed = tokens >= 1.0

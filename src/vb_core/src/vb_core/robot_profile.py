@@ -133,7 +133,7 @@ class RobotProfile(Parameters):
 
 
 def find_profile(robot: str, folder: Path) -> Path:
-    """Returns the file of a robot type; raises CodedError "unknown_robot_type" if the folder has none."""
+    """Returns the file of a robot type. Raises CodedError "unknown_robot_type" if the folder has none."""
     known_types = sorted(path.stem for path in folder.glob("*.yaml"))
     if robot not in known_types:
         raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known_types))

@@ -60,7 +60,7 @@ class _LenientValues(dict):
 
 
 def robot_value(name: str) -> str:
-    """Returns the value that names a robot in a sentence; an empty name means the only robot."""
+    """Returns the value that names a robot in a sentence. An empty name means the only robot."""
     return name or "$the_robot"
 
 

@@ -42,7 +42,7 @@ def new_id() -> str:
 
 
 class _Stored:
-    """State that is kept in a file; if the file cannot be read or written, that counts as a stop. Thread safe.
+    """State that is kept in a file. If the file cannot be read or written, that counts as a stop. Thread safe.
 
     Args:
         path: the file; None keeps the state in memory only.
@@ -80,7 +80,7 @@ class _Stored:
         raise NotImplementedError
 
     def store(self) -> bool:
-        """Writes the state to the file, durably; returns False if that is not possible.
+        """Writes the state to the file, durably. Returns False if that is not possible.
 
         A full disk has no room for a new file. Then the old file is emptied, since an empty file counts as a stop.
         """
@@ -112,7 +112,7 @@ class StopLatch(_Stored):
         super().__init__(path)
 
     def stop(self, identity: str, by: str) -> bool:
-        """Stops all robots; ignores a known stop and returns False, since one press may arrive twice."""
+        """Stops all robots. Ignores a known stop and returns False, since one press may arrive twice."""
         with self._lock:
             if identity in self.stops:
                 return False
@@ -126,7 +126,7 @@ class StopLatch(_Stored):
             return self.stopped, self.by, self.number, self.stops
 
     def resume(self, seen: str) -> bool:
-        """Releases the stop if `seen` is the newest number; returns whether robots may drive now."""
+        """Releases the stop if `seen` is the newest number. Returns whether robots may drive now."""
         with self._lock:
             if seen == self.number:
                 self.stopped, self.by, self.lost = False, "", False

@@ -41,7 +41,7 @@ class State:
 
     @property
     def robots_act(self) -> bool:
-        """Whether a robot may follow the spot, or come to look for it; the time in these states is counted."""
+        """Whether a robot may follow the spot, or come to look for it. The time in these states is counted."""
         return self.guides or bool(self.collects)
 
 

@@ -36,7 +36,7 @@ class Zone:
     occupancy: float = 1.0
 
     def value(self, occupancy: float) -> int:
-        """Returns delta as an occupancy value of the map, 0 .. 100; 0 if the zone does not change the map."""
+        """Returns delta as an occupancy value of the map, 0 .. 100, or 0 if the zone does not change the map."""
         return int(round(100.0 * occupancy)) if self.restricts else 0
 
 
@@ -56,7 +56,7 @@ ZONES: Dict[str, Zone] = {zone.name: zone for zone in _ZONES}
 
 
 def zone_of(number: int) -> Zone:
-    """Returns the zone with a number of vb_msgs/VirtualBorder; robots keep out of an unknown zone."""
+    """Returns the zone with a number of vb_msgs/VirtualBorder. Robots keep out of an unknown zone."""
     return next((zone for zone in _ZONES if zone.number == number), KEEP_OUT)
 
 

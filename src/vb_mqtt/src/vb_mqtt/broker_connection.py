@@ -37,7 +37,7 @@ class Connection(Parameters):
 
 
 def read_connection(path: Path) -> Connection:
-    """Reads a YAML file, and makes it readable by its owner only; without a file, no password is used.
+    """Reads a YAML file, and makes it readable by its owner only. Without a file, no password is used.
 
     Raises:
         CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
@@ -111,7 +111,7 @@ class MqttClient:
         self._client.loop_start()
 
     def put(self, topic: str, payload: bytes) -> None:
-        """Sets a topic's retained message, now or once connected; an empty one deletes it, only while connected."""
+        """Sets a topic's retained message, now or once connected. An empty one deletes it, only while connected."""
         with self._lock:
             if payload and self._states.get(topic) == payload:
                 return
@@ -122,7 +122,7 @@ class MqttClient:
                 self._client.publish(topic, payload, qos=0, retain=True)
 
     def send(self, topic: str, payload: bytes) -> None:
-        """Sends a message that is not retained; without a connection it is dropped."""
+        """Sends a message that is not retained. Without a connection it is dropped."""
         if self.connected:
             self._client.publish(topic, payload, qos=0)
 

@@ -81,7 +81,7 @@ class Inbox:
         self._limiter = Limiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
-        """Returns the request in a message; None if it was accepted before, or the message is empty.
+        """Returns the request in a message, or None if it was accepted before, or the message is empty.
 
         Args:
             retained: whether the broker had retained it.

@@ -51,7 +51,7 @@ def _new_code() -> str:
 
 
 def load_codes(path: Path) -> Dict[str, str]:
-    """Reads the codes of "viewer" and "operator" from a file that only its owner can read; creates it if needed.
+    """Reads the codes of "viewer" and "operator" from a file that only its owner can read. Creates it if needed.
 
     Raises:
         CodedError: "page_codes_bad" if it is unusable, "cannot_write" if it cannot be created.
@@ -151,7 +151,7 @@ def is_loopback(host: str) -> bool:
 
 
 def host_of(header: str) -> str:
-    """Returns the host in a Host header, without the port; "" if there is none."""
+    """Returns the host in a Host header, without the port, or "" if there is none."""
     try:
         return urlsplit(f"//{header}").hostname or ""
     except ValueError:
@@ -159,7 +159,7 @@ def host_of(header: str) -> str:
 
 
 def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
-    """Returns whether a browser's Origin header is this page's own; a missing one is not.
+    """Returns whether a browser's Origin header is this page's own. A missing one is not.
 
     Args:
         scheme: "http" or "https", of the request.
@@ -189,7 +189,7 @@ class ConnectionSlots:
         self._held.pop(connection, None)
 
     def take(self, connection: Any, *holders: str) -> Optional[Any]:
-        """Gives a connection a place; returns the connection that has to go for it, which may be the same one.
+        """Gives a connection a place. Returns the connection that has to go for it, which may be the same one.
 
         Args:
             connection: anything with `closed()`; a closed one gives up its place.

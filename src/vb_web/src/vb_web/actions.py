@@ -38,7 +38,7 @@ _CHANGES = {  # to a stored border: services whose fields have the same names as
 
 
 class ActionHandler:
-    """Carries out requests; thread safe.
+    """Carries out requests. Thread safe.
 
     Args:
         borders: returns the stored border of an id, or None.
@@ -67,7 +67,7 @@ class ActionHandler:
 
     # ------------------------------------------------------------- commands
     def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
-        """Starts to carry out a command; returns a future of its answer in the calling thread's event loop."""
+        """Starts to carry out a command. Returns a future of its answer in the calling thread's event loop."""
         command, answered = request.values["command"], asyncio.get_event_loop().create_future()
         alone = command in (UNDO, REDO) and not self._manager_there()
         # the browser's id, so that a request repeated after a restart of the page is carried out once

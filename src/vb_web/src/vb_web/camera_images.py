@@ -57,7 +57,7 @@ class CameraImages:
         self._floor_at = -1e9
 
     def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """Returns the newest debug image of a camera; None if the camera is unknown or nothing arrives."""
+        """Returns the newest debug image of a camera, or None if the camera is unknown or nothing arrives."""
         detector = self._detectors().get(camera)
         if detector is None:
             return None

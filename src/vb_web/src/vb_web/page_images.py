@@ -55,12 +55,12 @@ class ImageCache:
         self._images[kind] = (image, *previous[:1])
 
     def get(self, kind: str, name: str) -> Optional[EncodedImage]:
-        """Returns an image by its name; None if it is not (or no longer) there."""
+        """Returns an image by its name, or None if it is not (or no longer) there."""
         return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
-    """Reduces (H, W) to maxima of blocks, the last padded by the edge; also returns a block's side [cells]."""
+    """Reduces (H, W) to maxima of blocks, the last padded by the edge. Also returns a block's side [cells]."""
     cells = max(1, -(-max(data.shape) // side))
     if cells == 1:
         return data, 1

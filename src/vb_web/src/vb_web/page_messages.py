@@ -48,7 +48,7 @@ def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
 
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
-    """Converts the state of the interaction; times become seconds."""
+    """Converts the state of the interaction. Times become seconds."""
     ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
         **copy_fields(message, "name available_commands stopped stopped_by stop_number"),
@@ -141,7 +141,7 @@ def borders_section(message: VirtualBorderArray, offer: Optional[Offer] = None) 
 
 
 def offer_section(offer: Offer, message: RobotStatusArray, more_commands: Iterable[str] = ()) -> Dict[str, Any]:
-    """Converts what is offered, and what is said about the robots; `more_commands`: further commands to offer."""
+    """Converts what is offered, and what is said about the robots. `more_commands`: further commands to offer."""
     return {
         **copy_fields(offer, "state zones goes"),
         "interaction": message.interaction,
@@ -200,7 +200,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft, checked by `action_requests`, into a border's message; fields that it lacks stay as they are."""
+    """Puts a draft, checked by `action_requests`, into a border's message. Fields that it lacks stay as they are."""
     border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
     border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
     border.kind = KINDS[draft["kind"]]

@@ -190,7 +190,7 @@ class PageNode:
         self._view.put("map", page_images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
     def _show_robots(self) -> None:
-        """Shows what is connected; when that is no longer known, browsers get a null offer."""
+        """Shows what is connected. When that is no longer known, browsers get a null offer."""
         message, offer = self._robots.current() or (None, None)
         changed, self._offer = offer != self._offer, offer
         if message is not None and offer is not None:
@@ -213,7 +213,7 @@ class PageNode:
             self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
-        """Shows the newest borders; called from several threads, of which none can bring back an older list."""
+        """Shows the newest borders. Called from several threads, of which none can bring back an older list."""
         with self._showing:
             if self._borders is None:
                 return

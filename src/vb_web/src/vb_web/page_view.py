@@ -17,7 +17,7 @@ from vb_core.errors import CodedError
 
 
 def rounded(value: float, digits: int = 3) -> Optional[float]:
-    """Rounds a number for JSON; returns None if it is not finite."""
+    """Rounds a number for JSON. Returns None if it is not finite."""
     return round(float(value), digits) if math.isfinite(value) else None
 
 
@@ -57,7 +57,7 @@ class View:
         self._last: Tuple[int, int, str] = (-1, -1, "")
 
     def put(self, section: str, value: Any) -> None:
-        """Replaces a section; browsers get it if it has changed."""
+        """Replaces a section. Browsers get it if it has changed."""
         text = as_message(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
@@ -81,7 +81,7 @@ class View:
 
 
 def mark_borders(previous_marks: Dict[str, str], ids: List[str]) -> Dict[str, str]:
-    """Gives each border a mark that stands for it where its name has no room; returns the marks by border's id.
+    """Gives each border a mark that stands for it where its name has no room. Returns the marks by border's id.
 
     A border keeps its mark from `previous_marks`; a new one gets the first of A to Z, A1 to Z1, ... that is free there.
     """

@@ -31,7 +31,7 @@ _MAX_FAULTS = 20  # refused messages after which the browser is disconnected
 
 
 def routes(page: Any) -> List[Tuple]:
-    """Lists the handler of each path; `page` is the `server.PageServer`."""
+    """Lists the handler of each path. `page` is the `server.PageServer`."""
     settings = {"page": page}
     return [
         (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, settings),
@@ -128,7 +128,7 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
-    """Sends a camera's image, or the floor as all of them see it; both are made on request."""
+    """Sends a camera's image, or the floor as all of them see it. Both are made on request."""
 
     NEEDS = Role.OPERATOR
 
@@ -141,7 +141,7 @@ class _CameraHandler(_Handler):
 
 
 class _SessionHandler(_Handler):
-    """Tells a browser its role, which a failed WebSocket does not; logs in (POST, with a code) and out (DELETE)."""
+    """Tells a browser its role, which a failed WebSocket does not. Logs in (POST, with a code) and out (DELETE)."""
 
     NEEDS = Role.NOBODY
 

@@ -211,7 +211,7 @@ class PageServer:
 
     # ------------------------------------------------------------- browsers' requests
     def seat(self, stream: Any, role: Role, *holders: str) -> bool:
-        """Gives a connection a slot of its role, for which another may be closed; returns whether it got one."""
+        """Gives a connection a slot of its role, for which another may be closed. Returns whether it got one."""
         for places in self.places.values():
             places.leave(stream)
         evicted = self.places[role].take(stream, *holders)
@@ -226,7 +226,7 @@ class PageServer:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
     def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
-        """Carries out a request and returns its answer; a repeated request gets the same answer."""
+        """Carries out a request and returns its answer. A repeated request gets the same answer."""
         key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self.answers:
             if request.action == "command":

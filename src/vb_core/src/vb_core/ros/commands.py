@@ -58,7 +58,7 @@ def make_request(
 def send(
     request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = RESPONSE_TIMEOUT
 ) -> CommandResponse:
-    """Sends a command; sends it again if the answer is lost, for instance because the manager restarts.
+    """Sends a command. Sends it again if the answer is lost, for instance because the manager restarts.
 
     Raises:
         CodedError: "no_service" or "no_response", as in `services.call`.
@@ -97,7 +97,7 @@ class CommandSender:
         self._stop: Optional[rospy.Publisher] = None
 
     def connect(self) -> None:
-        """Connects to the interaction's state and the robots; the node must be registered."""
+        """Connects to the interaction's state and the robots. The node must be registered."""
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_robot, queue_size=20)
@@ -130,7 +130,7 @@ class CommandSender:
         identity: str = "",
         carry_out: Callable[[CommandRequest], Any] = send,
     ) -> bool:
-        """Sends a command after the person's earlier ones; drops it and returns False if too many of these wait.
+        """Sends a command after the person's earlier ones. Drops it and returns False if too many of these wait.
 
         Args:
             context: passed on to `on_answer`.
@@ -185,7 +185,7 @@ class CommandSender:
         self._on_answer(request, context, answer, error)
 
     def _send_stop(self, stop: CommandRequest) -> CommandResponse:
-        """Sends a stop; returns the manager's answer or, if no manager responds, one that names the robots holding it.
+        """Sends a stop. Returns the manager's answer or, if no manager responds, one that names the robots holding it.
 
         Raises:
             CodedError: "stop_unconfirmed" if no robot holds it, or as in `send`.

@@ -39,7 +39,7 @@ class Commanders:
 
 
 def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Commanders:
-    """Finds who can command a base; `driver` is the driver node's full name, in the robot's namespace.
+    """Finds who can command a base. `driver` is the driver node's full name, in the robot's namespace.
 
     Raises:
         rosgraph.MasterException, OSError: if the master does not answer.

@@ -138,7 +138,7 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # malloc.h
 
 
 def _tune_malloc(option: int, value: int) -> None:
-    """Sets an option of glibc's malloc; with another C library nothing changes."""
+    """Sets an option of glibc's malloc. With another C library nothing changes."""
     try:
         ctypes.CDLL(None).mallopt(option, value)
     except (OSError, AttributeError):
@@ -176,7 +176,7 @@ class Queue(Generic[T]):
         self._closed = False
 
     def put(self, item: T) -> bool:
-        """Adds an item; returns False if too many wait already, which the caller must report."""
+        """Adds an item. Returns False if too many wait already, which the caller must report."""
         with self._condition:
             if len(self._items) >= self._size:
                 return False
@@ -232,7 +232,7 @@ class Mailbox(Queue[T]):
             self._condition.wait_for(lambda: not self._items or self._closed)
 
     def close(self) -> None:
-        """Wakes up the waiting thread; `get` then returns None."""
+        """Wakes up the waiting thread. `get` then returns None."""
         with self._condition:
             self._items.clear()
             super().close()
@@ -261,7 +261,7 @@ class WakeTimer:
         self._wake.set()
 
     def get(self) -> Optional[bool]:
-        """Waits; returns whether it was notified, or None once closed."""
+        """Waits. Returns whether it was notified, or None once closed."""
         if rospy.rostime.is_wallclock():
             woken = not self._closed and self._wake.wait(self._period)
         else:
@@ -286,7 +286,7 @@ class WakeTimer:
         return woken
 
     def close(self) -> None:
-        """Wakes up the worker; `get` then returns None."""
+        """Wakes up the worker. `get` then returns None."""
         self._closed = True
         self._wake.set()
 
@@ -370,7 +370,7 @@ def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> 
 
 
 def wait_for_clock() -> None:
-    """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
+    """Waits for the first time on /clock if simulated time is used. Returns at once otherwise.
 
     If none comes within `INPUT_TIMEOUT`, the node ends with "input_timeout".
     """

@@ -21,7 +21,7 @@ LOG_PERIOD = 60.0  # [s] before an intermittent notice is logged again
 
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
-    """Converts a notice to a message with its English sentence; inverse of `notice_from_message`."""
+    """Converts a notice to a message with its English sentence. Inverse of `notice_from_message`."""
     values: List[KeyValue] = values_from_mapping(notice.values)
     return NoticeMessage(
         severity=int(notice.severity),
@@ -35,7 +35,7 @@ def message_from_notice(notice: Notice) -> NoticeMessage:
 
 
 def notice_from_message(message: NoticeMessage) -> Notice:
-    """Converts a message to a notice; inverse of `message_from_notice`.
+    """Converts a message to a notice. Inverse of `message_from_notice`.
 
     An unknown severity counts as an error: it may come from a newer version.
     """
@@ -51,7 +51,7 @@ def notice_from_message(message: NoticeMessage) -> Notice:
 
 
 class NoticeListener:
-    """Keeps the notices of all nodes; its methods may be called from any thread.
+    """Keeps the notices of all nodes. Its methods may be called from any thread.
 
     Notices are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
 
@@ -96,7 +96,7 @@ class NoticePublisher:
         self._publish()
 
     def set(self, notices: Iterable[Notice]) -> None:
-        """Replaces this source's notices; if none changes, nothing is sent before the next repetition."""
+        """Replaces this source's notices. If none changes, nothing is sent before the next repetition."""
         notices = list(notices)
         with self._lock:
             if notices == self._notices:

@@ -16,7 +16,7 @@ UNANSWERED = ("no_service", "no_response")  # codes for a service that does not 
 def call(
     name: str, service: Type, request: Any, who: str, service_timeout: float = 1.0, response_timeout: float = 5.0
 ) -> Any:
-    """Calls a service; returns its response, or raises an error, within a known time.
+    """Calls a service. Returns its response, or raises an error, within a known time.
 
     rospy itself waits without limit for a process that accepts the connection and hangs. The limits are in wall time on
     purpose, since simulated time may stand still.

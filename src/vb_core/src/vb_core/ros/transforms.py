@@ -52,7 +52,7 @@ class TransformLookup:
         return pose if np.isfinite(pose).all() else None
 
     def newest(self, target: str, source: str) -> rospy.Time:
-        """Returns the time of the newest transform; zero if it is static or missing."""
+        """Returns the time of the newest transform, or zero if it is static or missing."""
         try:
             return self._buffer.get_latest_common_time(target, source)
         except (tf2_ros.TransformException, rospy.ROSException):
