@@ -73,8 +73,7 @@ def test_a_fisheye_follows_its_polynomial_up_to_its_limit(k, end):
     assert np.allclose(pixels, np.column_stack([639.5 + 0.6 * radii, 479.5 + 0.8 * radii]), atol=1e-6)
     assert np.allclose(camera.project(camera.rays(pixels)), pixels, atol=1e-3)
     # the limit is where 1 + 3 k1 a^2 + 5 k2 a^4 + ... is 0, if that is below 90 degrees
-    beyond = np.radians(1.01 * end)
-    assert np.isnan(camera.project([[np.tan(beyond), 0.0, 1.0 if end < 90.0 else -1.0]])).all()
+    assert np.isnan(camera.project([[np.tan(np.radians(1.01 * end)), 0.0, 1.0 if end < 90.0 else -1.0]])).all()
     assert np.degrees(np.arctan(camera.limit)) == pytest.approx(end, abs=0.01)
 
 

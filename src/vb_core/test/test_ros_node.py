@@ -210,7 +210,7 @@ node.run("lamp", build)
 
 def test_objects_made_at_start_are_not_searched_for_garbage():
     lists = [[number] for number in range(1000)]
-    node._keep_for_good()
+    node._freeze_startup_objects()
     try:
         assert set(map(id, gc.get_objects())).isdisjoint(map(id, lists))
     finally:

@@ -137,7 +137,8 @@ def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]
 
 
 def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
-    physical, size, all_known = newest.get(names.PHYSICAL_MAP), None, False
+    physical = newest.get(names.PHYSICAL_MAP)
+    size, all_known = None, False
     if physical is not None:
         size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
         with contextlib.suppress(CodedError):  # the map integrator reports a map of the wrong size

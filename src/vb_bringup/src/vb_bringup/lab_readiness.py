@@ -118,11 +118,11 @@ def is_all_known(cells: np.ndarray) -> bool:
     return bool((edges == 0).any()) and float((cells < 0).mean()) < _HARDLY_ANY
 
 
-def check_nodes(missing_nodes: Sequence[str]) -> List[Notice]:
-    """Checks whether the nodes that belong to the lab are running. `missing_nodes` names those that are not."""
-    if not missing_nodes:
+def check_nodes(missing: Sequence[str]) -> List[Notice]:
+    """Checks whether the nodes that belong to the lab are running. `missing` names those that are not."""
+    if not missing:
         return [Notice("lab_node_ok", Severity.INFO)]
-    return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing_nodes]
+    return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing]
 
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:

@@ -260,7 +260,8 @@ def run() -> int:
     parser.add_argument(
         "words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack"
     )
-    options, process = parser.parse_args(), os.getppid()
+    options = parser.parse_args()
+    process = os.getppid()
     files: List[Path] = []
     try:
         arguments, files, master_uri = launch_of(process)

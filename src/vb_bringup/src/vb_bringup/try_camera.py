@@ -120,10 +120,10 @@ class CornerPage:
         self._source.start()
 
     def _show_error(self, error: Optional[CodedError]) -> None:
-        before, self.error = self.error, ""
+        previous, self.error = self.error, ""
         if error is not None:
             self.error = CodedError(error.code, **{**error.values, "camera": "1"}).message
-        if self.error not in ("", before):
+        if self.error not in ("", previous):
             print(f"  {self.error}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
             print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
 

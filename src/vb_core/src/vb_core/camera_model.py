@@ -66,7 +66,7 @@ class CameraModel:
 
     @staticmethod
     def ideal(width: int, height: int, focal_px: float) -> "CameraModel":
-        """Makes a camera without distortion whose optical axis meets the image centre. The focal length is in pixels."""
+        """Makes a camera without distortion whose optical axis meets the image centre. Focal length [px]."""
         matrix = np.array([[focal_px, 0, (width - 1) / 2.0], [0, focal_px, (height - 1) / 2.0], [0, 0, 1.0]])
         return CameraModel(width, height, matrix, np.zeros(5))
 

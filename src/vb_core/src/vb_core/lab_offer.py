@@ -1,9 +1,9 @@
 """Derives which commands and zones a lab can offer from what is connected to it. No ROS.
 
-A lab may or may not have cameras; a robot may or may not plan on the map with borders, be driven by this stack's
-driver, or be localised. One pure function, `offer`, derives which commands have an effect, which zones each robot
-keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a
-Stop that stops nothing, or claims a zone that no robot keeps.
+Which buttons may the page show? That depends on whether the lab has cameras, and on whether a robot plans on the map
+with borders, is driven by this stack's driver, and is localised. One pure function, `offer`, derives which commands
+have an effect, which zones each robot keeps, and the sentences that say so. Page, display, check_lab and notices all
+use it, so that none of them offers a Stop that stops nothing, or claims a zone that no robot keeps.
 
 >>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
 >>> offer(Connections((mine,))).commands

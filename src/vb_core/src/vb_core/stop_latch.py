@@ -33,7 +33,7 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
 MAX_KNOWN_STOPS = 32  # stops that the latch remembers: a robot that missed more of them counts as stopped again
-MAX_HELD_STOPS = 4  # stops that a robot holds one by one: eight robots hold no more than the latch remembers
+MAX_HELD_STOPS = 4  # stops that a robot holds one by one; those of eight robots are MAX_KNOWN_STOPS
 
 
 def new_id() -> str:
@@ -108,7 +108,8 @@ class StopLatch(_Stored):
 
     def __init__(self, path: Optional[Path] = None) -> None:
         self.number, self.stops = new_id(), ()
-        self.stopped, self.by = False, ""
+        self.stopped = False
+        self.by = ""
         super().__init__(path)
 
     def stop(self, identity: str, by: str) -> bool:

@@ -111,7 +111,8 @@ class Sessions:
 
         Digests are compared, so that the time it takes reveals nothing about the code.
         """
-        code, cookie = _digest(normalize(typed)), secrets.token_urlsafe(24)
+        code = _digest(normalize(typed))
+        cookie = secrets.token_urlsafe(24)
         if code not in self._roles:
             return None
         previous = [name for name, (opener, _) in self._open.items() if opener == code][: 1 - _MAX_SESSIONS]
@@ -177,7 +178,7 @@ class ConnectionSlots:
 
     Args:
         size: the number of places.
-        yields: whether, if all hold the same number, the longest unused one goes; else one of the newcomer's own.
+        yields: whether the longest unused place goes if all hold the same number; otherwise one of the newcomer's own.
     """
 
     def __init__(self, size: int, yields: bool) -> None:
@@ -198,14 +199,14 @@ class ConnectionSlots:
         self.leave(connection)
         self._held[connection] = holders
         if len(self._held) > self._size:
-            self._held = {other: whose for other, whose in self._held.items() if not other.closed()}
+            self._held = {place: names for place, names in self._held.items() if not place.closed()}
         if len(self._held) <= self._size:
             return None
-        counts = Counter(holder for whose in self._held.values() for holder in whose)
-        shares = {other: max(counts[holder] for holder in whose) for other, whose in self._held.items()}
-        largest = [other for other, share in shares.items() if share == max(shares.values())]
-        own_connections = [] if self._yields else [other for other in largest if set(self._held[other]) & set(holders)]
-        displaced = (own_connections or largest)[0]
+        counts = Counter(holder for names in self._held.values() for holder in names)
+        shares = {place: max(counts[holder] for holder in names) for place, names in self._held.items()}
+        largest = [place for place, share in shares.items() if share == max(shares.values())]
+        own_places = [] if self._yields else [place for place in largest if set(self._held[place]) & set(holders)]
+        displaced = (own_places or largest)[0]
         self.leave(displaced)
         return displaced
 

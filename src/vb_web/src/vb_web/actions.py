@@ -41,19 +41,19 @@ class ActionHandler:
     """Carries out requests. Thread safe.
 
     Args:
-        borders: returns the stored border of an id, or None.
-        manager_there: returns whether there is an interaction manager.
-        invite: returns what a phone needs to log in.
+        find_border: returns the stored border of an id, or None.
+        has_manager: returns whether there is an interaction manager.
+        make_invitation: returns what a phone needs to log in.
     """
 
     def __init__(
         self,
-        borders: Callable[[str], Optional[VirtualBorder]],
-        manager_there: Callable[[], bool],
-        invite: Callable[[], Dict[str, Any]],
+        find_border: Callable[[str], Optional[VirtualBorder]],
+        has_manager: Callable[[], bool],
+        make_invitation: Callable[[], Dict[str, Any]],
     ) -> None:
-        self._borders, self._manager_there = borders, manager_there
-        self._give_invitation = invite
+        self._find_border, self._has_manager = find_border, has_manager
+        self._make_invitation = make_invitation
         self._command_sender = CommandSender("page", self._on_answer)
         self._command_sender.connect()
 
@@ -68,8 +68,9 @@ class ActionHandler:
     # ------------------------------------------------------------- commands
     def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
         """Starts to carry out a command. Returns a future of its answer in the calling thread's event loop."""
-        command, answered = request.values["command"], asyncio.get_event_loop().create_future()
-        alone = command in (UNDO, REDO) and not self._manager_there()
+        command = request.values["command"]
+        answered = asyncio.get_event_loop().create_future()
+        alone = command in (UNDO, REDO) and not self._has_manager()
         # the browser's id, so that a request repeated after a restart of the page is carried out once
         if not self._command_sender.put(
             command,
@@ -89,7 +90,7 @@ class ActionHandler:
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
-        border = self._borders(border_id)
+        border = self._find_border(border_id)
         if border is None:
             raise CodedError("page_no_border")
         return copy.deepcopy(border)
@@ -139,7 +140,7 @@ class ActionHandler:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
     def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
-        return {**answer("ok"), **self._give_invitation()}
+        return {**answer("ok"), **self._make_invitation()}
 
 
 def _call(name: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:

@@ -66,7 +66,7 @@ class View:
             self._sections[section] = (self._revision, text)
         self.on_change()
 
-    def since(self, revision: int) -> Tuple[int, str]:
+    def newer_than(self, revision: int) -> Tuple[int, str]:
         """Returns (revision, message) with all sections newer than a revision.
 
         Revision 0 returns all of them; the message is empty if there are none.

@@ -206,11 +206,12 @@ class _LinkHandler(_Guarded, WebSocketHandler):
 
         Viewers are served at random moments within that period: otherwise an operator's answer would wait for them all.
         """
-        revision, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
+        revision = 0
+        turn = 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
             while self in self.page.browsers:
                 news = self.page.news
-                revision, text = self.page.view.since(revision)
+                revision, text = self.page.view.newer_than(revision)
                 if text:
                     await self.write_message(text)
                     await asyncio.sleep(_SEND_PERIOD - turn)

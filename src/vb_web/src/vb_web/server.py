@@ -170,7 +170,8 @@ class PageServer:
 
     async def _serve(self) -> None:
         self._loop, self._closing, self.news = asyncio.get_event_loop(), asyncio.Event(), asyncio.Event()
-        context, certificate = None, self.params.certificate
+        context = None
+        certificate = self.params.certificate
         if certificate is not None:
             context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
             context.load_cert_chain(*map(str, certificate))

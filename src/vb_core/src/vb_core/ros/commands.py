@@ -140,7 +140,8 @@ class CommandSender:
             identity: the command's id if it already has one and may arrive twice.
             carry_out: carries out any command except a stop; returns the answer or raises a `CodedError`.
         """
-        given, source = min(given, time.monotonic()), source or self._source
+        given = min(given, time.monotonic())
+        source = source or self._source
         if seen_stop is None:
             seen_stop = self.stop_number(given)
         request = make_request(command, source, VALIDITY - (time.monotonic() - given), uncertain, seen_stop)

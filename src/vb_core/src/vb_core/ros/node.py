@@ -47,7 +47,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
         sys.exit(1)
     except rospy.ROSInterruptException:
         return
-    _keep_for_good()
+    _freeze_startup_objects()
     if hasattr(node, "close"):
         rospy.on_shutdown(node.close)
     if rospy.get_param("/use_sim_time", False):
@@ -68,7 +68,7 @@ def _log_without_registering() -> None:
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
 
 
-def _keep_for_good() -> None:
+def _freeze_startup_objects() -> None:
     """Excludes the objects made so far, which live as long as the node, from Python's garbage collection.
 
     The collector would halt all threads while it goes through them: 30 to 60 ms of processor time, several times as
@@ -245,8 +245,8 @@ MAX_PACE = 20.0  # simulated seconds per second of wall time
 class WakeTimer:
     """Wakes a worker when it is notified, or after a period of wall or simulated time, whichever ends first.
 
-    For work that must not pause: a rospy.Timer follows simulated time, which may. Where simulated time runs faster than
-    wall time, other nodes expect the work as often in simulated time.
+    Unlike a rospy.Timer, it also wakes the worker while simulated time stands still. Where simulated time runs faster
+    than wall time, other nodes expect the work as often in simulated time.
     """
 
     def __init__(self, period: float) -> None:
@@ -275,7 +275,8 @@ class WakeTimer:
         if not 0.0 <= self._due - began_simulated <= self._period:
             # this is the first wait, the last one ended too late, or time has jumped
             self._due = began_simulated + self._period
-        wall, now, woken = began, began_simulated, False
+        wall, now = began, began_simulated
+        woken = False
         while not (self._closed or woken) and wall < began + self._period and now < self._due:
             remaining_time = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
             woken = self._wake.wait(min(began + self._period - wall, remaining_time))

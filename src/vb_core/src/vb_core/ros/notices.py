@@ -121,7 +121,8 @@ class NoticePublisher:
 
     def _find_new(self) -> List[Notice]:
         """Returns the warnings and errors that did not hold within LOG_PERIOD: an intermittent one is logged once."""
-        now, new_notices = time.monotonic(), []
+        now = time.monotonic()
+        new_notices = []
         for notice in self._notices:
             # a warning that becomes an error is news
             key = (notice.code, notice.robot, notice.border_id, notice.camera, notice.severity)
