@@ -111,7 +111,7 @@ class HalvedPicture:
         decode: returns the pixels (H, W, 3) uint8 bgr for a width and a height.
 
     Attributes:
-        content, mosaic: as in `Picture`.
+        content, mosaic: meaning of the pixels, and whether each holds one colour only, as in `Picture`.
         scale: number of full-size pixels per searched pixel, in each direction.
     """
 

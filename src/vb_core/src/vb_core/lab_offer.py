@@ -78,7 +78,7 @@ class Offer:
         state: READY, NO_ROBOT, or UNREADY if a connected robot does not keep out of borders.
         commands: those of vb_core.vocabulary with needs that are met; "go" if a robot can be sent to a place.
         zones: the zones that at least one robot keeps.
-        ignored_by: by the name of a zone, the names of the connected robots that do not keep it.
+        ignored_by: names of the connected robots that do not keep a zone, by the name of the zone.
         goes: the names of the robots that can be sent to a place.
         lines: what to tell people about each robot while the connections do not change.
     """

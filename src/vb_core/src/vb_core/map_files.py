@@ -42,7 +42,7 @@ def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
     """Writes `<stem>.pgm` and `<stem>.yaml`. Inverse of `read_map`.
 
     Args:
-        raw: whether to keep every occupancy value; by default the file is trinary, as map_saver's.
+        raw: whether to keep every occupancy value; by default the file is trinary, like those of map_saver.
 
     Returns:
         The paths of both files.

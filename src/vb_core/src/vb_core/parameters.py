@@ -38,7 +38,7 @@ def param(
     """Makes a dataclass field with a unit and limits.
 
     Args:
-        default: its value unless set; its type is the parameter's type.
+        default: the value unless another one is set; its type is the parameter's type.
         low, high: the smallest and largest value allowed, both included.
         above: an excluded lower limit.
         choices: the only values allowed.

@@ -126,10 +126,10 @@ class StopLatch(_Stored):
         with self._lock:
             return self.stopped, self.by, self.number, self.stops
 
-    def resume(self, seen: str) -> bool:
-        """Releases the stop if `seen` is the newest number. Returns whether robots may drive now."""
+    def resume(self, seen_number: str) -> bool:
+        """Releases the stop if `seen_number` is the newest number. Returns whether robots may drive now."""
         with self._lock:
-            if seen == self.number:
+            if seen_number == self.number:
                 self.stopped, self.by, self.lost = False, "", False
             return not self.stopped
 

@@ -67,7 +67,7 @@ class MqttClient:
 
     Args:
         address: HOST or HOST:PORT; an IPv6 address in brackets.
-        client: its id, the same in each process: the broker ends an earlier connection before it accepts a new one.
+        client: the client's id, always the same: the broker ends an earlier connection before it accepts a new one.
         will: topic and payload that the broker publishes, retained, once this client is gone.
         subscriptions: callbacks (topic, payload, retained) by topic filter, with QoS 1.
         on_fault: called if a callback raised, which is a fault of the program.

@@ -52,10 +52,10 @@ class Lab:
     """The lab to be described.
 
     Attributes:
-        device: its id, the prefix of its topics.
+        device: the device's id, which is the prefix of its topics.
         language: the language of all names.
-        cameras, robots: their names; None if not known yet.
-        borders: their names by id; None if not known yet.
+        cameras, robots: names of the cameras and robots; None if not known yet.
+        borders: names of the borders by id; None if not known yet.
     """
 
     device: str
@@ -259,26 +259,26 @@ def answer_value(sender_id: str, request_name: str, success: bool, code: str, te
     return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_TEXT]}
 
 
-def draw_map(before: GridMap, after: GridMap, borders: Sequence[Any]) -> bytes:
+def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:
     """Draws the map with walls, restricted areas and borders as a PNG of at most MAX_SIDE pixels in each direction.
 
     Args:
-        before: the map without borders.
-        after: the map with them, of the same geometry.
+        prior: the map without borders.
+        posterior: the map with borders, of the same geometry.
         borders: vb_msgs/VirtualBorder; disabled ones become grey.
     """
-    added = after.data > before.data
-    pixels = np.full((*before.shape, 3), _FREE, np.uint8)
-    pixels[before.data == UNKNOWN] = _UNSEEN
-    pixels[before.data > 50] = _WALL
+    added = posterior.data > prior.data
+    pixels = np.full((*prior.shape, 3), _FREE, np.uint8)
+    pixels[prior.data == UNKNOWN] = _UNSEEN
+    pixels[prior.data > 50] = _WALL
     pixels[added] = _SOFT
-    pixels[added & (after.data == 100)] = _RESTRICTED
-    scale = MAX_SIDE / max(before.shape)
+    pixels[added & (posterior.data == 100)] = _RESTRICTED
+    scale = MAX_SIDE / max(prior.shape)
     # a large map's walls must not vanish between its pixels
     kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
     pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=kind)
     for border in borders:
-        line = (before.world_to_grid(array_from_points(border.points)) + 0.5) * scale
+        line = (prior.world_to_grid(array_from_points(border.points)) + 0.5) * scale
         if len(line) and np.isfinite(line).all():
             closed = border.kind == border.POLYGON
             color = _LINE if border.enabled else _LINE_OFF

@@ -52,7 +52,7 @@ class Request:
     Attributes:
         id: requests with the same one are carried out once.
         sender_id: the sender's own id for it, which the answer repeats.
-        command: its name; "": a border is to be switched.
+        command: the command's name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
         border: key of the border to switch, see `entities.key_of`.
         enabled: whether to switch it on.

@@ -141,10 +141,10 @@ class MqttNode:
         grids = [self._grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)]
         if None in grids:
             return
-        before, after = map(messages.grid_from_message, grids)
-        if before.same_geometry(after):
+        prior, posterior = map(messages.grid_from_message, grids)
+        if prior.same_geometry(posterior):
             self._broker.put(
-                self._lab.topic("map"), entities.draw_map(before, after, list((self._borders or {}).values()))
+                self._lab.topic("map"), entities.draw_map(prior, posterior, list((self._borders or {}).values()))
             )
 
     # ------------------------------------------------------------------ to the broker

@@ -82,7 +82,7 @@ class Sessions:
     """The open sessions: a cookie without an entry here is worth nothing. Thread safe.
 
     Args:
-        codes: as `load_codes` returns them.
+        codes: the codes by role, as `load_codes` returns them.
         path: the file of the sessions, beside that of the codes; None: memory only.
         on_fault: called with the error if the file cannot be written; the sessions in memory stay valid.
 

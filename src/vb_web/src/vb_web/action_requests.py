@@ -39,7 +39,7 @@ class Request:
     Attributes:
         id: chosen by the browser; a request that is repeated with the same id is carried out once.
         action: one of ACTIONS.
-        values: by field, checked.
+        values: the checked values by field.
         arrived: [s] time of arrival on the monotonic clock.
     """
 

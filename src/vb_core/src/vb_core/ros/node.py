@@ -341,29 +341,29 @@ LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and
 INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 
-def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
+def watch_input(input_name: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
     """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up after a timeout.
 
     Args:
-        what: the input's name in the log, for instance "the map on /map".
+        input_name: the input's name in the log, for instance "the map on /map".
         arrived: returns whether it is there.
         timeout: [s] wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """
-    threading.Thread(target=_await, args=(what, arrived, timeout), daemon=True).start()
+    threading.Thread(target=_await, args=(input_name, arrived, timeout), daemon=True).start()
 
 
-def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
+def _await(input_name: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
     began = logged_at = time.monotonic()
     while not arrived():
         now = time.monotonic()
         if rospy.is_shutdown():
             return False
         if timeout is not None and now - began > timeout:
-            shut_down_with_error(CodedError("input_timeout", what=what, seconds=round(now - began)))
+            shut_down_with_error(CodedError("input_timeout", what=input_name, seconds=round(now - began)))
             return False
         if now - logged_at > LOG_DELAY:
-            rospy.logwarn("%s waits for %s", rospy.get_name(), what)
+            rospy.logwarn("%s waits for %s", rospy.get_name(), input_name)
             # the pause doubles each time: 5, 10, 20 s ...
             logged_at = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)

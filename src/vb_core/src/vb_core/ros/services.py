@@ -23,7 +23,7 @@ def call(
 
     Args:
         name: the service's name.
-        service: its class, for instance vb_msgs.srv.AddBorder.
+        service: the service's class, for instance vb_msgs.srv.AddBorder.
         who: the node's name in the error's sentence: "the map integrator", or "$map_integrator" to translate it.
         service_timeout: [s] how long to wait for the service to appear.
         response_timeout: [s] how long to wait for its response after that.
