@@ -53,9 +53,9 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
     angles, radii = np.meshgrid(np.linspace(0, 2 * np.pi, 73), np.linspace(0, 0.97 * end, 60))
     points = np.column_stack([(radii * np.cos(angles)).ravel(), (radii * np.sin(angles)).ravel(), np.ones(angles.size)])
     pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
-    seen = camera.contains(pixels)
-    rays = camera.rays(pixels[seen])
-    assert seen.sum() > 500 and np.abs(rays - points[seen]).max() < 1e-6
+    in_image = camera.contains(pixels)
+    rays = camera.rays(pixels[in_image])
+    assert in_image.sum() > 500 and np.abs(rays - points[in_image]).max() < 1e-6
     if len(falls):
         # no ray for a pixel beyond the model's image, and no pixel for a point beyond its limit
         nowhere = np.array([(319.5 + 1.05 * (rise.max() - 319.5), 239.5), (0.0, 0.0)])
@@ -66,15 +66,14 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
 @pytest.mark.parametrize("k, end", [([0.0] * 4, 90.0), ([0.05, -0.01, 0.002, 0.0], 90.0), ([-0.2, 0, 0, 0], 73.97)])
 def test_a_fisheye_follows_its_polynomial_up_to_its_limit(k, end):
     camera = CameraModel(1280, 960, CameraModel.ideal(1280, 960, 300.0).matrix, np.array(k), fisheye=True)
-    off = np.radians(np.linspace(0.0, min(0.99 * end, 85.0), 50))
-    points = np.column_stack([0.6 * np.tan(off), 0.8 * np.tan(off), np.ones(50)])
-    shown = 300.0 * off * (1.0 + sum(k[i] * off ** (2 * i + 2) for i in range(4)))
+    angles = np.radians(np.linspace(0.0, min(0.99 * end, 85.0), 50))
+    points = np.column_stack([0.6 * np.tan(angles), 0.8 * np.tan(angles), np.ones(50)])
+    radii = 300.0 * angles * (1.0 + sum(k[i] * angles ** (2 * i + 2) for i in range(4)))
     pixels = camera.project(points)
-    assert np.allclose(pixels, np.column_stack([639.5 + 0.6 * shown, 479.5 + 0.8 * shown]), atol=1e-6)
+    assert np.allclose(pixels, np.column_stack([639.5 + 0.6 * radii, 479.5 + 0.8 * radii]), atol=1e-6)
     assert np.allclose(camera.project(camera.rays(pixels)), pixels, atol=1e-3)
     # the limit is where 1 + 3 k1 a^2 + 5 k2 a^4 + ... is 0, if that is below 90 degrees
-    beyond = np.radians(1.01 * end)
-    assert np.isnan(camera.project([[np.tan(beyond), 0.0, 1.0 if end < 90.0 else -1.0]])).all()
+    assert np.isnan(camera.project([[np.tan(np.radians(1.01 * end)), 0.0, 1.0 if end < 90.0 else -1.0]])).all()
     assert np.degrees(np.arctan(camera.limit)) == pytest.approx(end, abs=0.01)
 
 
@@ -105,9 +104,9 @@ def test_projection_and_rays_agree_with_opencv(distortion, fisheye):
     camera = CameraModel(1400, 1200, matrix, np.array(distortion), fisheye)
     points = np.random.default_rng(8).uniform([-0.3, -0.3, 0.8], [0.5, 0.3, 1.4], (100, 3))
     project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
-    wanted = project(points[:, None], np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
-    assert np.abs(camera.project(points) - wanted).max() < 1e-6
-    assert np.abs(camera.rays(wanted) - points / points[:, 2:]).max() < 1e-6
+    expected = project(points[:, None], np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
+    assert np.abs(camera.project(points) - expected).max() < 1e-6
+    assert np.abs(camera.rays(expected) - points / points[:, 2:]).max() < 1e-6
     assert camera.focal_px == 1100.0
     # in an image of another shape, a point lies at the same fraction of width and height
     half = camera.scaled_to(350, 600)
@@ -120,8 +119,8 @@ def test_an_image_contains_the_pixels_within_its_edges():
     camera = CameraModel.ideal(4, 3, 5.0)
     columns, rows = np.meshgrid(np.arange(-1.0, 5.0, 0.25), np.arange(-1.0, 4.0, 0.25))
     pixels = np.column_stack([columns.ravel(), rows.ravel()])
-    wanted = [-0.5 <= column <= 3.5 and -0.5 <= row <= 2.5 for column, row in pixels.tolist()]
-    assert camera.contains(pixels).tolist() == wanted and not camera.contains([[np.nan, 1.0]]).any()
+    expected = [-0.5 <= column <= 3.5 and -0.5 <= row <= 2.5 for column, row in pixels.tolist()]
+    assert camera.contains(pixels).tolist() == expected and not camera.contains([[np.nan, 1.0]]).any()
 
 
 def test_rays_meet_the_floor_or_nothing():

@@ -18,21 +18,21 @@ from vb_msgs.srv import CommandResponse
 
 def test_no_message_constant_contains_a_comment():
     """In a message definition, everything after a string constant's = is its value, even a comment."""
-    found = [
+    faulty_lines = [
         f"{path.name}: {line}"
         for path in Path(__file__).resolve().parents[2].glob("vb_msgs/*/*.[ms]*")
         if path.suffix in (".msg", ".srv")
         for line in path.read_text(encoding="utf-8").splitlines()
         if re.match(r"string +[A-Z_]+ *=.*#", line)
     ]
-    assert not found
+    assert not faulty_lines
 
 
 class Manager:
-    """Stands in for the manager: named commands hang until released; the answers in `given` are used up first."""
+    """Stands in for the manager: named commands hang until released; the answers in `answers` are used up first."""
 
     def __init__(self, hanging):
-        self.asked, self.given, self._done, self._noted = [], [], [], threading.Semaphore(0)
+        self.requests, self.answers, self._done, self._noted = [], [], [], threading.Semaphore(0)
         self._gates = {command: threading.Event() for command in hanging}
 
     def note(self, *answer):
@@ -40,16 +40,16 @@ class Manager:
         self._noted.release()
 
     def call(self, _name, _service, request, *_limits):
-        self.asked.append(request)
+        self.requests.append(request)
         if request.command in self._gates:
             assert self._gates[request.command].wait(60)
-        answer = self.given.pop(0) if self.given else CommandResponse(success=True)
+        answer = self.answers.pop(0) if self.answers else CommandResponse(success=True)
         if isinstance(answer, Exception):
             raise answer
         return answer
 
     def asked_for(self, command):
-        return next(request for request in self.asked if request.command == command)
+        return next(request for request in self.requests if request.command == command)
 
     def let(self, command):
         self._gates[command].set()
@@ -65,11 +65,11 @@ def sender(monkeypatch):
     """Returns a function that makes a sender, its manager and its clock."""
 
     def make(*hanging):
-        manager, now = Manager(hanging), [10.0]
+        manager, clock = Manager(hanging), [10.0]
         monkeypatch.setattr(commands.services, "call", manager.call)
         monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
-        monkeypatch.setattr(commands.time, "monotonic", lambda: now[0])
-        return commands.CommandSender("test", manager.note), manager, now
+        monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
+        return commands.CommandSender("test", manager.note), manager, clock
 
     return make
 
@@ -92,39 +92,39 @@ def test_every_command_has_a_unique_id_and_expires(sender, monkeypatch):
 
 def test_a_lost_answer_is_asked_for_once_more_under_the_same_id(sender):
     _, manager, _ = sender()
-    manager.given.append(no_answer(rospy.ServiceException("the connection was closed")))
+    manager.answers.append(no_answer(rospy.ServiceException("the connection was closed")))
     assert commands.send(commands.make_request("undo", "test", 5.0)).success
-    assert len(manager.asked) == 2 and manager.asked[0].id == manager.asked[1].id
+    assert len(manager.requests) == 2 and manager.requests[0].id == manager.requests[1].id
 
 
 @pytest.mark.parametrize("error", [no_answer(TimeoutError("hangs")), CodedError("no_service", who="x")])
 def test_a_service_that_hangs_or_is_absent_is_not_asked_again(sender, error):
     _, manager, _ = sender()
-    manager.given.append(error)
+    manager.answers.append(error)
     with refused(error.code):
         commands.send(commands.make_request("undo", "test", 5.0))
-    assert len(manager.asked) == 1
+    assert len(manager.requests) == 1
 
 
 def test_a_command_names_the_newest_stop_its_sender_knew(sender):
-    orders, manager, now = sender()
-    for now[0], number in ((10.0, "a"), (11.0, "a"), (12.0, "b")):
+    orders, manager, clock = sender()
+    for clock[0], number in ((10.0, "a"), (11.0, "a"), (12.0, "b")):
         orders._on_state(InteractionState(stop_number=number))
-    for given in (11.5, 13.0, 9.0):
-        orders.put("resume", given=given)
+    for given_at in (11.5, 13.0, 9.0):
+        orders.put("resume", given=given_at)
     orders.put("resume", seen_stop="shown")
     assert sorted(request.seen_stop for request, *_ in manager.wait_for(4)) == ["", "a", "b", "shown"]
 
 
 def test_a_commands_age_counts_from_when_it_was_given(sender):
-    orders, manager, now = sender()
-    now[0] = 100.0
+    orders, manager, clock = sender()
+    clock[0] = 100.0
     orders.put("save", given=98.0)
     orders.put("define_border", given=94.0, source="other")
-    found = {request.command: (request, answer, error) for request, _, answer, error in manager.wait_for(2)}
-    assert found["save"][1].success and found["save"][0].expires == rospy.Time(103)
-    assert found["define_border"][1] is None and found["define_border"][2].code == "expired"
-    assert [request.command for request in manager.asked] == ["save"]
+    outcomes = {request.command: (request, answer, error) for request, _, answer, error in manager.wait_for(2)}
+    assert outcomes["save"][1].success and outcomes["save"][0].expires == rospy.Time(103)
+    assert outcomes["define_border"][1] is None and outcomes["define_border"][2].code == "expired"
+    assert [request.command for request in manager.requests] == ["save"]
 
 
 def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
@@ -138,7 +138,7 @@ def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
     assert manager.wait_for(2)[1][:2] == (manager.asked_for("stop"), 1)
     manager.let("save")
     assert {request.command for request, *_ in manager.wait_for(4)[2:]} == {"save", "resume"}
-    assert manager.asked[-1].command == "resume"
+    assert manager.requests[-1].command == "resume"
 
 
 def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monkeypatch):
@@ -152,7 +152,7 @@ def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monk
         orders._on_robots(RobotStatusArray(robots=[without_driver, driven]))
 
     absent = CodedError("no_service", who="$interaction_manager")
-    manager.given += [absent, absent]
+    manager.answers += [absent, absent]
     monkeypatch.setattr(commands.time, "sleep", report)
     orders.put("stop")
     ((_, _, answer, error),) = manager.wait_for(1)
@@ -166,12 +166,12 @@ def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monk
 def test_commands_to_other_nodes_wait_their_turn_too(sender):
     orders, manager, _ = sender("stop")
     orders.put("stop")
-    orders.put("switch_border", carry_out=lambda request: [*manager.asked, request.command])
+    orders.put("switch_border", carry_out=lambda request: [*manager.requests, request.command])
     orders.put("resume")
     manager.let("stop")
-    found = {request.command: answer for request, _, answer, _ in manager.wait_for(3)}
-    assert found["switch_border"] == [manager.asked_for("stop"), "switch_border"]
-    assert [request.command for request in manager.asked] == ["stop", "resume"]
+    answers = {request.command: answer for request, _, answer, _ in manager.wait_for(3)}
+    assert answers["switch_border"] == [manager.asked_for("stop"), "switch_border"]
+    assert [request.command for request in manager.requests] == ["stop", "resume"]
 
 
 def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
@@ -187,10 +187,10 @@ def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
 @pytest.fixture
 def neighbour(monkeypatch):
     """A stand-in for a service: tests set what happens when it is waited for (`wait`) and called (`ask`)."""
-    found = SimpleNamespace(wait=Mock(), ask=Mock())
-    monkeypatch.setattr(rospy, "wait_for_service", found.wait)
-    monkeypatch.setattr(rospy, "ServiceProxy", lambda name, service: found.ask)
-    return found
+    stand_in = SimpleNamespace(wait=Mock(), ask=Mock())
+    monkeypatch.setattr(rospy, "wait_for_service", stand_in.wait)
+    monkeypatch.setattr(rospy, "ServiceProxy", lambda name, service: stand_in.ask)
+    return stand_in
 
 
 def test_the_answer_comes_back(neighbour):

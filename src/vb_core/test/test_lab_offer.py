@@ -25,7 +25,7 @@ ROBOTS = [
     ({**PLANS, **DRIVER}, [*ZONES], True, True, ["robot_plans_round_borders", "robot_has_driver"]),
 ]
 for_each_robot = pytest.mark.parametrize(
-    "connected, zones, goes, stops, told", ROBOTS, ids=[" ".join(connected) or "navigation" for connected, *_ in ROBOTS]
+    "connected, zones, goes, stops, codes", ROBOTS, ids=[" ".join(flags) or "navigation" for flags, *_ in ROBOTS]
 )
 
 
@@ -39,45 +39,45 @@ def offered_to(*robots, cameras=False):
 
 
 @for_each_robot
-def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(connected, zones, goes, stops, told):
+def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(connected, zones, goes, stops, codes):
     offered = offered_to(robot(connected))
     assert list(offered.zones) == zones
     assert offered.ignored_by == {zone: () if zone in zones else ("ada",) for zone in ZONES}
 
 
 @for_each_robot
-def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(connected, zones, goes, stops, told):
+def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(connected, zones, goes, stops, codes):
     assert offered_to(robot(connected)).state == (READY if "keep_out" in zones else UNREADY)
 
 
 @for_each_robot
-def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(connected, zones, goes, stops, told):
+def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(connected, zones, goes, stops, codes):
     offered = offered_to(robot(connected))
     assert (offered.goes, "go" in offered.commands) == (("ada",) * goes, goes)
 
 
 @for_each_robot
-def test_stop_is_offered_only_if_it_stops_a_robot(connected, zones, goes, stops, told):
+def test_stop_is_offered_only_if_it_stops_a_robot(connected, zones, goes, stops, codes):
     for localized in (True, False):
         commands = offered_to(robot(connected, localized=localized)).commands
         assert ("stop" in commands, "resume" in commands) == (stops, stops)
 
 
 @for_each_robot
-def test_people_are_told_what_a_robot_obeys(connected, zones, goes, stops, told):
-    assert [line.code for line in offered_to(robot(connected)).lines] == told
+def test_people_are_told_what_a_robot_obeys(connected, zones, goes, stops, codes):
+    assert [line.code for line in offered_to(robot(connected)).lines] == codes
 
 
 @for_each_robot
-def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(connected, zones, goes, stops, told):
+def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(connected, zones, goes, stops, codes):
     offered = offered_to(robot(connected, localized=False))
     assert (offered.zones, offered.goes, offered.state) == ((), (), UNREADY)
-    assert [line.code for line in offered.lines] == [told[0], "robot_not_localized", told[1]]
+    assert [line.code for line in offered.lines] == [codes[0], "robot_not_localized", codes[1]]
 
 
 @pytest.mark.parametrize("cameras", [True, False])
 @for_each_robot
-def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(connected, zones, goes, stops, told, cameras):
+def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(connected, zones, goes, stops, codes, cameras):
     commands = offered_to(robot(connected), cameras=cameras).commands
     assert all((name in commands) == cameras for name in ("define_border", "define_seed", "save", "cancel"))
     assert ("guide_robot" in commands) == (cameras and "driver" in connected)

@@ -29,8 +29,7 @@ def test_map_files_round_trip(tmp_path, raw):
 
 def test_trinary_files_hold_what_map_saver_would_write(tmp_path):
     grid = GridMap(np.array([[0, 19, 25, 50, 64, 65, 100, -1]], np.int8), 0.05)
-    again = read_map(write_map(tmp_path / "m", grid)[1])
-    assert again.data.tolist() == [[0, 0, -1, -1, -1, 100, 100, -1]]
+    assert read_map(write_map(tmp_path / "m", grid)[1]).data.tolist() == [[0, 0, -1, -1, -1, 100, 100, -1]]
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a/b", "", ".hidden", "a..b", "x\n", "a" * 200, "a\x00b"])

@@ -9,11 +9,11 @@ from vb_core.ros import notices
 from vb_core.notices import EXPIRY_TIME, Notice, ActiveNotices, Severity
 
 
-def held(said, now):
-    """Returns (code, robot or camera) of the notices in force at `now` [s], given `said`: (node, time [s], notices)."""
+def active_notices(published, now):
+    """Returns (code, robot or camera) of the notices active at `now` [s]; `published`: (node, time [s], notices)."""
     book = ActiveNotices()
-    for node, at, those in said:
-        book.update(node, those, at)
+    for node, stamp, node_notices in published:
+        book.update(node, node_notices, stamp)
     return [(notice.code, notice.robot or notice.camera) for notice in book.current(now)]
 
 
@@ -22,38 +22,38 @@ INSIDE = [Notice("robot_inside", robot="r1")]
 
 @pytest.mark.parametrize("silent, expected", [(EXPIRY_TIME, [("robot_inside", "r1")]), (EXPIRY_TIME + 0.1, [])])
 def test_the_notices_of_a_silent_node_expire(silent, expected):
-    assert held([("monitor", 1.0, INSIDE)], 1.0 + silent) == expected
+    assert active_notices([("monitor", 1.0, INSIDE)], 1.0 + silent) == expected
 
 
 def test_a_nodes_newest_notices_replace_its_former_ones():
     first, newest = [*INSIDE, Notice("goal_inside", robot="r1")], [Notice("goal_inside", robot="r1")]
     of_another = [Notice("robot_inside", robot="r2"), Notice("x", Severity.WARNING), Notice("y", Severity.ERROR)]
-    said = [("monitor1", 1.0, first), ("monitor2", 1.0, of_another), ("monitor1", 2.0, newest)]
-    assert held(said, 2.0) == [("y", ""), ("x", ""), ("goal_inside", "r1"), ("robot_inside", "r2")]
+    published = [("monitor1", 1.0, first), ("monitor2", 1.0, of_another), ("monitor1", 2.0, newest)]
+    assert active_notices(published, 2.0) == [("y", ""), ("x", ""), ("goal_inside", "r1"), ("robot_inside", "r2")]
 
 
 def test_a_stop_of_all_robots_replaces_that_of_each():
     of_one = ("driver", 0.0, [Notice("robot_stopped", robot="r1")])
-    assert held([of_one], 0.0) == [("robot_stopped", "r1")]
-    assert held([of_one, ("manager", 0.0, [Notice("stopped")])], 0.0) == [("stopped", "")]
+    assert active_notices([of_one], 0.0) == [("robot_stopped", "r1")]
+    assert active_notices([of_one, ("manager", 0.0, [Notice("stopped")])], 0.0) == [("stopped", "")]
 
 
 def test_the_reason_replaces_a_missing_pose_of_its_camera():
     unplaced = [Notice("camera_no_pose", Severity.ERROR, camera=name) for name in ("north", "south")]
-    why = [Notice("camera_not_calibrated", Severity.ERROR, camera="north")]
-    found = held([("a_detector", 10.0, unplaced), ("camera_poses", 10.0, why)], 10.0)
-    assert set(found) == {("camera_not_calibrated", "north"), ("camera_no_pose", "south")}
+    reason = [Notice("camera_not_calibrated", Severity.ERROR, camera="north")]
+    active = active_notices([("a_detector", 10.0, unplaced), ("camera_poses", 10.0, reason)], 10.0)
+    assert set(active) == {("camera_not_calibrated", "north"), ("camera_no_pose", "south")}
 
 
-@pytest.mark.parametrize("other", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
-def test_no_other_notice_hides_a_silent_camera(other):
+@pytest.mark.parametrize("code", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
+def test_no_other_notice_hides_a_silent_camera(code):
     # a notice of another kind says nothing about the cable
     silent = [Notice("camera_silent", Severity.ERROR, camera="north")]
-    said = [
+    published = [
         ("spot_detector_north", 10.0, silent),
-        ("camera_poses", 10.0, [Notice(other, Severity.ERROR, camera="north")]),
+        ("camera_poses", 10.0, [Notice(code, Severity.ERROR, camera="north")]),
     ]
-    assert ("camera_silent", "north") in held(said, 10.0)
+    assert ("camera_silent", "north") in active_notices(published, 10.0)
 
 
 def test_a_warning_that_becomes_an_error_is_logged_again(monkeypatch):

@@ -35,8 +35,8 @@ class Groups(Parameters):
 
 
 def test_groups_and_list_entries_are_checked_as_parameters_are():
-    found = Groups.from_mapping({"example": {"speed": 1}, "parts": [{}, {"count": 5}]})
-    assert found == Groups(Example(speed=1.0), (Example(), Example(count=5)))
+    groups = Groups.from_mapping({"example": {"speed": 1}, "parts": [{}, {"count": 5}]})
+    assert groups == Groups(Example(speed=1.0), (Example(), Example(count=5)))
     assert Groups(Example(speed=1.0)).describe() == "example/speed=1.0 m/s"
     assert Groups.from_mapping({"example": None}) == Groups()
     mistakes = (

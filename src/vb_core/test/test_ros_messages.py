@@ -21,29 +21,29 @@ from vb_msgs.msg import BorderPreview
 
 
 def bytes_of(message):
-    sent = io.BytesIO()
-    message.serialize(sent)
-    return sent.getvalue()
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    return buffer.getvalue()
 
 
 def test_maps_round_trip_byte_for_byte():
     cells = np.random.default_rng(1).integers(-1, 101, (30, 40)).astype(np.int8)
     grid = GridMap(cells, 0.05, (-1.0, 2.0, 0.3))
-    sent = bytes_of(messages.message_from_grid(grid, rospy.Time(7)))
+    data = bytes_of(messages.message_from_grid(grid, rospy.Time(7)))
     # the generated message class is the reference
-    plain = OccupancyGrid().deserialize(sent)
-    assert bytes_of(plain) == sent
-    for message in (plain, messages.OccupancyGridArray().deserialize(sent)):
-        back = messages.grid_from_message(message)
-        assert back.same_geometry(grid) and (back.data == cells).all()
+    plain = OccupancyGrid().deserialize(data)
+    assert bytes_of(plain) == data
+    for message in (plain, messages.OccupancyGridArray().deserialize(data)):
+        decoded = messages.grid_from_message(message)
+        assert decoded.same_geometry(grid) and (decoded.data == cells).all()
         assert message.header.frame_id == "map" and message.header.stamp == rospy.Time(7)
 
 
 def test_previews_round_trip_byte_for_byte():
     region = messages.message_from_grid(GridMap(np.full((3, 4), 100, np.int8), 0.05), rospy.Time(7))
-    sent = bytes_of(messages.BorderPreviewArray(code="ok", area_m2=2.5, region=region))
-    assert bytes_of(BorderPreview().deserialize(sent)) == sent
-    assert (messages.BorderPreviewArray().deserialize(sent).region.data == 100).all()
+    data = bytes_of(messages.BorderPreviewArray(code="ok", area_m2=2.5, region=region))
+    assert bytes_of(BorderPreview().deserialize(data)) == data
+    assert (messages.BorderPreviewArray().deserialize(data).region.data == 100).all()
 
 
 def test_a_map_of_the_wrong_size_is_refused():
@@ -119,9 +119,9 @@ def make_info(distortion, fisheye=False):
 @pytest.mark.parametrize("distortion, fisheye", [([0.1, -0.2, 0, 0, 0.01], False), ([-0.02, 0.004, 0, 0], True)])
 def test_cameras_round_trip(distortion, fisheye):
     camera, info = make_info(distortion, fisheye)
-    back = images.camera_from_info(info)
-    assert np.allclose(back.matrix, camera.matrix) and np.allclose(back.distortion, camera.distortion)
-    assert back.fisheye == fisheye
+    decoded = images.camera_from_info(info)
+    assert np.allclose(decoded.matrix, camera.matrix) and np.allclose(decoded.distortion, camera.distortion)
+    assert decoded.fisheye == fisheye
 
 
 @pytest.mark.parametrize(

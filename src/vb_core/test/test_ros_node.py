@@ -21,16 +21,16 @@ def test_the_newest_item_wins_and_the_others_are_counted():
 
 def test_closing_a_mailbox_wakes_its_reader():
     mailbox = Mailbox()
-    taken = []
-    thread = threading.Thread(target=lambda: taken.append(mailbox.get()))
+    items = []
+    thread = threading.Thread(target=lambda: items.append(mailbox.get()))
     thread.start()
     mailbox.close()
     thread.join(10)
-    assert taken == [None] and not thread.is_alive()
+    assert items == [None] and not thread.is_alive()
 
 
 def test_a_source_can_wait_until_its_item_is_taken():
-    mailbox, taken = Mailbox(), []
+    mailbox, items = Mailbox(), []
 
     def fill():
         for number in range(50):
@@ -40,10 +40,10 @@ def test_a_source_can_wait_until_its_item_is_taken():
     thread = threading.Thread(target=fill)
     thread.start()
     for _ in range(49):
-        taken.append(mailbox.get())
+        items.append(mailbox.get())
     mailbox.close()
     thread.join(10)
-    assert taken == list(range(49)) and mailbox.dropped == 0 and not thread.is_alive()
+    assert items == list(range(49)) and mailbox.dropped == 0 and not thread.is_alive()
 
 
 def test_a_queue_keeps_the_order_and_says_when_it_is_full():
@@ -121,16 +121,16 @@ print("failures", [error.code for error in node._failures])
 
 def run(program, **changes):
     """Runs a program in a process of its own, since it changes rospy or reads the environment."""
-    environment = {**os.environ, **changes}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, env=environment)
-    assert done.returncode == 0, done.stderr
-    return done
+    env = {**os.environ, **changes}
+    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, env=env)
+    assert child.returncode == 0, child.stderr
+    return child
 
 
 def test_a_fault_in_a_worker_ends_the_node():
-    done = run(FAULTY)
-    assert "failures ['internal_error']" in done.stdout
-    assert "ZeroDivisionError" in done.stderr
+    child = run(FAULTY)
+    assert "failures ['internal_error']" in child.stdout
+    assert "ZeroDivisionError" in child.stderr
 
 
 WAITING = """
@@ -204,15 +204,14 @@ def build() -> Lamp:
 sys.argv = ["lamp", "--help"]
 node.run("lamp", build)
 """
-    done = run(program, ROS_MASTER_URI="http://127.0.0.1:1")
-    assert "Switches a lamp." in done.stdout and "/lamp/wanted" in done.stdout
+    child = run(program, ROS_MASTER_URI="http://127.0.0.1:1")
+    assert "Switches a lamp." in child.stdout and "/lamp/wanted" in child.stdout
 
 
 def test_objects_made_at_start_are_not_searched_for_garbage():
-    made = [[number] for number in range(1000)]
-    node._keep_for_good()
+    lists = [[number] for number in range(1000)]
+    node._freeze_startup_objects()
     try:
-        searched = set(map(id, gc.get_objects()))
-        assert not searched & set(map(id, made))
+        assert set(map(id, gc.get_objects())).isdisjoint(map(id, lists))
     finally:
         gc.unfreeze()

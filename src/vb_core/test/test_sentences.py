@@ -22,9 +22,9 @@ def placeholders(sentence):
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_every_language_has_every_code_with_the_same_values(language):
-    english, other = sentences.catalog(), sentences.catalog(language)
-    assert set(english) == set(other)
-    assert {code for code in english if placeholders(english[code]) != placeholders(other[code])} == set()
+    english, translated = sentences.catalog(), sentences.catalog(language)
+    assert set(english) == set(translated)
+    assert {code for code in english if placeholders(english[code]) != placeholders(translated[code])} == set()
 
 
 CAUGHT = {"who": "$the_robot", "border": "Rug"}
@@ -117,10 +117,10 @@ def test_a_zone_changes_the_map_or_limits_the_speed():
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_each_row_has_its_words(language):
-    known = sentences.catalog(language)
+    words = sentences.catalog(language)
     for name in STATES:
-        assert known[f"state_{name}"] and known[f"page_state_{name}"]
+        assert words[f"state_{name}"] and words[f"page_state_{name}"]
     for name in COMMANDS:
-        assert known[f"command_{name}"] and known[f"page_command_{name}"]
-    assert {state.prompt for state in STATES.values()} - {""} <= set(known)
-    assert all(known[f"page_zone_{name}"] and known[f"border_unkept_{name}"] for name in ZONES)
+        assert words[f"command_{name}"] and words[f"page_command_{name}"]
+    assert {state.prompt for state in STATES.values()} - {""} <= set(words)
+    assert all(words[f"page_zone_{name}"] and words[f"border_unkept_{name}"] for name in ZONES)

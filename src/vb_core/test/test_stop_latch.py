@@ -69,13 +69,13 @@ def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
 
 
 def test_a_robot_reports_a_stop_once_it_outlives_the_driver(tmp_path, monkeypatch):
-    held = HeldStops(tmp_path / "stops")
-    held.hear("a")
-    assert held.stopped and held.lasting == ()
-    assert held.store() and held.lasting == ("a",) == HeldStops(tmp_path / "stops").ids
+    held_stops = HeldStops(tmp_path / "stops")
+    held_stops.hear("a")
+    assert held_stops.stopped and held_stops.lasting == ()
+    assert held_stops.store() and held_stops.lasting == ("a",) == HeldStops(tmp_path / "stops").ids
     monkeypatch.setattr(stop_latch, "write_atomically", full_disk)  # a notice says that these may be lost
-    held.hear("b")
-    assert not held.store() and held.lasting == ("a", "b")
+    held_stops.hear("b")
+    assert not held_stops.store() and held_stops.lasting == ("a", "b")
 
 
 def full_disk(path, _content):
@@ -113,8 +113,8 @@ class Lab:
     def press_resume(self, person):
         if self.random.random() < 0.7:
             self.look(person)
-        seen, given = self.seen[person], self.time
-        self.later(lambda: self.handle_resume(seen, given))
+        seen_stop, pressed_at = self.seen[person], self.time
+        self.later(lambda: self.handle_resume(seen_stop, pressed_at))
 
     def look(self, person):
         self.seen[person] = self.manager.number if self.manager is not None else self.seen[person]
@@ -132,8 +132,8 @@ class Lab:
 
     def count_own(self, robot):
         """Registers a robot's own stops, each of which stands for all those that it had heard."""
-        own = [identity for identity in self.robots[robot].ids if identity not in self.pressed]
-        for identity in own:
+        own_stops = [identity for identity in self.robots[robot].ids if identity not in self.pressed]
+        for identity in own_stops:
             self.pressed[identity], self.heard[robot] = self.time, set(self.robots[robot].ids)
 
     def handle_stop(self, identity):
@@ -148,14 +148,14 @@ class Lab:
         self.promised.add(identity)
         assert self.manager.stopped or self.released(identity)
 
-    def handle_resume(self, seen, given):
+    def handle_resume(self, seen_stop, pressed_at):
         if self.manager is None:
             return
-        known, was_stopped = self.manager.stops, self.manager.stopped
-        if self.manager.resume(seen) and was_stopped:
-            late = [identity for identity in known if self.pressed.get(identity, -1.0) >= given]
-            assert not late, "it released a stop that came after it"
-            self.resumes.append((given, set(self.known)))
+        known_stops, was_stopped = self.manager.stops, self.manager.stopped
+        if self.manager.resume(seen_stop) and was_stopped:
+            later_stops = [identity for identity in known_stops if self.pressed.get(identity, -1.0) >= pressed_at]
+            assert not later_stops, "it released a stop that came after it"
+            self.resumes.append((pressed_at, set(self.known)))
         if self.random.random() >= 0.05:
             self.manager.store()
         else:
@@ -195,9 +195,9 @@ class Lab:
         if self.manager is None:
             self.manager = StopLatch(Path("manager"))
             if self.manager.lost:
-                own = self.manager.stops[-1]
-                self.pressed[own], self.promised = self.time, {own}
-                self.known.add(own)
+                own_stop = self.manager.stops[-1]
+                self.pressed[own_stop], self.promised = self.time, {own_stop}
+                self.known.add(own_stop)
         for robot in range(2):
             if self.robots[robot] is None:
                 self.robots[robot] = HeldStops(Path(f"robot {robot}"))
@@ -205,8 +205,8 @@ class Lab:
 
     def released(self, identity):
         """Returns whether a resume was given after a stop, while the manager knew of that stop."""
-        at = self.pressed[identity]
-        return any(given > at and identity in known for given, known in self.resumes)
+        pressed_at = self.pressed[identity]
+        return any(resumed_at > pressed_at and identity in known_stops for resumed_at, known_stops in self.resumes)
 
     def check(self):
         for robot, heard in zip(self.robots, self.heard):

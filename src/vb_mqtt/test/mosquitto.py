@@ -57,8 +57,8 @@ class Hub:
         """Returns the newest JSON value on a topic, or None."""
         return json.loads(self.messages[topic]) if self.messages.get(topic) else None
 
-    def wait(self, topic, condition, what, timeout=TIMEOUT):
-        wait_until(lambda: self.value(topic) is not None and condition(self.value(topic)), what, timeout)
+    def wait(self, topic, condition, awaited, timeout=TIMEOUT):
+        wait_until(lambda: self.value(topic) is not None and condition(self.value(topic)), awaited, timeout)
         return self.value(topic)
 
     def send(self, topic, payload, retain=False, qos=1):

@@ -79,8 +79,8 @@ class MqttTest(unittest.TestCase):
     def shown(self, key):
         return self.hub.value(f"home/{key}")
 
-    def wait(self, key, condition, what, timeout=TIMEOUT):
-        return self.hub.wait(f"home/{key}", condition, what, timeout)
+    def wait(self, key, condition, awaited, timeout=TIMEOUT):
+        return self.hub.wait(f"home/{key}", condition, awaited, timeout)
 
     def send(self, timeout=TIMEOUT, **fields):
         """Sends a message and waits for its answer."""
@@ -111,9 +111,9 @@ class MqttTest(unittest.TestCase):
         key = f"border_{identity}"
         config = self.hub.wait(f"homeassistant/switch/home/{key}/config", lambda _: True, "the switch")
         self.assertEqual(config["name"], "Nursery")
-        shown = self.wait(key, lambda value: value["in_force"], "the border's state")
-        self.assertEqual((shown["enabled"], shown["border"]), (True, "Nursery"))
-        self.assertAlmostEqual(shown["area_m2"], 2.5, delta=0.2)
+        border = self.wait(key, lambda value: value["in_force"], "the border's state")
+        self.assertEqual((border["enabled"], border["border"]), (True, "Nursery"))
+        self.assertAlmostEqual(border["area_m2"], 2.5, delta=0.2)
         self.assertEqual(self.hub.messages["home/availability"], b"online")
         self.assertTrue(self.shown("camera_red")["problem"])  # no detector is running
 
@@ -139,20 +139,20 @@ class MqttTest(unittest.TestCase):
 
     # ------------------------------------------------------------------ the same rules as for everybody
     def test_save_waits_for_an_answer_if_there_is_doubt(self):
-        before = len(self.heard[names.BORDERS].borders)
+        count = len(self.heard[names.BORDERS].borders)
         self.assertEqual(self.give("save")["code"], "nothing_to_save")
         self.give("define_border")
         state = self.wait("state", lambda value: value["state"] == "border", "the state border")
         self.assertIn("cancel", state["available_commands"])
         self.give("define_seed")
         interaction = wait_until(lambda: self.heard[names.STATE].interaction_id, "an interaction")
-        drawn = BorderProgress(interaction_id=interaction, chain=CARPET, seed=MIDDLE, has_seed=True, code="ok")
-        drawn.header.stamp = rospy.Time.now()
+        progress = BorderProgress(interaction_id=interaction, chain=CARPET, seed=MIDDLE, has_seed=True, code="ok")
+        progress.header.stamp = rospy.Time.now()
         doubt = NoticePublisher()
         doubt.set([Notice("strokes_left_out", Severity.WARNING)])
 
         def doubtful():
-            self.progress.publish(drawn)
+            self.progress.publish(progress)
             preview = self.heard.get(names.PREVIEW, BorderPreview())
             return [issue for issue in preview.issues if issue.code == "strokes_left_out"]
 
@@ -162,21 +162,21 @@ class MqttTest(unittest.TestCase):
         question = self.wait("question", lambda value: value["command"] == "save", "the question")
         self.assertEqual(question["asked"], "home_assistant")
         self.wait("health", lambda health: health["confirm"] == "online", "the button that answers")
-        self.assertEqual(len(self.heard[names.BORDERS].borders), before)
+        self.assertEqual(len(self.heard[names.BORDERS].borders), count)
         self.assertEqual(self.give(question["answer"])["code"], "saved")
-        wait_until(lambda: len(self.heard[names.BORDERS].borders) == before + 1, "the border")
+        wait_until(lambda: len(self.heard[names.BORDERS].borders) == count + 1, "the border")
         self.wait("question", lambda value: value["command"] == "", "the question to be closed")
         self.remove_border(self.heard[names.BORDERS].borders[-1].id)
 
     def test_resume_releases_only_the_stop_that_was_shown(self):
         self.give("stop")
-        shown = self.wait("stopped", lambda value: value["stopped"], "the stop")
-        self.assertEqual(shown["stopped_by"], "home_assistant")
+        state = self.wait("stopped", lambda value: value["stopped"], "the stop")
+        self.assertEqual(state["stopped_by"], "home_assistant")
         self.assertEqual(self.heard[names.STOP].source, "home_assistant")
         # somebody else stops the robots too
         rospy.ServiceProxy(names.COMMAND, Command)(command="stop", source="test", id="newer")
-        self.wait("stopped", lambda value: value["stop_number"] != shown["stop_number"], "the newer stop")
-        self.assertEqual(self.give("resume", seen_stop=shown["stop_number"])["code"], "stopped_since")
+        self.wait("stopped", lambda value: value["stop_number"] != state["stop_number"], "the newer stop")
+        self.assertEqual(self.give("resume", seen_stop=state["stop_number"])["code"], "stopped_since")
         self.assertEqual(self.give("resume")["code"], "resume_which_stop")
         self.assertTrue(self.shown("stopped")["stopped"])
         newest = self.shown("stopped")["stop_number"]
@@ -229,14 +229,14 @@ class MqttTest(unittest.TestCase):
         service = rospy.Service("/kills/command", Command, on_command)
         node = start(self.server.port, "kills", f"{names.COMMAND}:=/kills/command", f"{names.STOP}:=/kills/stop")
         self.hub.wait("kills/state", lambda _: True, "the other node")
-        luck, given, stops = random.Random(SEED), {}, 0
+        luck, given_times, stops = random.Random(SEED), {}, 0
 
         def give(command="cancel"):
             nonlocal stops
             stops += command == "stop"
-            identity = f"k{len(given)}"
-            given[identity] = time.time()
-            self.hub.send("kills/command", {"command": command, "at": given[identity], "id": identity})
+            identity = f"k{len(given_times)}"
+            given_times[identity] = time.time()
+            self.hub.send("kills/command", {"command": command, "at": given_times[identity], "id": identity})
             return identity
 
         for _ in range(KILLS):
@@ -252,20 +252,20 @@ class MqttTest(unittest.TestCase):
             wait_until(self.hub.connected, "the hub's connection")
             again = [give()]
             wait_until(
-                lambda: any(done[one] for one in again) or time.sleep(1.0) or again.append(give()),
+                lambda: any(done[identity] for identity in again) or time.sleep(1.0) or again.append(give()),
                 "a command to be done",
             )
         done = {identity: times for identity, times in done.items() if times}
-        ages = [times[0] - given[identity] for identity, times in done.items()]
+        ages = [times[0] - given_times[identity] for identity, times in done.items()]
         twice = [identity for identity, times in done.items() if len(times) > 1]
         print(
-            f"\nbroker killed {KILLS} times, seed {SEED}: {len(given) - stops} commands given, {len(done)} done, {len(twice)} "
+            f"\nbroker killed {KILLS} times, seed {SEED}: {len(given_times) - stops} commands given, {len(done)} done, {len(twice)} "
             f"twice, oldest {max(ages):.2f} s; {stops} stops given, {len(stopped)} done",
             file=sys.stderr,
         )
         self.assertEqual(twice, [])
         self.assertLessEqual(max(ages), MAX_AGE)
-        self.assertLessEqual(set(done), set(given))
+        self.assertLessEqual(set(done), set(given_times))
         # a stop never expires, but one that comes while another is pending may be merged with it
         self.assertTrue(stops == 0 or 0 < len(stopped) <= stops)
         node.stop()

@@ -20,8 +20,8 @@ def connect(port, connection=None, received=None, faults=None):
         received.append((topic, payload, retained))
 
     faults = [] if faults is None else faults
-    known, handlers = connection or Connection(), {"lab/command": take}
-    broker = MqttClient(f"127.0.0.1:{port}", known, "lab", WILL, handlers, faults.append)
+    login, handlers = connection or Connection(), {"lab/command": take}
+    broker = MqttClient(f"127.0.0.1:{port}", login, "lab", WILL, handlers, faults.append)
     broker.put(WILL[0], b"online")
     broker.start()
     return broker
@@ -103,18 +103,18 @@ def guarded(tmp_path, authority):
 
 
 def test_the_connection_can_use_tls_and_a_password(guarded, authority):
-    known = {"tls": True, "ca_file": str(authority / "ca.crt"), "username": "home"}
-    broker = connect(guarded.port, Connection(password="secret", **known))
+    credentials = {"tls": True, "ca_file": str(authority / "ca.crt"), "username": "home"}
+    broker = connect(guarded.port, Connection(password="secret", **credentials))
 
     def secure(client):
-        client.tls_set(known["ca_file"])
+        client.tls_set(credentials["ca_file"])
         client.username_pw_set("home", "secret")
 
     hub = Hub(guarded.port, setup=secure)
     wait_until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
     hub.close()
     broker.close()
-    refused = connect(guarded.port, Connection(password="wrong", **known))
+    refused = connect(guarded.port, Connection(password="wrong", **credentials))
     wait_until(lambda: refused.trouble, "a refusal")
     assert "authori" in refused.trouble.lower() and not refused.connected
     refused.close()
@@ -123,8 +123,8 @@ def test_the_connection_can_use_tls_and_a_password(guarded, authority):
 @pytest.mark.parametrize("host, ca_file", [("127.0.0.1", "other.crt"), ("127.0.0.1", ""), ("localhost", "ca.crt")])
 def test_a_broker_without_a_valid_certificate_gets_no_password(guarded, authority, host, ca_file):
     tried = []
-    known = Connection(username="home", password="secret", tls=True, ca_file=ca_file and str(authority / ca_file))
-    broker = MqttClient(f"{host}:{guarded.port}", known, "lab", WILL, {}, tried.append)
+    connection = Connection(username="home", password="secret", tls=True, ca_file=ca_file and str(authority / ca_file))
+    broker = MqttClient(f"{host}:{guarded.port}", connection, "lab", WILL, {}, tried.append)
     broker._client.on_connect_fail = lambda *_: tried.append(True)
     broker.start()
     wait_until(lambda: len(tried) > 1, "two tries")

@@ -48,9 +48,9 @@ def test_all_entities_are_one_device_with_unique_ids():
         assert key.replace("_", "").replace("-", "").isalnum() and key.isascii()
         # the entity id of a border is better derived from its name
         assert config.get("default_entity_id") == (None if platform == "switch" else f"{platform}.lab1_{key}")
-        shown = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
+        topic_field = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
         assert {field: config[field] for field in ("state_topic", "image_topic") if field in config} == (
-            {shown: f"lab1/{key}"} if shown else {}
+            {topic_field: f"lab1/{key}"} if topic_field else {}
         )
         assert config["availability"][0] == {"topic": "lab1/availability"} and config["availability_mode"] == "all"
 
@@ -60,16 +60,16 @@ def test_every_part_of_the_lab_has_its_entity():
     assert {key for key, kind in kinds.items() if kind == "button"} == {*COMMANDS, "confirm"}
     assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", key_of("border", "ü/#+")]
     assert [kinds[key] for key in ("camera_red", "camera_green", "robot", "robot_ada")] == ["binary_sensor"] * 4
-    others = {"state": "sensor", "question": "sensor", "stopped": "binary_sensor", "map": "image"}
-    assert others.items() <= kinds.items()
+    single_entities = {"state": "sensor", "question": "sensor", "stopped": "binary_sensor", "map": "image"}
+    assert single_entities.items() <= kinds.items()
 
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_names_are_in_the_households_language(language):
     lab = Lab("lab1", language, ("red",), ("",), {"b1": "border 2"})
-    shown = {key_in(topic): config["name"] for topic, config in describe(lab).items()}
-    assert shown["border_b1"] == sentences.border_name("border 2", language)
-    assert shown["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
+    names = {key_in(topic): config["name"] for topic, config in describe(lab).items()}
+    assert names["border_b1"] == sentences.border_name("border 2", language)
+    assert names["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
 
 
 def test_resume_names_the_stop_that_its_button_shows():
@@ -107,13 +107,13 @@ def test_templates_stay_within_the_limits_of_the_hubs_sandbox():
 
 def test_leftover_descriptions_are_those_of_known_kinds():
     fewer = Lab("lab1", "en", ("red",), ("ada",), {})
-    seen = list(describe(LAB))
-    gone = {key_in(topic) for topic in leftovers(fewer, seen)}
-    assert gone == {"camera_green", "robot", "border_b1", key_of("border", "ü/#+")}
+    topics = list(describe(LAB))
+    removed = {key_in(topic) for topic in leftovers(fewer, topics)}
+    assert removed == {"camera_green", "robot", "border_b1", key_of("border", "ü/#+")}
     # until the borders and robots are known, their descriptions are left alone
     unknown = Lab("lab1", "en", ("red",))
-    assert {key_in(topic) for topic in leftovers(unknown, seen)} == {"camera_green"}
-    assert leftovers(LAB, seen) == []
+    assert {key_in(topic) for topic in leftovers(unknown, topics)} == {"camera_green"}
+    assert leftovers(LAB, topics) == []
 
 
 # ------------------------------------------------------------------ states
@@ -163,13 +163,13 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     cells = np.zeros((100, 200), np.int8)
     cells[:, :10] = 100  # a wall at low x
     cells[:10, 100:] = -1
-    before = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
-    after = before.with_data(np.where(np.indices(cells.shape)[0] >= 50, 100, cells).astype(np.int8))
+    prior = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
+    posterior = prior.with_data(np.where(np.indices(cells.shape)[0] >= 50, 100, cells).astype(np.int8))
     line = [Point(0, 2.5, 0), Point(10, 2.5, 0)]
     border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=line)
 
     def drawn(*borders):
-        return cv2.imdecode(np.frombuffer(entities.draw_map(before, after, borders), np.uint8), cv2.IMREAD_COLOR)
+        return cv2.imdecode(np.frombuffer(entities.draw_map(prior, posterior, borders), np.uint8), cv2.IMREAD_COLOR)
 
     picture = drawn(border)
     assert picture.shape == (500, 1000, 3)

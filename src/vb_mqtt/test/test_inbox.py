@@ -56,8 +56,8 @@ def test_old_future_and_undated_commands_are_refused(inbox):
     assert code_of(inbox, packed(border="border_1", enabled=True, at=NOW - 60.0)) == "expired"
     # small clock differences are tolerated
     assert inbox.take(packed(command="save", at=NOW + 1.0), False, NOW).age == 0.0
-    for at in (None, True, "1", -1, float("nan"), float("inf"), 10**400, [NOW]):
-        assert code_of(inbox, packed(command="save", at=at)) == "mqtt_undated"
+    for stamp in (None, True, "1", -1, float("nan"), float("inf"), 10**400, [NOW]):
+        assert code_of(inbox, packed(command="save", at=stamp)) == "mqtt_undated"
     assert code_of(inbox, packed(command="save")) == "mqtt_undated"
     assert code_of(inbox, b"save") == "mqtt_bad_message"
 
@@ -74,21 +74,21 @@ def test_every_stop_is_taken_in_any_form_at_any_age(inbox):
     for _ in range(1000):
         assert inbox.take(b"stop", False, NOW) is not None
     # a sender that always uses the same id: its second stop must not be taken for the first
-    same = packed(command="stop", id="kitchen")
-    assert inbox.take(same, False, NOW).id != inbox.take(same, False, NOW).id
+    payload = packed(command="stop", id="kitchen")
+    assert inbox.take(payload, False, NOW).id != inbox.take(payload, False, NOW).id
     # but one press that arrives twice is one stop
-    same = packed(command="stop", id="a1", at=NOW)
-    assert inbox.take(same, False, NOW).id == inbox.take(same, False, NOW).id
+    payload = packed(command="stop", id="a1", at=NOW)
+    assert inbox.take(payload, False, NOW).id == inbox.take(payload, False, NOW).id
 
 
 def test_too_many_commands_at_once_are_refused(inbox):
-    taken = 0
+    accepted = 0
     for number in range(100):
         try:
-            taken += inbox.take(packed(command="save", at=NOW, id=str(number)), False, NOW) is not None
+            accepted += inbox.take(packed(command="save", at=NOW, id=str(number)), False, NOW) is not None
         except CodedError as error:
             assert error.code == "mqtt_too_fast"
-    assert taken == BURST
+    assert accepted == BURST
     later = NOW + 3.0 / RATE
     assert [inbox.take(packed(command="save", at=later, id=f"b{k}"), False, later) for k in range(3)]
     assert code_of(inbox, packed(command="save", at=later, id="b3"), now=later) == "mqtt_too_fast"
@@ -119,7 +119,7 @@ scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 values = st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=5)
 keys = st.sampled_from(["command", "border", "enabled", "at", "id", "seen_stop"]) | st.text()
 fields = st.dictionaries(keys, st.sampled_from([*KNOWN, NOW, True]) | values)
-messages = fields.map(lambda given: json.dumps(given).encode())
+messages = fields.map(lambda content: json.dumps(content).encode())
 
 
 @settings(max_examples=400, deadline=None)

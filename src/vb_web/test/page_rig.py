@@ -53,8 +53,8 @@ class PageTest(unittest.TestCase):
 
     @classmethod
     def start_page(cls, *arguments):
-        given = (f"_port:={cls.port}", f"_codes_file:={cls.codes}", *arguments)
-        cls.page = Process("vb_web", "page", "__name:=page", *given)
+        node_arguments = (f"_port:={cls.port}", f"_codes_file:={cls.codes}", *arguments)
+        cls.page = Process("vb_web", "page", "__name:=page", *node_arguments)
         wait_until(lambda: is_listening(cls.port), "the page to listen")
 
     def setUp(self):
@@ -74,8 +74,8 @@ class PageTest(unittest.TestCase):
         """Removes the borders heard of on the topic; returns whether there is none any more, there and on the page."""
         for border in self.borders():
             rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=border.id, source="test")
-        shown = self.browser.run("return Boolean(document.querySelector('#borders .name'))")
-        return names.BORDERS in self.heard and not self.borders() and not shown
+        is_shown = self.browser.run("return Boolean(document.querySelector('#borders .name'))")
+        return names.BORDERS in self.heard and not self.borders() and not is_shown
 
     def wait_borders(self, count):
         wait_until(lambda: names.BORDERS in self.heard and len(self.borders()) == count, f"{count} borders")

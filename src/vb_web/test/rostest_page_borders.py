@@ -116,7 +116,7 @@ class BordersTest(PageTest):
         self.assertEqual(self.browser.faults(), [])
 
     def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
-        sent = self.browser.driver.execute_async_script(
+        calls = self.browser.driver.execute_async_script(
             """const done = arguments[0];
             Promise.all([import("/state.js"), import("/ui.js")]).then(([{ page, view }, { ask }]) => {
                 const send = page.link.send, sent = [];
@@ -131,7 +131,7 @@ class BordersTest(PageTest):
                 done(sent);
             });"""
         )
-        self.assertEqual({one: sent.count(one) for one in sent}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
+        self.assertEqual({call: calls.count(call) for call in calls}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
         self.browser.driver.refresh()
 
     def test_a_change_after_somebody_elses_succeeds_when_it_is_tried_again(self):
@@ -175,7 +175,7 @@ class BordersTest(PageTest):
 
     def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
         self.store_carpet()
-        seen = self.browser.driver.execute_async_script(
+        states = self.browser.driver.execute_async_script(
             """const done = arguments[0], { draft, map, view } = window.virtualBorders, [border] = view.borders.list;
             const press = (selector) => [...document.querySelectorAll(selector)].pop().click();
             Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, examine, setMode }]) => {
@@ -206,7 +206,7 @@ class BordersTest(PageTest):
                 done([previews, modes, document.getElementById("dialog").open]);
             }).catch((error) => done(String(error)));"""
         )
-        self.assertEqual(seen, [["Rug", "b"], ["review", "go", "look"], True])
+        self.assertEqual(states, [["Rug", "b"], ["review", "go", "look"], True])
         self.browser.driver.refresh()
 
     def test_a_drawing_shows_its_lengths_and_keeps_seed_and_caret(self):
@@ -214,8 +214,8 @@ class BordersTest(PageTest):
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
         for factor in (1, 3, 3):
             self.browser.run("window.virtualBorders.map.zoom(arguments[0])", factor)
-            told, true = self.browser.run(scale)
-            self.assertAlmostEqual(told / true, 1.0, delta=0.02)
+            shown_length, true = self.browser.run(scale)
+            self.assertAlmostEqual(shown_length / true, 1.0, delta=0.02)
         self.browser.click("#zoom-fit")
         lengths = "return [...document.querySelectorAll('#placed .length')].map((one) => parseFloat(one.textContent))"
         corners = "return document.querySelectorAll('#placed .knob').length"
@@ -240,7 +240,7 @@ class BordersTest(PageTest):
             return [points[1], last].map((one) => Math.hypot(one[0] - points[0][0], one[1] - points[0][1]))""")
         np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
         # the seed follows each change of corners, and Delete removes the focused corner
-        seen = self.browser.driver.execute_async_script(
+        states = self.browser.driver.execute_async_script(
             """const done = arguments[0], { map, draft } = window.virtualBorders;
             import("/shapes.js").then(({ inside }) => {
                 map.on.drag(2, [6.5, 3.0], true);
@@ -252,7 +252,7 @@ class BordersTest(PageTest):
                 done([...seen, inside(draft().seed, draft().points)]);
             });"""
         )
-        self.assertEqual(seen, [True] * 3)
+        self.assertEqual(states, [True] * 3)
         # a form that is rendered again keeps the caret and a half-typed number
         caret = self.browser.run(
             """const { map, draft } = window.virtualBorders, before = document.querySelector("#review input");
@@ -345,13 +345,13 @@ class BordersTest(PageTest):
             ("#placed .mark", "textDecorationLine strokeDasharray"),
             ("#borders .mark", "textDecorationLine borderTopStyle"),
         ):
-            seen = self.browser.run(
+            states = self.browser.run(
                 """return [...document.querySelectorAll(arguments[0])].map((one) => [one, ...one.children].map(
                 (part) => arguments[1].map((name) => getComputedStyle(part)[name]).join()).join())""",
                 selector,
                 properties.split(),
             )
-            self.assertEqual((len(seen), len(set(seen))), (2, 2), f"{selector}: {seen}")
+            self.assertEqual((len(states), len(set(states))), (2, 2), f"{selector}: {states}")
 
 
 if __name__ == "__main__":

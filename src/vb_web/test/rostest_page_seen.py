@@ -21,32 +21,32 @@ from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, Rob
 
 class SeenTest(PageTest):
     def test_browsers_of_any_size_show_the_same_in_their_languages(self):
-        with closing(Browser(self.browser.url, WALL, "de", dark=True)) as other:
-            other.wait_ready()
-            self.assertEqual(other.run("return document.documentElement.lang"), "de")
+        with closing(Browser(self.browser.url, WALL, "de", dark=True)) as second_browser:
+            second_browser.wait_ready()
+            self.assertEqual(second_browser.run("return document.documentElement.lang"), "de")
             self.store_carpet()
-            other.wait_text("#borders", "Rug")
-            other.click("#undo", "Rückgängig")
+            second_browser.wait_text("#borders", "Rug")
+            second_browser.click("#undo", "Rückgängig")
             self.browser.wait_text("#borders", "No borders yet")
-            other.wait_text("#borders", "Noch keine Grenzen")
+            second_browser.wait_text("#borders", "Noch keine Grenzen")
             self.store_carpet("", "Border ")
-            other.wait_text("#borders", "Grenze ")
-            other.click("#undo", "Rückgängig")
-            other.wait_text("#borders", "Noch keine Grenzen")
+            second_browser.wait_text("#borders", "Grenze ")
+            second_browser.click("#undo", "Rückgängig")
+            second_browser.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
             caught = [(sentences.robot_value(""), "Rug"), ("ada", "$border_without_name")]
-            said = [Notice("robot_caught_in_border", values={"who": who, "border": border}) for who, border in caught]
-            notices.set([Notice("interaction_ends_soon", Severity.WARNING), *said])
+            news = [Notice("robot_caught_in_border", values={"who": who, "border": border}) for who, border in caught]
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING), *news])
             self.browser.wait_text("#notices", "discarded soon")
             self.browser.wait_text("#notices", "The robot is inside Rug")
-            other.wait_text("#notices", "Der Roboter ist in Rug")
-            other.wait_text("#notices", sentences.translate("border_without_name", {}, "de"))
-            self.assertNotIn("discarded soon", other.text("#notices"))
+            second_browser.wait_text("#notices", "Der Roboter ist in Rug")
+            second_browser.wait_text("#notices", sentences.translate("border_without_name", {}, "de"))
+            self.assertNotIn("discarded soon", second_browser.text("#notices"))
             notices.close()
-            for browser, size in ((self.browser, PHONE), (other, WALL)):
+            for browser, size in ((self.browser, PHONE), (second_browser, WALL)):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
                 self.assertEqual(browser.run(CHECKS), [])
-            self.assertEqual(other.faults(), [])
+            self.assertEqual(second_browser.faults(), [])
 
     def test_what_a_tap_brings_up_fits_a_small_phone(self):
         self.store_carpet("The longest name that anybody thought of for a piece of floor", "The longest name")
@@ -205,9 +205,9 @@ class SeenTest(PageTest):
         notices = NoticePublisher()
         notices.set([Notice("robot_caught_in_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
         ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
-        said = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
+        message = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
         self.browser.run("document.getElementById('health').open = true")
-        wait_until(lambda: robots.publish(said) or self.browser.text("#health-sum") == "1 problem", "the problem")
+        wait_until(lambda: robots.publish(message) or self.browser.text("#health-sum") == "1 problem", "the problem")
         self.browser.wait_text("#banners", "robot_monitor has fallen silent")
         self.assertEqual(self.browser.text("#health-sum"), "1 problem")
         notices.close()

@@ -41,8 +41,9 @@ class StopTest(PageTest):
         # sent separately from the state
         events = "window.virtualBorders.view.events.map((event) => event.values.command)"
         self.browser.wait(f"{events}.slice(-1)[0] == 'cancel'", what="the last event")
-        told = self.browser.run(f"return {events}")
-        self.assertEqual(told[-4:], ["define_border", "stop", "resume", "cancel"])  # each once
+        self.assertEqual(
+            self.browser.run(f"return {events}")[-4:], ["define_border", "stop", "resume", "cancel"]
+        )  # each once
 
     def test_resume_has_a_place_that_nothing_else_ever_has(self):
         self.store_carpet()
@@ -86,11 +87,11 @@ class StopTest(PageTest):
             place = """const { scale, offsetLeft, offsetTop } = visualViewport,
                 box = document.getElementById('stop').getBoundingClientRect();
                 return [(box.left - offsetLeft) * scale, (box.top - offsetTop) * scale, box.width * scale, box.height * scale]"""
-            before = small.run(place)
-            apart = [[(180 - 10 * step, 500 + 5 * step), (200 + 10 * step, 500 - 5 * step)] for step in range(1, 13)]
-            small.fingers_on_screen([apart[0][:1], *apart])
+            place_before = small.run(place)
+            pinch = [[(180 - 10 * step, 500 + 5 * step), (200 + 10 * step, 500 - 5 * step)] for step in range(1, 13)]
+            small.fingers_on_screen([pinch[0][:1], *pinch])
             small.wait("visualViewport.scale > 1.5 && visualViewport.offsetTop > 50", what="an enlarged page")
-            np.testing.assert_allclose(small.run(place), before, atol=1.0)
+            np.testing.assert_allclose(small.run(place), place_before, atol=1.0)
             self.assertEqual(
                 small.run("""const box = document.getElementById('stop').getBoundingClientRect();
                 return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button').id"""),
@@ -145,16 +146,16 @@ class StopTest(PageTest):
     def test_nothing_moves_under_a_finger_and_the_map_stays_in_its_frame(self):
         place = "return JSON.stringify(['map', 'stop', 'settings-button'].map((id) => document.getElementById(id).getBoundingClientRect()))"
         self.browser.run("window.scrollTo(0, 0)")
-        before = self.browser.run(place)
+        layout = self.browser.run(place)
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
         self.browser.run("window.scrollTo(0, 0)")
-        self.assertEqual(self.browser.run(place), before)
+        self.assertEqual(self.browser.run(place), layout)
         self.browser.click("#review button", "Cancel")
         self.browser.click("#stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         self.browser.run("window.scrollTo(0, 0)")
-        self.assertEqual(self.browser.run(place), before)
+        self.assertEqual(self.browser.run(place), layout)
         # a second tap on Stop does not press Resume
         self.browser.run("document.getElementById('toast').dataset.code = ''")
         self.browser.click("#stop")
@@ -169,9 +170,9 @@ class StopTest(PageTest):
             self.assertTrue(self.browser.run(inside), swipe)
         self.browser.click("#zoom-fit")
         view = "return JSON.stringify(window.virtualBorders.map.view)"
-        before = self.browser.run(view)
+        view_before = self.browser.run(view)
         self.browser.stroke([[4.0, 2.5], [3.0, 2.5], [1.0, 2.5]])  # one finger may only scroll the page
-        self.assertEqual(self.browser.run(view), before)
+        self.assertEqual(self.browser.run(view), view_before)
         # points beyond the map's edge are moved to the edge
         edge = self.browser.run("return window.virtualBorders.map.onMap([-50, -50])")
         self.assertEqual(self.browser.run("return window.virtualBorders.map.onMap(arguments[0])", edge), edge)

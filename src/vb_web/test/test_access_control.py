@@ -51,8 +51,8 @@ def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
     path = tmp_path / "sessions.json"
     cookie = Sessions(CODES, path).open(CODES[role.name.lower()])
     sessions = Sessions(CODES, path)  # like a restart
-    found, name = sessions.find(cookie)
-    assert found == role and name and cookie not in path.read_text()
+    role_found, name = sessions.find(cookie)
+    assert role_found == role and name and cookie not in path.read_text()
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     sessions.end(name)
     assert sessions.find(cookie) == Sessions(CODES, path).find(cookie) == (Role.NOBODY, "")
@@ -77,11 +77,11 @@ def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypa
 
 def test_a_disk_that_cannot_be_written_keeps_nobody_out(tmp_path):
     (tmp_path / "file").write_text("")
-    told = []
-    sessions = Sessions(CODES, tmp_path / "file" / "sessions.json", lambda error: told.append(error.code))
+    errors = []
+    sessions = Sessions(CODES, tmp_path / "file" / "sessions.json", lambda error: errors.append(error.code))
     role, name = sessions.find(sessions.open(CODES["operator"]))
     sessions.end(name)
-    assert (role, told) == (Role.OPERATOR, ["cannot_write"] * 2)
+    assert (role, errors) == (Role.OPERATOR, ["cannot_write"] * 2)
 
 
 def test_many_viewers_log_no_operator_out():
@@ -101,43 +101,43 @@ def test_any_other_text_is_no_cookie(text):
 class Connection:
     """A connection that is open until it is closed."""
 
-    gone = False
+    ended = False
 
     def closed(self):
-        return self.gone
+        return self.ended
 
 
 def filled(places, *holders):
     """Takes a place for each holder; returns the connections."""
     connections = [Connection() for _ in holders]
     for connection, whose in zip(connections, holders):
-        gone = places.take(connection, *whose.split())
-        if gone is not None:
-            gone.gone = True
+        displaced = places.take(connection, *whose.split())
+        if displaced is not None:
+            displaced.ended = True
     return connections
 
 
 def test_who_holds_the_most_gives_up_a_place_for_others():
     connections = filled(ConnectionSlots(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
-    assert [number for number, connection in enumerate(connections) if not connection.gone] == list(range(53, 63))
+    assert [number for number, connection in enumerate(connections) if not connection.ended] == list(range(53, 63))
 
 
 def test_sessions_and_addresses_of_one_person_count_as_one():
     for whose in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
         connections = filled(ConnectionSlots(10, yields=False), "phone one", *whose, "wall two")
-        assert not connections[0].gone and not connections[-1].gone
+        assert not connections[0].ended and not connections[-1].ended
 
 
 def test_strangers_replace_each_other_but_known_people_stay():
     names = [f"a{number}" for number in range(12)]
-    assert [one.gone for one in filled(ConnectionSlots(10, yields=True), *names)] == [True] * 2 + [False] * 10
-    assert [one.gone for one in filled(ConnectionSlots(10, yields=False), *names)] == [False] * 10 + [True] * 2
+    assert [peer.ended for peer in filled(ConnectionSlots(10, yields=True), *names)] == [True] * 2 + [False] * 10
+    assert [peer.ended for peer in filled(ConnectionSlots(10, yields=False), *names)] == [False] * 10 + [True] * 2
 
 
 def test_a_place_that_was_left_or_whose_connection_closed_is_free():
     places = ConnectionSlots(2, yields=False)
     first, second = filled(places, "a", "b")
-    first.gone = True
+    first.ended = True
     third = Connection()
     assert places.take(third, "c") is None
     places.leave(second)

@@ -35,19 +35,19 @@ def test_large_maps_are_reduced_and_no_wall_vanishes(shape):
 
 
 def test_restricted_floor_is_where_the_map_became_fuller():
-    before = np.zeros((40, 40), np.int8)
-    before[:, 0] = 100
-    after = before.copy()
-    after[10:20, 10:20] = 100
-    after[30:35, 10:20] = 50
-    pixels = decode(page_images.draw_restricted(GridMap(before, 0.05), GridMap(after, 0.05)))[::-1]
+    prior = np.zeros((40, 40), np.int8)
+    prior[:, 0] = 100
+    posterior = prior.copy()
+    posterior[10:20, 10:20] = 100
+    posterior[30:35, 10:20] = 50
+    pixels = decode(page_images.draw_restricted(GridMap(prior, 0.05), GridMap(posterior, 0.05)))[::-1]
     assert (pixels[10:20, 10:20, 3] > 0).all() and pixels[:, 0, 3].max() == 0 and pixels[25, 15, 3] == 0
     assert 0 < pixels[30:35, 10:20, 3].max() < pixels[10:20, 10:20, 3].max()
 
 
 def test_the_same_content_has_the_same_name_and_an_album_keeps_two():
     maps = [page_images.draw_map(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
-    assert maps[0].name == maps[3].name and len({one.name for one in maps}) == 3
+    assert maps[0].name == maps[3].name and len({image.name for image in maps}) == 3
     cache = ImageCache()
     for image in maps[:3]:
         cache.put("map", image)
@@ -100,14 +100,14 @@ def test_camera_pictures_are_made_smaller_never_larger():
 
 
 def test_floor_without_a_camera_is_made_again_for_the_next_browser(monkeypatch):
-    there, made = {"red"}, []
+    connected, drawings = {"red"}, []
     monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
-    drawn, grid = page_images.EncodedImage(b"", "", 1), GridMap(np.zeros((2, 2), np.int8), 0.05)
-    monkeypatch.setattr(page_images, "draw_floor", lambda _grid, views: made.append(views) or drawn)
-    found = camera_images.CameraImages(dict, ["red", "blue"], "raw", lambda: grid, None)
-    monkeypatch.setattr(found, "_view", lambda camera: camera if camera in there else None)
-    found.floor_webp()
-    there.add("blue")
-    found.floor_webp()
-    found.floor_webp()
-    assert made == [["red"], ["red", "blue"]]
+    image, grid = page_images.EncodedImage(b"", "", 1), GridMap(np.zeros((2, 2), np.int8), 0.05)
+    monkeypatch.setattr(page_images, "draw_floor", lambda _grid, views: drawings.append(views) or image)
+    images = camera_images.CameraImages(dict, ["red", "blue"], "raw", lambda: grid, None)
+    monkeypatch.setattr(images, "_view", lambda camera: camera if camera in connected else None)
+    images.floor_webp()
+    connected.add("blue")
+    images.floor_webp()
+    images.floor_webp()
+    assert drawings == [["red"], ["red", "blue"]]

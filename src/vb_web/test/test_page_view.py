@@ -16,19 +16,19 @@ STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
 
 def test_a_browser_gets_what_is_newer_than_it_knows():
-    told = []
-    view = View(lambda: told.append(1))
-    assert view.since(0) == (0, "")
+    changes = []
+    view = View(lambda: changes.append(1))
+    assert view.newer_than(0) == (0, "")
     view.put("state", {"name": "border"})
     view.put("robots", {"": [1, 2, 3]})
-    revision, text = view.since(0)
+    revision, text = view.newer_than(0)
     assert json.loads(text) == {"view": {"state": {"name": "border"}, "robots": {"": [1, 2, 3]}}}
-    assert view.since(revision) == (revision, "")
+    assert view.newer_than(revision) == (revision, "")
     view.put("state", {"name": "border"})  # unchanged
     view.put("state", {"name": "seed"})
-    assert json.loads(view.since(revision)[1]) == {"view": {"state": {"name": "seed"}}}
-    assert json.loads(view.since(0)[1])["view"]["robots"] == {"": [1, 2, 3]}
-    assert len(told) == 3
+    assert json.loads(view.newer_than(revision)[1]) == {"view": {"state": {"name": "seed"}}}
+    assert json.loads(view.newer_than(0)[1])["view"]["robots"] == {"": [1, 2, 3]}
+    assert len(changes) == 3
 
 
 def test_nan_and_infinity_never_reach_json():
@@ -60,10 +60,10 @@ def test_page_has_exactly_the_words_that_it_uses():
     )
     words = {word for word in sentences.catalog() if word.startswith("page_")}  # the same in all languages
     # a word that ends in _ is completed at run time; page_zone and page_title are both words and beginnings of words
-    missing = [one for one in pages - words if not (one.endswith("_") and any(word.startswith(one) for word in words))]
+    missing = [key for key in pages - words if not (key.endswith("_") and any(word.startswith(key) for word in words))]
     assert not missing
     used = pages | code
-    stems = ("page_title_", "page_zone_", *(one for one in used if one.endswith("_")))
+    stems = ("page_title_", "page_zone_", *(word for word in used if word.endswith("_")))
     assert not [word for word in words - used if not word.startswith(stems)]
 
 

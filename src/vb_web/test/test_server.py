@@ -77,16 +77,16 @@ class Running:
 
     def ask(self, path, method="GET", body=None, scheme="http", options=None, **headers):
         async def fetch():
-            given = {"headers": {key.replace("_", "-"): value for key, value in headers.items()}, **(options or {})}
-            request = HTTPRequest(f"{scheme}://{self.host}{path}", method, body=body, follow_redirects=False, **given)
+            extra = {"headers": {key.replace("_", "-"): value for key, value in headers.items()}, **(options or {})}
+            request = HTTPRequest(f"{scheme}://{self.host}{path}", method, body=body, follow_redirects=False, **extra)
             request.allow_nonstandard_methods = True
             return await AsyncHTTPClient(force_instance=True).fetch(request, raise_error=False)
 
         return asyncio.run(fetch())
 
     async def connect(self, **headers):
-        given = {"Origin": f"http://{self.host}", **headers}
-        return await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
+        all_headers = {"Origin": f"http://{self.host}", **headers}
+        return await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=all_headers))
 
     def socket(self, **how):
         """Opens a plain TCP connection to the server."""
@@ -135,12 +135,12 @@ def test_certificate_makes_the_network_https_only(tmp_path):
         addresses(params, 8420, ["lab"])
     subprocess.run(CERTIFICATE.split(), cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
     assert addresses(params, 8420, ["lab"]) == ["https://lab:8420/"]
-    own = PageParams(codes_file=params.codes_file)  # this computer's own browser
-    assert addresses(own, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
+    local_params = PageParams(codes_file=params.codes_file)  # this computer's own browser
+    assert addresses(local_params, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
     with serving(Sessions(CODES), params) as running:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
-        given = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
-        answer = log_in(running, CODES["viewer"], **given)
+        options = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
+        answer = log_in(running, CODES["viewer"], **options)
         assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"]
         assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # plain http gets no answer
@@ -216,21 +216,21 @@ def test_viewers_look_and_operators_command(network):
 
 
 def log_in(running, code, **headers):
-    given = {"Origin": f"http://{running.host}", **headers}
-    return running.ask("/session", "POST", json.dumps({"code": code}), **given)
+    all_headers = {"Origin": f"http://{running.host}", **headers}
+    return running.ask("/session", "POST", json.dumps({"code": code}), **all_headers)
 
 
 def test_code_gives_a_cookie_hidden_from_scripts_and_other_sites(network):
     answer = log_in(network, "VIEW ER22")
-    given = answer.headers["Set-Cookie"]
-    assert answer.code == 200 and "HttpOnly" in given and "SameSite=Strict" in given
-    assert json.loads(network.ask("/session", Cookie=given.split(";")[0]).body)["role"] == "viewer"
+    cookie_header = answer.headers["Set-Cookie"]
+    assert answer.code == 200 and "HttpOnly" in cookie_header and "SameSite=Strict" in cookie_header
+    assert json.loads(network.ask("/session", Cookie=cookie_header.split(";")[0]).body)["role"] == "viewer"
     assert log_in(network, "oper-at33", Origin="http://evil.example").code == 403
     assert log_in(network, "wrong").code == 401
 
 
 def test_codes_cannot_be_tried_fast(network):
-    codes = [log_in(network, given).code for given in [*["guess"] * 4, *[CODES["operator"]] * 4]]
+    codes = [log_in(network, typed).code for typed in [*["guess"] * 4, *[CODES["operator"]] * 4]]
     assert codes[:5] == [401] * 4 + [200] and codes[-1] == 429
 
 
@@ -259,8 +259,8 @@ def test_other_methods_and_malformed_logins_are_refused(local, path, method, bod
 def test_a_body_that_is_large_or_a_form_is_never_parsed(network):
     big = network.ask("/session", "POST", "x" * 100000, Origin=f"http://{network.host}")
     assert big.code in (400, 413, 599)
-    given = {"Origin": f"http://{network.host}", "Content_Type": "multipart/form-data; boundary=b"}
-    assert network.ask("/session", "POST", "--b\r\n\r\nx\r\n--b--", **given).code == 400
+    form_headers = {"Origin": f"http://{network.host}", "Content_Type": "multipart/form-data; boundary=b"}
+    assert network.ask("/session", "POST", "--b\r\n\r\nx\r\n--b--", **form_headers).code == 400
 
 
 def test_pictures_are_kept_by_browsers_and_pages_are_asked_for(local):
@@ -271,14 +271,14 @@ def test_pictures_are_kept_by_browsers_and_pages_are_asked_for(local):
 
 def test_a_browser_gets_the_whole_view_and_then_what_changes(local):
     async def work(connection):
-        seen = {}
-        while "view" not in seen:
-            seen.update(json.loads(await asyncio.wait_for(connection.read_message(), 60.0)))
+        received = {}
+        while "view" not in received:
+            received.update(json.loads(await asyncio.wait_for(connection.read_message(), 60.0)))
         local.view.put("spots", {"red": [1, 2, 0, 3.0]})
-        return seen, json.loads(await asyncio.wait_for(connection.read_message(), 60.0))
+        return received, json.loads(await asyncio.wait_for(connection.read_message(), 60.0))
 
-    seen, update = local.link(work)
-    assert seen["hello"]["role"] == "operator" and seen["view"] == {"state": {"name": "default"}}
+    received, update = local.link(work)
+    assert received["hello"]["role"] == "operator" and received["view"] == {"state": {"name": "default"}}
     assert update == {"view": {"spots": {"red": [1, 2, 0, 3.0]}}}
 
 
@@ -318,11 +318,11 @@ def test_previews_wait_only_for_those_of_the_same_person(network):
 
     async def work(first):
         loop = asyncio.get_event_loop()
-        other = await network.connect(Cookie=cookie(network, Role.OPERATOR))
+        second_connection = await network.connect(Cookie=cookie(network, Role.OPERATOR))
         for number in range(4):
             await send(first, **PREVIEW, id=f"p{number}")
-        await answer_to(other, do="invite")  # all four have arrived
-        await send(other, **PREVIEW, id="q")
+        await answer_to(second_connection, do="invite")  # all four have arrived
+        await send(second_connection, **PREVIEW, id="q")
         for _ in range(2):
             assert await loop.run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
         sources = list(network.backend.previews)
@@ -334,29 +334,29 @@ def test_previews_wait_only_for_those_of_the_same_person(network):
 
 
 def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
-    given = cookie(network, Role.OPERATOR)
+    cookie_text = cookie(network, Role.OPERATOR)
 
     async def work(connection):
         await answer_to(connection, do="invite")
         loop = asyncio.get_event_loop()
-        headers = {"Cookie": given, "Origin": f"http://{network.host}"}
-        left = await loop.run_in_executor(None, lambda: network.ask("/session", "DELETE", **headers))
+        headers = {"Cookie": cookie_text, "Origin": f"http://{network.host}"}
+        answer = await loop.run_in_executor(None, lambda: network.ask("/session", "DELETE", **headers))
         await closing_code(connection)
-        return left.code
+        return answer.code
 
-    assert network.link(work, Cookie=given) == 200
-    assert json.loads(network.ask("/session", Cookie=given).body)["role"] == "nobody"
+    assert network.link(work, Cookie=cookie_text) == 200
+    assert json.loads(network.ask("/session", Cookie=cookie_text).body)["role"] == "nobody"
 
 
 def test_strangers_who_hold_connections_keep_nobody_out(network):
     """Slow headers occupy the same places as hanging handshakes."""
     with contextlib.ExitStack() as stack:
-        held = [stack.enter_context(network.socket(source_address=("127.0.5.5", 0))) for _ in range(150)]
-        for connection in held:
+        connections = [stack.enter_context(network.socket(source_address=("127.0.5.5", 0))) for _ in range(150)]
+        for connection in connections:
             connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
         assert network.ask("/session").code == 200
         assert log_in(network, CODES["operator"]).code == 200
-        for connection in held[:50]:  # closed by the server
+        for connection in connections[:50]:  # closed by the server
             connection.settimeout(60.0)
             with contextlib.suppress(ConnectionResetError):
                 while connection.recv(4096):
@@ -367,8 +367,8 @@ def test_a_browser_that_takes_nothing_is_ended_by_the_system(network):
     with network.socket() as connection:
         connection.sendall(b"GET /session HTTP/1.1\r\nHost: x\r\n\r\n")
         assert connection.recv(4096)
-        held = [stream for places in network.server.places.values() for stream in places._held]
-        limits = [stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) for stream in held]
+        streams = [stream for places in network.server.places.values() for stream in places._held]
+        limits = [stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) for stream in streams]
     assert limits == [20000]
 
 
@@ -423,11 +423,11 @@ def test_garbage_on_the_socket_ends_only_itself(local):
 
 def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
     loop, places, count = local.server._loop, local.server.places[Role.NOBODY], 6
-    entered, gate, over, held = threading.Event(), threading.Event(), threading.Event(), []
+    entered, gate, finished, counts = threading.Event(), threading.Event(), threading.Event(), []
 
     def look():
-        held.append(len(places._held))
-        over.set() if held[-1] == count else loop.call_soon(look)
+        counts.append(len(places._held))
+        finished.set() if counts[-1] == count else loop.call_soon(look)
 
     def stand_still():
         entered.set()
@@ -440,8 +440,8 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
         for _ in range(count):
             stack.enter_context(local.socket())
         gate.set()
-        assert over.wait(60.0)
-    assert max(after - before for before, after in zip(held, held[1:])) == 1
+        assert finished.wait(60.0)
+    assert max(later - earlier for earlier, later in zip(counts, counts[1:])) == 1
 
 
 def test_an_address_that_asks_too_often_is_told_so(local):

@@ -63,8 +63,8 @@ def observe_lab(seconds: float) -> List[Notice]:
         detector = _parameters(f"/spot_detector_{camera}")
         line = check_camera(graph, camera, detector, _has_delay(detector), status.rate_hz)
         if line.severity is Severity.ERROR:  # the line says why the camera is silent
-            notices = [one for one in notices if (one.code, one.camera) != ("camera_silent", camera)]
-        if line.severity is not Severity.INFO or all(one.camera != camera for one in notices):
+            notices = [notice for notice in notices if (notice.code, notice.camera) != ("camera_silent", camera)]
+        if line.severity is not Severity.INFO or all(notice.camera != camera for notice in notices):
             lines.append(line)
     lines += _check_map(graph, newest)
     if names.BORDERS in newest:
@@ -76,8 +76,8 @@ def observe_lab(seconds: float) -> List[Notice]:
         for robot in newest[names.ROBOTS].robots:
             lines += _check_robot(robot, newest)
     lines += _check_computer(running)
-    said = {(line.code, line.camera, line.robot) for line in lines}
-    return lines + [one for one in notices if (one.code, one.camera, one.robot) not in said]
+    reported = {(line.code, line.camera, line.robot) for line in lines}
+    return lines + [notice for notice in notices if (notice.code, notice.camera, notice.robot) not in reported]
 
 
 def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], List[Notice]]:
@@ -96,7 +96,9 @@ def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], 
         rospy.Subscriber(name, kind, lambda message, name=name: newest.update({name: message}), queue_size=1)
         for name, kind in topics.items()
     ]
-    detectors = rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda one: statuses.update({one.camera: one}))
+    detectors = rospy.Subscriber(
+        names.DETECTORS, DetectorStatus, lambda status: statuses.update({status.camera: status})
+    )
     notices = NoticeListener()
     wait_for_publishers([notices.subscriber, detectors, *subscribers], _CONNECTION_TIMEOUT)
     rospy.rostime.wallsleep(seconds)
@@ -111,7 +113,7 @@ def _has_delay(detector: Mapping[str, Any]) -> bool:
 
 
 def _scan(robot: str) -> str:
-    """Returns the topic of a robot's scanner; "" if it has none."""
+    """Returns the topic of a robot's scanner, or "" if it has none."""
     try:
         scanner = robot_profile.read(robot).scanner
     except CodedError:  # the driver that uses this profile says what is wrong with it
@@ -135,7 +137,8 @@ def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]
 
 
 def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
-    physical, size, all_known = newest.get(names.PHYSICAL_MAP), None, False
+    physical = newest.get(names.PHYSICAL_MAP)
+    size, all_known = None, False
     if physical is not None:
         size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
         with contextlib.suppress(CodedError):  # the map integrator reports a map of the wrong size
@@ -214,9 +217,9 @@ def run(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to the nodes (4)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
     parser.add_argument("--camera", metavar="SOURCE", help="only describe a camera, given as to new_lab; without a lab")
-    chosen = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
-    if chosen.camera:
-        print("\n".join(describe(parse_source(chosen.camera), CaptureParams())))
+    options = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
+    if options.camera:
+        print("\n".join(describe(parse_source(options.camera), CaptureParams())))
         return READY
     if not rosgraph.is_master_online():
         print(
@@ -226,11 +229,11 @@ def run(arguments: Optional[List[str]] = None) -> int:
         )
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-    lines = observe_lab(chosen.seconds)
-    if chosen.json:
-        print(to_json(lines, chosen.language))
+    lines = observe_lab(options.seconds)
+    if options.json:
+        print(to_json(lines, options.language))
     else:
-        print_table(lines, chosen.language, Console())
+        print_table(lines, options.language, Console())
         for camera in sorted({line.camera for line in lines if line.code in REPORTED}):
             print_camera(camera)
     return FAULTS if any(line.severity is Severity.ERROR for line in lines) else READY

@@ -24,29 +24,29 @@ _HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unk
 
 
 def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], measured: bool, rate: float) -> Notice:
-    """Checks how a camera's images reach its detector; the detector itself reports whether they are usable.
+    """Checks how a camera's images reach its detector. The detector itself reports whether they are usable.
 
     Args:
-        parameters: its detector's; empty if the camera is on a robot.
-        measured: whether somebody has measured a source's delay, even if that is 0.
+        parameters: the detector's parameters; empty if the camera is on a robot.
+        measured: whether somebody has measured a source's delay, even if the delay is 0.
         rate: [1/s] searched images per second.
     """
     source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
     topic = "" if source or not parameters else "/" + image_topic(name, parameters.get("image", "")).lstrip("/")
     topic += "/compressed" if topic and parameters.get("image_transport") == "compressed" else ""
     publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
-    others = sorted(
-        other
-        for other, nodes in graph.publishers.items()
-        if nodes and other.startswith(beside) and graph.types.get(other) == _IMAGES[0]
+    other_topics = sorted(
+        other_topic
+        for other_topic, nodes in graph.publishers.items()
+        if nodes and other_topic.startswith(beside) and graph.types.get(other_topic) == _IMAGES[0]
     )
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
         return Notice(code, severity, camera=name, values={"camera": name, "topic": topic, **values})
 
-    if topic and not publishers and others:
-        shown = {"others": ", ".join(others), "image": others[0].strip("/")}
-        return line(Severity.ERROR, "lab_camera_other_topic", **shown)
+    if topic and not publishers and other_topics:
+        values = {"others": ", ".join(other_topics), "image": other_topics[0].strip("/")}
+        return line(Severity.ERROR, "lab_camera_other_topic", **values)
     if topic and not publishers:
         return line(Severity.ERROR, "lab_camera_no_publisher")
     if len(publishers) > 1:
@@ -119,7 +119,7 @@ def is_all_known(cells: np.ndarray) -> bool:
 
 
 def check_nodes(missing: Sequence[str]) -> List[Notice]:
-    """Checks whether the nodes that belong to the lab are running; `missing` names those that are not."""
+    """Checks whether the nodes that belong to the lab are running. `missing` names those that are not."""
     if not missing:
         return [Notice("lab_node_ok", Severity.INFO)]
     return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing]

@@ -67,7 +67,7 @@ def check_names(argument: str, value: str) -> None:
 
 
 def parse_pairs(argument: str, value: str) -> Dict[str, str]:
-    """Parses NAME=VALUE pairs separated by spaces; returns the values by name.
+    """Parses NAME=VALUE pairs separated by spaces. Returns the values by name.
 
     Raises:
         CodedError: "launch_bad_pairs"
@@ -125,7 +125,7 @@ def check_detector(argument: str, value: str) -> None:
 
 
 def check_detectors(argument: str, value: str) -> None:
-    """Checks the files of single cameras as `check_detector` does; also raises "launch_bad_pairs"."""
+    """Checks the files of single cameras as `check_detector` does. Also raises "launch_bad_pairs"."""
     for path in parse_pairs(argument, value).values():
         check_detector(argument, path)
 
@@ -184,7 +184,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
 
 # ------------------------------------------------------------ what is installed, and what runs
 def declared_arguments(files: Iterable[Path]) -> List[str]:
-    """Lists the arguments that launch files declare without a fixed value; included files do not count."""
+    """Lists the arguments that launch files declare without a fixed value. Included files do not count."""
     names = []
     for path in files:
         pending = [ElementTree.parse(str(path)).getroot()]
@@ -197,7 +197,7 @@ def declared_arguments(files: Iterable[Path]) -> List[str]:
 
 
 def check_installed(programs: Iterable[str]) -> None:
-    """Refuses programs of ROS's navigation stack that are not installed; each is in a package of the same name.
+    """Refuses programs of ROS's navigation stack that are not installed. Each is in a package of the same name.
 
     Raises:
         CodedError: "launch_not_installed"
@@ -254,13 +254,14 @@ def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
 
 
 def run() -> int:
-    """Checks what the parent process, roslaunch, is about to start; returns the exit status, 0 or 1."""
+    """Checks what the parent process, roslaunch, is about to start. Returns the exit status, 0 or 1."""
     parser = argparse.ArgumentParser(prog="launch_check", description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=("lab", "simulation", "navigation"))
     parser.add_argument(
         "words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack"
     )
-    options, process = parser.parse_args(), os.getppid()
+    options = parser.parse_args()
+    process = os.getppid()
     files: List[Path] = []
     try:
         arguments, files, master_uri = launch_of(process)

@@ -114,7 +114,7 @@ Steps to the first border:
 def write_lab(
     folder: Path, cameras: Mapping[str, str], robot: str, map_file: Optional[Path], profiles: Path
 ) -> List[Path]:
-    """Writes the folder; returns its files.
+    """Writes the folder. Returns its files.
 
     Args:
         folder: may exist, but must be empty.
@@ -196,7 +196,7 @@ def _copy_map(map_file: Path, folder: Path) -> None:
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Writes the folder and prints the next step; returns the exit status, 0, or 1 if nothing was written."""
+    """Writes the folder and prints the next step. Returns the exit status, 0, or 1 if nothing was written."""
     parser = argparse.ArgumentParser(prog="new_lab", description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="a new folder, for instance ~/my_lab")
     parser.add_argument(

@@ -54,16 +54,19 @@ CAMERA = "camera"
 PORT = 8420
 _CELL, _FAR = 0.025, 10.0  # [m] cell of the map; floor that is farther from the camera is left out
 _GRID = 0.5  # [m] between the lines that the page draws
-# of the video: [s] without a spot between a line and its seed, and until it begins again
-_PAUSE, _BETWEEN = 1.0, 2.9
+# [s] without a spot in the video
+_SEED_PAUSE = 1.0  # between a line and its seed
+_REPEAT_PAUSE = 2.9  # before the video begins again
 _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
-_HOW = "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
-_REPEATS = " The film repeats: press each just before its part; what was missed can be cancelled, and comes again."
+_INSTRUCTIONS = (
+    "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
+)
+_REPEAT_NOTE = " The film repeats: press each just before its part; what was missed can be cancelled, and comes again."
 
 
 # ------------------------------------------------------------- the floor
 def seen_floor(view: FloorView) -> GridMap:
-    """Returns an empty map of the floor that a camera sees; raises CodedError "bad_rectangle" if all is far away."""
+    """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if all is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
@@ -74,8 +77,8 @@ def seen_floor(view: FloorView) -> GridMap:
     low, high = places.min(axis=0), places.max(axis=0)
     columns, rows = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
     floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*map(float, low), 0.0))
-    seen = camera.contains(project(camera, T, floor.cell_to_world(np.argwhere(floor.data == 0))))
-    return floor.with_data(np.where(seen.reshape(floor.shape), np.int8(0), np.int8(-1)))
+    in_view = camera.contains(project(camera, T, floor.cell_to_world(np.argwhere(floor.data == 0))))
+    return floor.with_data(np.where(in_view.reshape(floor.shape), np.int8(0), np.int8(-1)))
 
 
 def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
@@ -117,10 +120,10 @@ class CornerPage:
         self._source.start()
 
     def _show_error(self, error: Optional[CodedError]) -> None:
-        before, self.error = self.error, ""
+        previous, self.error = self.error, ""
         if error is not None:
             self.error = CodedError(error.code, **{**error.values, "camera": "1"}).message
-        if self.error not in ("", before):
+        if self.error not in ("", previous):
             print(f"  {self.error}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
             print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
 
@@ -146,7 +149,7 @@ class CornerPage:
         return self._newest[-1].picture().pixels if self._newest else None
 
     def judge(self, request: Dict[str, Any], start: bool) -> Dict[str, Any]:
-        """Returns the floor's grid and worst error from four corners; raises CodedError "bad_rectangle"."""
+        """Returns the floor's grid and worst error from four corners. Raises CodedError "bad_rectangle"."""
         picture = self.picture()
         corners = np.array(request["corners"], float).reshape(4, 2)
         size = float(request["width"]), float(request["depth"])
@@ -187,9 +190,9 @@ class _Picture(_Handler):
 
 
 class _Floor(_Handler):
-    def post(self, what: str) -> None:
+    def post(self, step: str) -> None:
         try:
-            self.write(self.page.judge(json.loads(self.request.body), what == "start"))
+            self.write(self.page.judge(json.loads(self.request.body), step == "start"))
         except CodedError as error:
             self.write({"error": error.message})
         except (ValueError, KeyError, TypeError, AttributeError):
@@ -211,11 +214,11 @@ class TryLab:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         borders = [border_from_message(border) for border in message.borders]
-        new = [border for border in borders if border.id not in {old.id for old in self.borders}]
+        new_borders = [border for border in borders if border.id not in {previous.id for previous in self.borders}]
         if borders != self.borders:
             write_atomically(self._file, borders_to_geojson(borders).encode("utf-8"))
         self.borders = borders
-        for border in new:
+        for border in new_borders:
             corners = " ".join(f"({x:.2f}, {y:.2f})" for x, y in border.points)
             print(f"  Border {border.name or border.id}: {corners} m, in {self._file}", flush=True)
 
@@ -228,11 +231,11 @@ class TryLab:
         Raises:
             CodedError: "no_response" if the lab does not take them, or nothing was drawn.
         """
-        self._wait(lambda: self._quiet(_BETWEEN))
+        self._wait(lambda: self._quiet(_REPEAT_PAUSE))
         for command in ("define_border", "define_seed"):
             self._give(command)
-            before = self._spots
-            self._wait(lambda before=before: self._spots > before + 5 and self._quiet(_PAUSE))
+            count = self._spots
+            self._wait(lambda count=count: self._spots > count + 5 and self._quiet(_SEED_PAUSE))
         if self._give("save") == "confirm_save":  # what was drawn is not quite certain
             self._give("save")
         self._wait(lambda: bool(self.borders))
@@ -253,7 +256,7 @@ class TryLab:
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; returns 0 on success."""
+    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C. Returns 0 on success."""
     parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
     parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
     parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")
@@ -268,7 +271,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
     else:
         source = str(package / "try/room.mp4")
         truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
-    out, port = options.out.expanduser().resolve(), free_port(options.port)
+    folder, port = options.out.expanduser().resolve(), free_port(options.port)
     address = f"http://127.0.0.1:{port}/"
     if truth is None:
         print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
@@ -276,20 +279,20 @@ def run(arguments: Optional[List[str]] = None) -> int:
         view = asyncio.run(CornerPage(source).ask(port))
     else:
         view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
-    write_try(out / "lab", source, view, package / "robots")
+    write_try(folder / "lab", source, view, package / "robots")
     ros = free_port()
-    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros}", ROS_LOG_DIR=str(out / "log"))
+    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros}", ROS_LOG_DIR=str(folder / "log"))
     print("Starting the detector, the map and the page ...", flush=True)
-    lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros, rviz=False, page_port=port)
+    lab = roslaunch([folder / "lab/lab.launch"], folder / "log/roslaunch.txt", ros, rviz=False, page_port=port)
     try:
-        how = "" if truth else _HOW + (_REPEATS if is_file(source) else "")
-        return _follow(out, address, how, options.once, lab)
+        instructions = "" if truth else _INSTRUCTIONS + (_REPEAT_NOTE if is_file(source) else "")
+        return _follow(folder, address, instructions, options.once, lab)
     finally:
         lab.stop()
 
 
-def _follow(out: Path, address: str, how: str, once: bool, lab: Any) -> int:
-    """Follows the running lab; tells people `how` to draw, or gives the supplied video's commands if that is empty."""
+def _follow(folder: Path, address: str, instructions: str, once: bool, lab: Any) -> int:
+    """Follows the running lab. Shows people the instructions or, without any, gives the supplied video's commands."""
     wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
     try:
         if not lab.running:
@@ -300,10 +303,10 @@ def _follow(out: Path, address: str, how: str, once: bool, lab: Any) -> int:
     except rospy.ROSException:
         print(lab.tail(), file=sys.stderr)
         return 1
-    running = TryLab(out)
+    running = TryLab(folder)
     print(f"The page is at {address}", flush=True)
-    if how:
-        print(how, flush=True)
+    if instructions:
+        print(instructions, flush=True)
     else:
         running.play()
         if once:

@@ -7,11 +7,11 @@ from typing import Any, List, Mapping, Tuple
 ADDED, REMOVED, RENAMED, ENABLED, DISABLED, CHANGED = "added", "removed", "renamed", "enabled", "disabled", "changed"
 
 
-def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[Tuple[str, Any]]:
-    """Compares two sets of borders, vb_msgs/VirtualBorder by id; returns (change, border), at most one per border."""
-    changes = [(REMOVED, border) for key, border in before.items() if key not in after]
-    for key, border in after.items():
-        previous = before.get(key)
+def border_changes(old_borders: Mapping[str, Any], new_borders: Mapping[str, Any]) -> List[Tuple[str, Any]]:
+    """Compares two sets of borders, vb_msgs/VirtualBorder by id. Returns (change, border), at most one per border."""
+    changes = [(REMOVED, border) for key, border in old_borders.items() if key not in new_borders]
+    for key, border in new_borders.items():
+        previous = old_borders.get(key)
         if previous is None:
             changes.append((ADDED, border))
         elif previous.enabled != border.enabled:

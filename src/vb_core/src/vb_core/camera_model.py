@@ -66,12 +66,12 @@ class CameraModel:
 
     @staticmethod
     def ideal(width: int, height: int, focal_px: float) -> "CameraModel":
-        """Makes a camera without distortion whose optical axis meets the image centre; focal length in pixels."""
+        """Makes a camera without distortion whose optical axis meets the image centre. Focal length [px]."""
         matrix = np.array([[focal_px, 0, (width - 1) / 2.0], [0, focal_px, (height - 1) / 2.0], [0, 0, 1.0]])
         return CameraModel(width, height, matrix, np.zeros(5))
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the viewing rays of pixels; inverse of `project`.
+        """Returns the viewing rays of pixels. Inverse of `project`.
 
         Args:
             pixels: (N, 2) columns and rows [px], the centre of the first pixel is (0, 0).
@@ -101,7 +101,7 @@ class CameraModel:
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Projects points (N, 3) [m] in the optical frame to pixels (N, 2) [px]; inverse of `rays`.
+        """Projects points (N, 3) [m] in the optical frame to pixels (N, 2) [px]. Inverse of `rays`.
 
         Points that are not in front of the camera, or beyond the lens model's limit, give rows of NaN.
         """
@@ -120,12 +120,12 @@ class CameraModel:
 
     @cached_property
     def distorted(self) -> bool:
-        """Returns whether the lens distorts; a fisheye does even with coefficients of 0."""
+        """Whether the lens distorts. A fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
 
     @cached_property
     def _pinhole(self) -> Tuple[np.ndarray, np.ndarray]:
-        """Returns focal lengths and principal point [px]."""
+        """Focal lengths and principal point [px]."""
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     @cached_property
@@ -217,7 +217,7 @@ def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 
 
 
 def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Projects pixels (N, 2) to points (N, 3) [m] on the floor, as `intersect_floor` does; inverse of `pixels_of`."""
+    """Projects pixels (N, 2) to points (N, 3) [m] on the floor, as `intersect_floor` does. Inverse of `pixels_of`."""
     return intersect_floor(T_map_camera, camera.rays(pixels), height)
 
 

@@ -14,7 +14,7 @@ PRIVATE = 0o600  # mode of a file that only its owner may read and write
 
 
 def keep_private(path: Path) -> bool:
-    """Makes a file with secrets or personal data readable by its owner only; returns whether others could read it.
+    """Makes a file with secrets or personal data readable by its owner only. Returns whether others could read it.
 
     Raises:
         CodedError: "file_not_private" if that is not possible.
@@ -70,7 +70,7 @@ def write_together(contents: Mapping[Path, bytes], private: bool = False) -> Non
 
 
 def append_line(path: Union[str, Path], line: str, private: bool = False) -> None:
-    """Appends a line to a file in one write, so that lines of two writers never mix; creates the file's folder.
+    """Appends a line to a file in one write, so that lines of two writers never mix. Creates the file's folder.
 
     Args:
         private: whether only its owner may read the file, if this call creates it.

@@ -20,7 +20,7 @@ def wrap_angle(angle: float) -> float:
 
 
 def rotation_from_quaternion(quaternion) -> np.ndarray:
-    """Converts a quaternion (x, y, z, w) to a rotation matrix (3, 3); inverse of `quaternion_from_rotation`.
+    """Converts a quaternion (x, y, z, w) to a rotation matrix (3, 3). Inverse of `quaternion_from_rotation`.
 
     Raises:
         ValueError: if the quaternion is zero or not finite.
@@ -40,7 +40,7 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
 
 
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0; inverse of `rotation_from_quaternion`."""
+    """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0. Inverse of `rotation_from_quaternion`."""
     m = np.asarray(rotation, dtype=float)
     # dividing by the largest of the four components is well conditioned
     xx, yy, zz = np.diag(m)
@@ -55,13 +55,13 @@ def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
 
 
 def yaw_from_quaternion(quaternion) -> float:
-    """Returns the yaw about z [rad] of a quaternion (x, y, z, w); inverse of `quaternion_from_yaw`."""
+    """Returns the yaw about z [rad] of a quaternion (x, y, z, w). Inverse of `quaternion_from_yaw`."""
     x, y, z, w = quaternion
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def quaternion_from_yaw(yaw: float) -> np.ndarray:
-    """Returns the quaternion (x, y, z, w) of a rotation about z [rad]; inverse of `yaw_from_quaternion`."""
+    """Returns the quaternion (x, y, z, w) of a rotation about z [rad]. Inverse of `yaw_from_quaternion`."""
     return np.array([0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)])
 
 
@@ -92,38 +92,38 @@ def invert(T: np.ndarray) -> np.ndarray:
 
 
 def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Applies a 4x4 transform to points (N, 3) or (3,) [m]; returns them in the same shape."""
+    """Applies a 4x4 transform to points (N, 3) or (3,) [m]. Returns them in the same shape."""
     points = np.asarray(points, dtype=float)
     return points @ T[:3, :3].T + T[:3, 3]
 
 
 def transform_from_pose2d(x: float, y: float, yaw: float) -> np.ndarray:
-    """Makes a 4x4 transform from a planar pose [m, m, rad]; inverse of `pose2d_from_transform`."""
+    """Makes a 4x4 transform from a planar pose [m, m, rad]. Inverse of `pose2d_from_transform`."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=float)
 
 
 def pose2d_from_transform(T: np.ndarray) -> Pose:
-    """Returns the pose (x, y, yaw) [m, m, rad] of a planar transform; inverse of `transform_from_pose2d`."""
+    """Returns the pose (x, y, yaw) [m, m, rad] of a planar transform. Inverse of `transform_from_pose2d`."""
     return float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0])
 
 
 def to_base(points: np.ndarray, pose) -> np.ndarray:
-    """Transforms map points (N, 2) [m] to the base frame of a robot at a pose; inverse of `to_map`."""
+    """Transforms map points (N, 2) [m] to the base frame of a robot at a pose. Inverse of `to_map`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     return (np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)) @ np.array([[c, -s], [s, c]])
 
 
 def to_map(points: np.ndarray, pose) -> np.ndarray:
-    """Transforms base-frame points (N, 2) [m] of a robot at a pose to the map frame; inverse of `to_base`."""
+    """Transforms base-frame points (N, 2) [m] of a robot at a pose to the map frame. Inverse of `to_base`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)
 
 
 def pose_distance(a, b) -> float:
-    """Returns the distance [m] between two poses; a rotation counts as the motion of a point 0.2 m from its axis."""
+    """Returns the distance [m] between two poses. A rotation counts as the motion of a point 0.2 m from its axis."""
     return math.dist(a[:2], b[:2]) + 0.2 * abs(wrap_angle(a[2] - b[2]))
 
 
@@ -164,7 +164,7 @@ def bounding_diagonal(points: np.ndarray) -> float:
 
 
 def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> np.ndarray:
-    """Resamples a chain (N, 2) to points (M, 2) [m] at most `spacing` apart along it; keeps its ends.
+    """Resamples a chain (N, 2) to points (M, 2) [m] at most `spacing` apart along it. Keeps its ends.
 
     A closed chain's closing segment is sampled too; its first point is not repeated.
     """
@@ -191,6 +191,10 @@ def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, fl
     """
     distances = np.linalg.norm(path - np.asarray(place), axis=1)
     nearest = int(np.argmin(distances))
-    rest = path[nearest:]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
-    return rest[min(int(np.searchsorted(along, distance)), len(rest) - 1)], float(distances[nearest]), float(along[-1])
+    remainder = path[nearest:]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(remainder, axis=0), axis=1))])
+    return (
+        remainder[min(int(np.searchsorted(along, distance)), len(remainder) - 1)],
+        float(distances[nearest]),
+        float(along[-1]),
+    )

@@ -85,12 +85,12 @@ class GridMap:
 
     @cached_property
     def _corner(self) -> np.ndarray:
-        """Returns the outer corner (2,) [m] of cell (0, 0)."""
+        """The outer corner (2,) [m] of cell (0, 0)."""
         return np.array(self.origin[:2])
 
     @cached_property
     def _turn(self) -> np.ndarray:
-        """Returns the matrix (2, 2) that rotates row vectors from the map frame to (column, row) axes."""
+        """The matrix (2, 2) that rotates row vectors from the map frame to (column, row) axes."""
         c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
         return np.array([[c, -s], [s, c]])
 
@@ -109,7 +109,7 @@ class GridMap:
         return GridMap(data, self.resolution, self.origin)
 
     def world_to_grid(self, points: np.ndarray) -> np.ndarray:
-        """Converts map coordinates (N, 2) [m] to fractional (column, row) (N, 2); inverse of `grid_to_world`.
+        """Converts map coordinates (N, 2) [m] to fractional (column, row) (N, 2). Inverse of `grid_to_world`.
 
         Whole numbers are the centres of cells, as in image coordinates.
         """
@@ -117,12 +117,12 @@ class GridMap:
         return (points - self._corner) @ self._turn / self.resolution - 0.5
 
     def grid_to_world(self, columns_rows: np.ndarray) -> np.ndarray:
-        """Converts (column, row) (N, 2) to map coordinates (N, 2) [m]; inverse of `world_to_grid`."""
+        """Converts (column, row) (N, 2) to map coordinates (N, 2) [m]. Inverse of `world_to_grid`."""
         cells = np.asarray(columns_rows, dtype=float).reshape(-1, 2)
         return (cells + 0.5) * self.resolution @ self._turn.T + self._corner
 
     def world_to_cell(self, points: np.ndarray) -> np.ndarray:
-        """Returns the cells (N, 2), int (row, column), that contain points (N, 2) [m]; they may be outside the map."""
+        """Returns the cells (N, 2), int (row, column), that contain points (N, 2) [m]. They may be outside the map."""
         grid = np.floor(self.world_to_grid(points) + 0.5)
         # numpy's own clip is several times slower for the few points in a usual call
         return np.minimum(np.maximum(grid, -(2.0**31)), 2.0**31).astype(np.int64)[:, ::-1]
@@ -144,7 +144,7 @@ class GridMap:
 
 
 def crop(grid: GridMap, window: Window) -> GridMap:
-    """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map; cells off the map are unknown."""
+    """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map. Cells off the map are unknown."""
     corners = np.array([[window[i], window[j]] for i in (0, 2) for j in (1, 3)])
     cells = np.floor(grid.world_to_grid(corners) + 0.5).astype(int)[:, ::-1]
     low, high = cells.min(axis=0), cells.max(axis=0)

@@ -86,12 +86,12 @@ class Picture(NamedTuple):
 
     @property
     def searched(self) -> np.ndarray:
-        """Returns the pixels to be searched for spots."""
+        """The pixels to be searched for spots."""
         return self.pixels
 
     @property
     def mosaic(self) -> bool:
-        """Returns whether each pixel holds one colour only."""
+        """Whether each pixel holds one colour only."""
         return self.content in _BAYER
 
     def bgr(self) -> np.ndarray:
@@ -104,14 +104,14 @@ class Picture(NamedTuple):
 
 
 class HalvedPicture:
-    """A picture that is searched for spots at half size and measured at full size; each size is decoded when needed.
+    """A picture that is searched for spots at half size and measured at full size. Each size is decoded when needed.
 
     Args:
         size: width and height [px], even.
         decode: returns the pixels (H, W, 3) uint8 bgr for a width and a height.
 
     Attributes:
-        content, mosaic: as in `Picture`.
+        content, mosaic: meaning of the pixels, and whether each holds one colour only, as in `Picture`.
         scale: number of full-size pixels per searched pixel, in each direction.
     """
 
@@ -122,17 +122,17 @@ class HalvedPicture:
 
     @property
     def whole(self) -> bool:
-        """Returns whether the full size has been decoded."""
+        """Whether the full size has been decoded."""
         return "pixels" in vars(self)
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """Returns the pixels at full size."""
+        """The pixels at full size."""
         return self._decode(*self.size)
 
     @cached_property
     def searched(self) -> np.ndarray:
-        """Returns the pixels at half the size, which a codec decodes faster than the full size."""
+        """The pixels at half the size, which a codec decodes faster than the full size."""
         return self._decode(self.size[0] // 2, self.size[1] // 2)
 
     def decode_whole(self) -> None:
@@ -149,7 +149,7 @@ AnyPicture = Union[Picture, HalvedPicture]
 
 
 class PixelReader:
-    """Converts the images of one camera to 8-bit pixels; remembers how many bits the camera really uses.
+    """Converts the images of one camera to 8-bit pixels. Remembers how many bits the camera really uses.
 
     A camera with 10 or 12 bits sends 16-bit values; the largest value received so far shows how many bits it uses.
     """

@@ -1,9 +1,9 @@
 """Derives which commands and zones a lab can offer from what is connected to it. No ROS.
 
-A lab may or may not have cameras; a robot may or may not plan on the map with borders, be driven by this stack's
-driver, or be localised. One pure function, `offer`, derives which commands have an effect, which zones each robot
-keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a
-Stop that stops nothing, or claims a zone that no robot keeps.
+Which buttons may the page show? That depends on whether the lab has cameras, and on whether a robot plans on the map
+with borders, is driven by this stack's driver, and is localised. One pure function, `offer`, derives which commands
+have an effect, which zones each robot keeps, and the sentences that say so. Page, display, check_lab and notices all
+use it, so that none of them offers a Stop that stops nothing, or claims a zone that no robot keeps.
 
 >>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
 >>> offer(Connections((mine,))).commands
@@ -25,7 +25,7 @@ READY, NO_ROBOT, UNREADY = "ready", "no_robot", "robot_unready"
 
 @dataclass(frozen=True)
 class ConnectedRobot:
-    """What is connected to a robot; the fields are those of vb_msgs/RobotStatus, where they are explained.
+    """What is connected to a robot. The fields are those of vb_msgs/RobotStatus, where they are explained.
 
     `navigation`: a move_base is running for it.
     """
@@ -57,7 +57,7 @@ class ConnectedRobot:
         return self.driver or (self.navigation and self.obeys_stop)
 
     def keeps(self, zone: str) -> bool:
-        """Returns whether the robot keeps the rule of a zone, given by name; it keeps none while not localised."""
+        """Returns whether the robot keeps the rule of a zone, given by name. It keeps none while not localised."""
         return self.localized and ZONES[zone].kept_by(self)
 
 
@@ -78,7 +78,7 @@ class Offer:
         state: READY, NO_ROBOT, or UNREADY if a connected robot does not keep out of borders.
         commands: those of vb_core.vocabulary with needs that are met; "go" if a robot can be sent to a place.
         zones: the zones that at least one robot keeps.
-        ignored_by: by the name of a zone, the names of the connected robots that do not keep it.
+        ignored_by: names of the connected robots that do not keep a zone, by the name of the zone.
         goes: the names of the robots that can be sent to a place.
         lines: what to tell people about each robot while the connections do not change.
     """
@@ -97,21 +97,21 @@ class Offer:
 
 def offer(connections: Connections) -> Offer:
     """Derives what is offered from what is connected."""
-    there = [robot for robot in connections.robots if robot.is_there]
-    ignored = {zone: tuple(robot.name for robot in there if not robot.keeps(zone)) for zone in ZONES}
-    goes = tuple(robot.name for robot in there if robot.plans and robot.keeps(KEEP_OUT.name))
+    connected = [robot for robot in connections.robots if robot.is_there]
+    ignored = {zone: tuple(robot.name for robot in connected if not robot.keeps(zone)) for zone in ZONES}
+    goes = tuple(robot.name for robot in connected if robot.plans and robot.keeps(KEEP_OUT.name))
     pointing = connections.interaction and connections.cameras
     has = {
         CAMERA: pointing,
-        DRIVER: pointing and any(robot.driver for robot in there),
-        STOPPABLE: any(robot.stops for robot in there),
+        DRIVER: pointing and any(robot.driver for robot in connected),
+        STOPPABLE: any(robot.stops for robot in connected),
     }
     commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
-    state = NO_ROBOT if not there else UNREADY if ignored[KEEP_OUT.name] else READY
+    state = NO_ROBOT if not connected else UNREADY if ignored[KEEP_OUT.name] else READY
     return Offer(
         state=state,
         commands=tuple(commands),
-        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
+        zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
         ignored_by=ignored,
         goes=goes,
         lines=tuple(line for robot in connections.robots for line in _lines(robot)),
@@ -143,8 +143,8 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
     values = {"who": sentences.robot_value(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
-    def line(severity: Severity, code: str, **more: str) -> Notice:
-        return Notice(code, severity, robot.name, values={**values, **more})
+    def line(severity: Severity, code: str, **more_values: str) -> Notice:
+        return Notice(code, severity, robot.name, values={**values, **more_values})
 
     if not robot.is_there:
         return [line(Severity.INFO, "robot_not_connected")]

@@ -28,7 +28,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,99}")
 
 
 def safe_path(folder: Path, name: str) -> Path:
-    """Returns the path, without extension, for a file name from a request; the path is never outside the folder.
+    """Returns the path, without extension, for a file name from a request. The path is never outside the folder.
 
     Raises:
         CodedError: "bad_file_name".
@@ -39,10 +39,10 @@ def safe_path(folder: Path, name: str) -> Path:
 
 
 def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
-    """Writes `<stem>.pgm` and `<stem>.yaml`; inverse of `read_map`.
+    """Writes `<stem>.pgm` and `<stem>.yaml`. Inverse of `read_map`.
 
     Args:
-        raw: whether to keep every occupancy value; by default the file is trinary, as map_saver's.
+        raw: whether to keep every occupancy value; by default the file is trinary, like those of map_saver.
 
     Returns:
         The paths of both files.
@@ -81,7 +81,7 @@ def map_path(name: str) -> Path:
 
 
 def read_map(path: Path) -> GridMap:
-    """Reads a map as map_server does (modes trinary, scale and raw); inverse of `write_map`.
+    """Reads a map as map_server does (modes trinary, scale and raw). Inverse of `write_map`.
 
     Args:
         path: the YAML file.

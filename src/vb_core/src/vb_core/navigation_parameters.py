@@ -55,7 +55,7 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
 
 
 def amcl_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
-    """Derives AMCL's parameters from a robot's profile; `prefix` as in `navigation_parameters`."""
+    """Derives AMCL's parameters from a robot's profile. `prefix` as in `navigation_parameters`."""
     return {"base_frame_id": prefix + profile.frames.base, "odom_frame_id": prefix + profile.frames.odom}
 
 

@@ -9,7 +9,7 @@ _Entries = Iterable[Tuple[str, Sequence[str]]]
 
 
 class NodeGraph:
-    """The ROS graph as a master knows it; `vb_core.ros.master.read_graph` reads it.
+    """The ROS graph as a master knows it. `vb_core.ros.master.read_graph` reads it.
 
     Args:
         published, subscribed, services: pairs (name, nodes) of topics or services.

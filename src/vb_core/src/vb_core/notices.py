@@ -34,7 +34,7 @@ class Severity(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """A notice, for instance about a robot, a border or a camera; its fields are those of vb_msgs/Notice."""
+    """A notice, for instance about a robot, a border or a camera. Its fields are those of vb_msgs/Notice."""
 
     code: str
     severity: Severity = Severity.INFO
@@ -46,7 +46,7 @@ class Notice:
 
     @classmethod
     def from_error(cls, error: CodedError, severity: Severity, camera: str = "") -> "Notice":
-        """Makes a notice from an error; the camera, given here or by the error, is in both `camera` and `values`."""
+        """Makes a notice from an error. The camera, given here or by the error, is in both `camera` and `values`."""
         values = {key: str(value) for key, value in error.values.items()}
         if camera:
             values["camera"] = camera
@@ -73,7 +73,7 @@ class ActiveNotices:
         self._published[source] = (now, list(notices))
 
     def current(self, now: float) -> List[Notice]:
-        """Returns the notices that apply at time `now` [s], most severe first; a jump back in time drops none."""
+        """Returns the notices that apply at time `now` [s], most severe first. A jump back in time drops none."""
         active = [
             notice for time, notices in self._published.values() if now - time <= EXPIRY_TIME for notice in notices
         ]

@@ -38,7 +38,7 @@ def param(
     """Makes a dataclass field with a unit and limits.
 
     Args:
-        default: its value unless set; its type is the parameter's type.
+        default: the value unless another one is set; its type is the parameter's type.
         low, high: the smallest and largest value allowed, both included.
         above: an excluded lower limit.
         choices: the only values allowed.
@@ -54,7 +54,7 @@ def param(
 
 @dataclasses.dataclass(frozen=True)
 class Parameters:
-    """Base of every parameter class; checks each value against its field's limits."""
+    """Base of every parameter class. Checks each value against its field's limits."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -63,7 +63,7 @@ class Parameters:
 
     @classmethod
     def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "") -> P:
-        """Makes parameters from a mapping; missing keys keep their defaults.
+        """Makes parameters from a mapping. Missing keys keep their defaults.
 
         Args:
             mapping: for instance a YAML document; None counts as empty.
@@ -118,12 +118,12 @@ _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "
 
 
 def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
-    """Checks a value against the limits from `param`; returns it in the default's type.
+    """Checks a value against the limits from `param`. Returns it in the default's type.
 
     Raises:
         ParameterError: names the key and says what was expected.
     """
-    unit, kind, of = limits["unit"], type(limits["default"]), limits["of"]
+    unit, kind, entry_class = limits["unit"], type(limits["default"]), limits["of"]
     if issubclass(kind, Parameters):
         return value if isinstance(value, kind) else kind.from_mapping(value, key)
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
@@ -132,9 +132,12 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
         raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
     if kind in (float, tuple):
         value = kind(value)
-    if of is not None:
+    if entry_class is not None:
         items = enumerate(value)
-        return kind(item if isinstance(item, of) else of.from_mapping(item, f"{key}[{index}]") for index, item in items)
+        return kind(
+            item if isinstance(item, entry_class) else entry_class.from_mapping(item, f"{key}[{index}]")
+            for index, item in items
+        )
     for element in value if isinstance(value, (list, tuple)) else [value]:
         if isinstance(element, (int, float)) and not isinstance(element, bool):
             _check_limits(key, element, limits)

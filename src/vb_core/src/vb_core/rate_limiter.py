@@ -17,9 +17,9 @@ class Limiter:
         self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
 
     def allows(self, key: str, now: float) -> bool:
-        """Takes a token at a time [s]; returns False if there is none. A clock set back only delays new tokens."""
-        tokens, then = self._buckets.pop(key, (self._burst, now))
-        tokens = min(self._burst, tokens + self._rate * max(0.0, now - then))
+        """Takes a token at a time [s]. Returns False if there is none. A clock set back only delays new tokens."""
+        tokens, refilled_at = self._buckets.pop(key, (self._burst, now))
+        tokens = min(self._burst, tokens + self._rate * max(0.0, now - refilled_at))
         allowed = tokens >= 1.0
         self._buckets[key] = (tokens - 1.0 if allowed else tokens, now)
         while len(self._buckets) > 1000:

@@ -133,8 +133,8 @@ class RobotProfile(Parameters):
 
 
 def find_profile(robot: str, folder: Path) -> Path:
-    """Returns the file of a robot type; raises CodedError "unknown_robot_type" if the folder has none."""
-    known = sorted(path.stem for path in folder.glob("*.yaml"))
-    if robot not in known:
-        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
+    """Returns the file of a robot type. Raises CodedError "unknown_robot_type" if the folder has none."""
+    known_types = sorted(path.stem for path in folder.glob("*.yaml"))
+    if robot not in known_types:
+        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known_types))
     return folder / f"{robot}.yaml"

@@ -60,7 +60,7 @@ class _LenientValues(dict):
 
 
 def robot_value(name: str) -> str:
-    """Returns the value that names a robot in a sentence; an empty name means the only robot."""
+    """Returns the value that names a robot in a sentence. An empty name means the only robot."""
     return name or "$the_robot"
 
 
@@ -86,7 +86,7 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
     for name, value in values.items():
         texts[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)
         if texts[name].startswith("$") and len(texts[name]) > 1:
-            other_values = {other: text for other, text in values.items() if other != name}
+            other_values = {other_name: text for other_name, text in values.items() if other_name != name}
             texts[name] = translate(texts[name][1:], other_values, language)
             if sentence.startswith(f"{{{name}}}"):
                 texts[name] = texts[name][:1].upper() + texts[name][1:]

@@ -33,7 +33,7 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
 MAX_KNOWN_STOPS = 32  # stops that the latch remembers: a robot that missed more of them counts as stopped again
-MAX_HELD_STOPS = 4  # stops that a robot holds one by one: eight robots hold no more than the latch remembers
+MAX_HELD_STOPS = 4  # stops that a robot holds one by one; those of eight robots are MAX_KNOWN_STOPS
 
 
 def new_id() -> str:
@@ -42,7 +42,7 @@ def new_id() -> str:
 
 
 class _Stored:
-    """State that is kept in a file; if the file cannot be read or written, that counts as a stop. Thread safe.
+    """State that is kept in a file. If the file cannot be read or written, that counts as a stop. Thread safe.
 
     Args:
         path: the file; None keeps the state in memory only.
@@ -80,7 +80,7 @@ class _Stored:
         raise NotImplementedError
 
     def store(self) -> bool:
-        """Writes the state to the file, durably; returns False if that is not possible.
+        """Writes the state to the file, durably. Returns False if that is not possible.
 
         A full disk has no room for a new file. Then the old file is emptied, since an empty file counts as a stop.
         """
@@ -108,11 +108,12 @@ class StopLatch(_Stored):
 
     def __init__(self, path: Optional[Path] = None) -> None:
         self.number, self.stops = new_id(), ()
-        self.stopped, self.by = False, ""
+        self.stopped = False
+        self.by = ""
         super().__init__(path)
 
     def stop(self, identity: str, by: str) -> bool:
-        """Stops all robots; ignores a known stop and returns False, since one press may arrive twice."""
+        """Stops all robots. Ignores a known stop and returns False, since one press may arrive twice."""
         with self._lock:
             if identity in self.stops:
                 return False
@@ -125,10 +126,10 @@ class StopLatch(_Stored):
         with self._lock:
             return self.stopped, self.by, self.number, self.stops
 
-    def resume(self, seen: str) -> bool:
-        """Releases the stop if `seen` is the newest number; returns whether robots may drive now."""
+    def resume(self, seen_number: str) -> bool:
+        """Releases the stop if `seen_number` is the newest number. Returns whether robots may drive now."""
         with self._lock:
-            if seen == self.number:
+            if seen_number == self.number:
                 self.stopped, self.by, self.lost = False, "", False
             return not self.stopped
 

@@ -41,7 +41,7 @@ class State:
 
     @property
     def robots_act(self) -> bool:
-        """Whether a robot may follow the spot, or come to look for it; the time in these states is counted."""
+        """Whether a robot may follow the spot, or come to look for it. The time in these states is counted."""
         return self.guides or bool(self.collects)
 
 
@@ -80,14 +80,14 @@ class Command:
     """A command, whose name people say and vb_msgs/Command carries.
 
     Attributes:
-        key: its key on the wizard's console.
+        key: the command's key on the wizard's console.
         needs: what must be connected; "" for nothing.
         matters: when it has consequences: ALWAYS, NEVER or one of WHILE_...
         enters: name of the state that it leads to; "" if the state stays, or depends on the interaction.
         carried_out_elsewhere: whether another node carries it out; until that node answers, other commands are refused
             as "busy".
         phrases: English phrases that people may say instead of its name.
-        button_place: its position among the page's laser pointer buttons, 0 for no button. If two commands share a
+        button_place: position among the page's laser pointer buttons, 0 for no button. If two commands share a
             position, the available one is shown.
     """
 

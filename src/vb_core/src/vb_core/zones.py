@@ -19,7 +19,7 @@ class Zone:
     """A kind of zone.
 
     Attributes:
-        number: its number in vb_msgs/VirtualBorder.
+        number: the zone's number in vb_msgs/VirtualBorder.
         kept_by: returns whether a robot, a localised vb_core.lab_offer.ConnectedRobot, keeps its rule.
         restricts: whether its area is marked in the map with borders.
         soft: whether robots may go there if the detour is long: delta is below 1.
@@ -36,7 +36,7 @@ class Zone:
     occupancy: float = 1.0
 
     def value(self, occupancy: float) -> int:
-        """Returns delta as an occupancy value of the map, 0 .. 100; 0 if the zone does not change the map."""
+        """Returns delta as an occupancy value of the map, 0 .. 100, or 0 if the zone does not change the map."""
         return int(round(100.0 * occupancy)) if self.restricts else 0
 
 
@@ -56,7 +56,7 @@ ZONES: Dict[str, Zone] = {zone.name: zone for zone in _ZONES}
 
 
 def zone_of(number: int) -> Zone:
-    """Returns the zone with a number of vb_msgs/VirtualBorder; robots keep out of an unknown zone."""
+    """Returns the zone with a number of vb_msgs/VirtualBorder. Robots keep out of an unknown zone."""
     return next((zone for zone in _ZONES if zone.number == number), KEEP_OUT)
 
 

@@ -37,7 +37,7 @@ class Connection(Parameters):
 
 
 def read_connection(path: Path) -> Connection:
-    """Reads a YAML file, and makes it readable by its owner only; without a file, no password is used.
+    """Reads a YAML file, and makes it readable by its owner only. Without a file, no password is used.
 
     Raises:
         CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
@@ -67,7 +67,7 @@ class MqttClient:
 
     Args:
         address: HOST or HOST:PORT; an IPv6 address in brackets.
-        client: its id, the same in each process: the broker ends an earlier connection before it accepts a new one.
+        client: the client's id, always the same: the broker ends an earlier connection before it accepts a new one.
         will: topic and payload that the broker publishes, retained, once this client is gone.
         subscriptions: callbacks (topic, payload, retained) by topic filter, with QoS 1.
         on_fault: called if a callback raised, which is a fault of the program.
@@ -111,7 +111,7 @@ class MqttClient:
         self._client.loop_start()
 
     def put(self, topic: str, payload: bytes) -> None:
-        """Sets a topic's retained message, now or once connected; an empty one deletes it, only while connected."""
+        """Sets a topic's retained message, now or once connected. An empty one deletes it, only while connected."""
         with self._lock:
             if payload and self._states.get(topic) == payload:
                 return
@@ -122,7 +122,7 @@ class MqttClient:
                 self._client.publish(topic, payload, qos=0, retain=True)
 
     def send(self, topic: str, payload: bytes) -> None:
-        """Sends a message that is not retained; without a connection it is dropped."""
+        """Sends a message that is not retained. Without a connection it is dropped."""
         if self.connected:
             self._client.publish(topic, payload, qos=0)
 

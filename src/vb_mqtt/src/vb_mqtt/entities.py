@@ -52,10 +52,10 @@ class Lab:
     """The lab to be described.
 
     Attributes:
-        device: its id, the prefix of its topics.
+        device: the device's id, which is the prefix of its topics.
         language: the language of all names.
-        cameras, robots: their names; None if not known yet.
-        borders: their names by id; None if not known yet.
+        cameras, robots: names of the cameras and robots; None if not known yet.
+        borders: names of the borders by id; None if not known yet.
     """
 
     device: str
@@ -70,7 +70,7 @@ class Lab:
 
     @property
     def discovery(self) -> str:
-        """Returns the topic filter for the descriptions of this lab's entities."""
+        """The topic filter for the descriptions of this lab's entities."""
         return f"{PREFIX}/+/{self.device}/+/config"
 
 
@@ -204,13 +204,13 @@ def stop_value(message: Any) -> Dict[str, Any]:
 
 def question_value(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the open question, who was asked, and the command that answers yes."""
-    since = (message.header.stamp - message.last_answered).to_sec()
-    asked = message.last_code in QUESTIONS and since <= QUESTION_TIME
-    answer = mapping_from_values(message.last_values).get("answer", "") if asked else ""
+    answer_age = (message.header.stamp - message.last_answered).to_sec()
+    is_open = message.last_code in QUESTIONS and answer_age <= QUESTION_TIME
+    answer = mapping_from_values(message.last_values).get("answer", "") if is_open else ""
     return {
-        "question": sentence_in(message, language, "last_")[:_TEXT] if asked else NOBODY_ASKS,
-        "command": message.last_command if asked else "",
-        "asked": message.last_source if asked else "",
+        "question": sentence_in(message, language, "last_")[:_TEXT] if is_open else NOBODY_ASKS,
+        "command": message.last_command if is_open else "",
+        "asked": message.last_source if is_open else "",
         "answer": answer.replace(" ", "_"),
         "stop_number": message.stop_number,
     }
@@ -232,11 +232,14 @@ def border_value(border: Any) -> Dict[str, Any]:
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
     """Returns sentences on a robot's problems, or that it is not connected."""
     mine = [line for line in lines if line.robot == name]
-    bad = [one for one in mine if one.severity >= Severity.WARNING or one.code == "robot_not_connected"]
+    problems = [
+        notice for notice in mine if notice.severity >= Severity.WARNING or notice.code == "robot_not_connected"
+    ]
     # a notice about no robot has the empty name too, which is also that of the only robot
-    who = sentences.robot_value(name)
-    bad += [one for one in notices if one.severity >= Severity.WARNING and who in (one.robot, one.values.get("who"))]
-    return [one.sentence(language) for one in bad]
+    value = sentences.robot_value(name)
+    warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]
+    problems += [notice for notice in warnings if value in (notice.robot, notice.values.get("who"))]
+    return [notice.sentence(language) for notice in problems]
 
 
 def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
@@ -250,32 +253,32 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
     }
 
 
-def answer_value(sender_id: str, what: str, success: bool, code: str, text: str) -> Dict[str, Any]:
+def answer_value(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
     kind = ANSWERS[0] if success else ANSWERS[1] if code in QUESTIONS else ANSWERS[2]
-    return {"event_type": kind, "id": sender_id, "command": what, "code": code, "text": text[:_TEXT]}
+    return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_TEXT]}
 
 
-def draw_map(before: GridMap, after: GridMap, borders: Sequence[Any]) -> bytes:
+def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:
     """Draws the map with walls, restricted areas and borders as a PNG of at most MAX_SIDE pixels in each direction.
 
     Args:
-        before: the map without borders.
-        after: the map with them, of the same geometry.
+        prior: the map without borders.
+        posterior: the map with borders, of the same geometry.
         borders: vb_msgs/VirtualBorder; disabled ones become grey.
     """
-    added = after.data > before.data
-    pixels = np.full((*before.shape, 3), _FREE, np.uint8)
-    pixels[before.data == UNKNOWN] = _UNSEEN
-    pixels[before.data > 50] = _WALL
+    added = posterior.data > prior.data
+    pixels = np.full((*prior.shape, 3), _FREE, np.uint8)
+    pixels[prior.data == UNKNOWN] = _UNSEEN
+    pixels[prior.data > 50] = _WALL
     pixels[added] = _SOFT
-    pixels[added & (after.data == 100)] = _RESTRICTED
-    scale = MAX_SIDE / max(before.shape)
+    pixels[added & (posterior.data == 100)] = _RESTRICTED
+    scale = MAX_SIDE / max(prior.shape)
     # a large map's walls must not vanish between its pixels
     kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
     pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=kind)
     for border in borders:
-        line = (before.world_to_grid(array_from_points(border.points)) + 0.5) * scale
+        line = (prior.world_to_grid(array_from_points(border.points)) + 0.5) * scale
         if len(line) and np.isfinite(line).all():
             closed = border.kind == border.POLYGON
             color = _LINE if border.enabled else _LINE_OFF

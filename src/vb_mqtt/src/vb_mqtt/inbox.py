@@ -52,7 +52,7 @@ class Request:
     Attributes:
         id: requests with the same one are carried out once.
         sender_id: the sender's own id for it, which the answer repeats.
-        command: its name; "": a border is to be switched.
+        command: the command's name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
         border: key of the border to switch, see `entities.key_of`.
         enabled: whether to switch it on.
@@ -81,7 +81,7 @@ class Inbox:
         self._limiter = Limiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
-        """Returns the request in a message; None if it was accepted before, or the message is empty.
+        """Returns the request in a message, or None if it was accepted before, or the message is empty.
 
         Args:
             retained: whether the broker had retained it.
@@ -130,14 +130,14 @@ class Inbox:
             raise _bad("command")
         return Request(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
 
-    def _age(self, at: Any, now: float, what: str) -> float:
-        if isinstance(at, bool) or not isinstance(at, (int, float)) or not 0.0 <= at < 1e12:
+    def _age(self, sent_at: Any, now: float, request_name: str) -> float:
+        if isinstance(sent_at, bool) or not isinstance(sent_at, (int, float)) or not 0.0 <= sent_at < 1e12:
             raise Refusal("mqtt_undated")
-        if at > now + MAX_AGE:
-            raise Refusal("mqtt_clock", seconds=round(at - now))
-        if at < max(now - MAX_AGE, self._started):
-            raise Refusal("expired", command=spelled_out(what))
-        return max(0.0, now - at)
+        if sent_at > now + MAX_AGE:
+            raise Refusal("mqtt_clock", seconds=round(sent_at - now))
+        if sent_at < max(now - MAX_AGE, self._started):
+            raise Refusal("expired", command=spelled_out(request_name))
+        return max(0.0, now - sent_at)
 
 
 def _bad(field: str) -> Refusal:

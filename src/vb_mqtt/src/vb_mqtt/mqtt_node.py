@@ -141,10 +141,10 @@ class MqttNode:
         grids = [self._grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)]
         if None in grids:
             return
-        before, after = map(messages.grid_from_message, grids)
-        if before.same_geometry(after):
+        prior, posterior = map(messages.grid_from_message, grids)
+        if prior.same_geometry(posterior):
             self._broker.put(
-                self._lab.topic("map"), entities.draw_map(before, after, list((self._borders or {}).values()))
+                self._lab.topic("map"), entities.draw_map(prior, posterior, list((self._borders or {}).values()))
             )
 
     # ------------------------------------------------------------------ to the broker
@@ -156,8 +156,8 @@ class MqttNode:
             (self._described.add if payload else self._described.discard)(topic)
         self._publish_timer.set()
 
-    def _is_heard(self, what: str) -> bool:
-        return time.monotonic() - self._heard.get(what, -1e9) < _SILENCE
+    def _is_heard(self, sender: str) -> bool:
+        return time.monotonic() - self._heard.get(sender, -1e9) < _SILENCE
 
     def _put_health(self) -> None:
         manager, robots = self._is_heard(MANAGER), self._robots.current()
@@ -190,7 +190,9 @@ class MqttNode:
         self._watch_connection()
 
     def _camera_problems(self, camera: str, notices: List[Notice]) -> List[str]:
-        problems = [one.sentence(self._language) for one in notices if one.camera == camera and one.severity]
+        problems = [
+            notice.sentence(self._language) for notice in notices if notice.camera == camera and notice.severity
+        ]
         if not self._is_heard("camera " + camera):
             problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
         return problems
@@ -209,11 +211,13 @@ class MqttNode:
         with self._lock:
             refused = dict(self._refused)
         self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
-        now = dict(zip(((one.code, one.robot, one.border_id, one.camera) for one in notices), values))
-        for key, value in now.items():
+        current = dict(
+            zip(((notice.code, notice.robot, notice.border_id, notice.camera) for notice in notices), values)
+        )
+        for key, value in current.items():
             if self._shown_notices is not None and key not in self._shown_notices:
                 self._broker.send(self._lab.topic(entities.NOTICE), _json(value))
-        self._shown_notices = set(now)
+        self._shown_notices = set(current)
 
     def _watch_connection(self) -> None:
         now = time.monotonic()
@@ -235,15 +239,15 @@ class MqttNode:
             self._refuse(Request("", getattr(error, "sender_id", "")), error)
 
     def _order(self, request: Request) -> None:
-        taken = self._command_sender.put(
+        is_accepted = self._command_sender.put(
             request.command or SWITCH,
             request,
             given=time.monotonic() - request.age,
             seen_stop=request.seen_stop,
             identity=request.id,
-            carry_out=send if request.command else lambda _given: self._switch(request),
+            carry_out=send if request.command else lambda _order: self._switch(request),
         )
-        if not taken:
+        if not is_accepted:
             self._refuse(request, CodedError("mqtt_too_fast"))
 
     def _switch(self, request: Request) -> Any:
@@ -253,7 +257,7 @@ class MqttNode:
         order = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
         return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, _INTEGRATOR)
 
-    def _on_answer(self, _given: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
+    def _on_answer(self, _order: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:
             self._send_answer(request, answer.success, answer.code, messages.sentence_in(answer, self._language))
         else:
@@ -267,11 +271,11 @@ class MqttNode:
         )
 
     def _send_answer(self, request: Request, success: bool, code: str, text: str) -> None:
-        what = request.command or request.border
-        rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
+        request_name = request.command or request.border
+        rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {request_name or 'a message'}: {text} [{code}]")
         # the inbox limits requests with an id; a refusal without an answer is counted all the same
         if request.id or self._answer_limiter.allows("", time.time()):
-            value = entities.answer_value(request.sender_id, what, success, code, text)
+            value = entities.answer_value(request.sender_id, request_name, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))
 
 

@@ -51,7 +51,7 @@ def _new_code() -> str:
 
 
 def load_codes(path: Path) -> Dict[str, str]:
-    """Reads the codes of "viewer" and "operator" from a file that only its owner can read; creates it if needed.
+    """Reads the codes of "viewer" and "operator" from a file that only its owner can read. Creates it if needed.
 
     Raises:
         CodedError: "page_codes_bad" if it is unusable, "cannot_write" if it cannot be created.
@@ -62,16 +62,16 @@ def load_codes(path: Path) -> Dict[str, str]:
             text = "# The codes of the page; delete this file and restart the page to replace both and log everybody out.\n"
             text += yaml.safe_dump({name: _new_code() for name in names})
             write_atomically(path, text.encode("utf-8"), private=True)
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        codes = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise CodedError("page_codes_bad", file=path, reason=error) from None
-    if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
+    if not isinstance(codes, dict) or set(codes) != set(names) or not all(isinstance(codes[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
-    if min(map(len, map(normalize, found.values()))) < _CODE_LENGTH:
+    if min(map(len, map(normalize, codes.values()))) < _CODE_LENGTH:
         raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
-    if len(set(map(normalize, found.values()))) < len(names):
+    if len(set(map(normalize, codes.values()))) < len(names):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
-    return found
+    return codes
 
 
 def _digest(text: str) -> str:
@@ -82,7 +82,7 @@ class Sessions:
     """The open sessions: a cookie without an entry here is worth nothing. Thread safe.
 
     Args:
-        codes: as `load_codes` returns them.
+        codes: the codes by role, as `load_codes` returns them.
         path: the file of the sessions, beside that of the codes; None: memory only.
         on_fault: called with the error if the file cannot be written; the sessions in memory stay valid.
 
@@ -102,7 +102,7 @@ class Sessions:
         try:
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
-                self._open = {str(name): (str(code), float(at)) for name, (code, at) in entries}
+                self._open = {str(name): (str(code), float(opened_at)) for name, (code, opened_at) in entries}
         except (OSError, ValueError, TypeError, AttributeError):
             pass  # everybody logs in again
 
@@ -111,28 +111,29 @@ class Sessions:
 
         Digests are compared, so that the time it takes reveals nothing about the code.
         """
-        code, cookie = _digest(normalize(typed)), secrets.token_urlsafe(24)
+        code = _digest(normalize(typed))
+        cookie = secrets.token_urlsafe(24)
         if code not in self._roles:
             return None
-        others = [name for name, (of, _) in self._open.items() if of == code][: 1 - _MAX_SESSIONS]
-        self._change({_digest(cookie): (code, time.time())}, others)
+        previous = [name for name, (opener, _) in self._open.items() if opener == code][: 1 - _MAX_SESSIONS]
+        self._change({_digest(cookie): (code, time.time())}, previous)
         return cookie
 
     def find(self, cookie: Optional[str]) -> Tuple[Role, str]:
         """Returns (role, session's name) of a cookie's value; (NOBODY, "") if there is no such session (any more)."""
         name = _digest(cookie or "")
-        code, since = self._open.get(name, ("", 0.0))
+        code, opened_at = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
-        fresh = 0.0 <= time.time() - since < COOKIE_DAYS * 86400
+        fresh = 0.0 <= time.time() - opened_at < COOKIE_DAYS * 86400
         return (role, name) if role and fresh else (Role.NOBODY, "")
 
     def end(self, name: str) -> None:
         """Ends a session."""
         self._change({}, [name])
 
-    def _change(self, new: Dict[str, Tuple[str, float]], gone: Any) -> None:
+    def _change(self, new_entries: Dict[str, Tuple[str, float]], ended: Any) -> None:
         with self._lock:
-            self._open = {name: entry for name, entry in {**self._open, **new}.items() if name not in gone}
+            self._open = {name: entry for name, entry in {**self._open, **new_entries}.items() if name not in ended}
             if self._path is not None:
                 try:
                     write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
@@ -151,7 +152,7 @@ def is_loopback(host: str) -> bool:
 
 
 def host_of(header: str) -> str:
-    """Returns the host in a Host header, without the port; "" if there is none."""
+    """Returns the host in a Host header, without the port, or "" if there is none."""
     try:
         return urlsplit(f"//{header}").hostname or ""
     except ValueError:
@@ -159,7 +160,7 @@ def host_of(header: str) -> str:
 
 
 def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
-    """Returns whether a browser's Origin header is this page's own; a missing one is not.
+    """Returns whether a browser's Origin header is this page's own. A missing one is not.
 
     Args:
         scheme: "http" or "https", of the request.
@@ -177,7 +178,7 @@ class ConnectionSlots:
 
     Args:
         size: the number of places.
-        yields: whether, if all hold the same number, the longest unused one goes; else one of the newcomer's own.
+        yields: whether the longest unused place goes if all hold the same number; otherwise one of the newcomer's own.
     """
 
     def __init__(self, size: int, yields: bool) -> None:
@@ -189,7 +190,7 @@ class ConnectionSlots:
         self._held.pop(connection, None)
 
     def take(self, connection: Any, *holders: str) -> Optional[Any]:
-        """Gives a connection a place; returns the connection that has to go for it, which may be the same one.
+        """Gives a connection a place. Returns the connection that has to go for it, which may be the same one.
 
         Args:
             connection: anything with `closed()`; a closed one gives up its place.
@@ -198,16 +199,16 @@ class ConnectionSlots:
         self.leave(connection)
         self._held[connection] = holders
         if len(self._held) > self._size:
-            self._held = {other: whose for other, whose in self._held.items() if not other.closed()}
+            self._held = {place: names for place, names in self._held.items() if not place.closed()}
         if len(self._held) <= self._size:
             return None
-        counts = Counter(holder for whose in self._held.values() for holder in whose)
-        shares = {other: max(counts[holder] for holder in whose) for other, whose in self._held.items()}
-        largest = [other for other, share in shares.items() if share == max(shares.values())]
-        own = [] if self._yields else [other for other in largest if set(self._held[other]) & set(holders)]
-        gone = (own or largest)[0]
-        self.leave(gone)
-        return gone
+        counts = Counter(holder for names in self._held.values() for holder in names)
+        shares = {place: max(counts[holder] for holder in names) for place, names in self._held.items()}
+        largest = [place for place, share in shares.items() if share == max(shares.values())]
+        own_places = [] if self._yields else [place for place in largest if set(self._held[place]) & set(holders)]
+        displaced = (own_places or largest)[0]
+        self.leave(displaced)
+        return displaced
 
 
 def security_headers(secure: bool) -> Dict[str, str]:

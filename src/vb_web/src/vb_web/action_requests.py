@@ -39,7 +39,7 @@ class Request:
     Attributes:
         id: chosen by the browser; a request that is repeated with the same id is carried out once.
         action: one of ACTIONS.
-        values: by field, checked.
+        values: the checked values by field.
         arrived: [s] time of arrival on the monotonic clock.
     """
 
@@ -141,7 +141,7 @@ ACTIONS: Dict[str, Dict[str, Check]] = {
 
 
 def read(text: Any) -> Tuple[str, Dict[str, Any]]:
-    """Reads a browser's message, JSON of at most MAX_BYTES; returns the request's id, and the unchecked fields.
+    """Reads a browser's message, JSON of at most MAX_BYTES. Returns the request's id, and the unchecked fields.
 
     Raises:
         CodedError: "page_bad_request" with the field's name.
@@ -158,7 +158,7 @@ def read(text: Any) -> Tuple[str, Dict[str, Any]]:
 
 
 def check(request_id: str, message: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
-    """Checks the fields that `read` returned; `bounds` are the map's, None until there is a map.
+    """Checks the fields that `read` returned. `bounds` are the map's, None until there is a map.
 
     Raises:
         CodedError: "page_bad_request" with the field's name, "page_no_map".

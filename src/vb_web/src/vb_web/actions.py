@@ -38,22 +38,22 @@ _CHANGES = {  # to a stored border: services whose fields have the same names as
 
 
 class ActionHandler:
-    """Carries out requests; thread safe.
+    """Carries out requests. Thread safe.
 
     Args:
-        borders: returns the stored border of an id, or None.
-        manager_there: returns whether there is an interaction manager.
-        invite: returns what a phone needs to log in.
+        find_border: returns the stored border of an id, or None.
+        has_manager: returns whether there is an interaction manager.
+        make_invitation: returns what a phone needs to log in.
     """
 
     def __init__(
         self,
-        borders: Callable[[str], Optional[VirtualBorder]],
-        manager_there: Callable[[], bool],
-        invite: Callable[[], Dict[str, Any]],
+        find_border: Callable[[str], Optional[VirtualBorder]],
+        has_manager: Callable[[], bool],
+        make_invitation: Callable[[], Dict[str, Any]],
     ) -> None:
-        self._borders, self._manager_there = borders, manager_there
-        self._give_invitation = invite
+        self._find_border, self._has_manager = find_border, has_manager
+        self._make_invitation = make_invitation
         self._command_sender = CommandSender("page", self._on_answer)
         self._command_sender.connect()
 
@@ -67,9 +67,10 @@ class ActionHandler:
 
     # ------------------------------------------------------------- commands
     def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
-        """Starts to carry out a command; returns a future of its answer in the calling thread's event loop."""
-        command, answered = request.values["command"], asyncio.get_event_loop().create_future()
-        alone = command in (UNDO, REDO) and not self._manager_there()
+        """Starts to carry out a command. Returns a future of its answer in the calling thread's event loop."""
+        command = request.values["command"]
+        answered = asyncio.get_event_loop().create_future()
+        alone = command in (UNDO, REDO) and not self._has_manager()
         # the browser's id, so that a request repeated after a restart of the page is carried out once
         if not self._command_sender.put(
             command,
@@ -83,20 +84,21 @@ class ActionHandler:
             answered.set_result(refusal(CodedError("page_too_fast")))
         return answered
 
-    def _on_answer(self, _given: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
-        found = _answer(response) if error is None else refusal(error)
-        answered.get_loop().call_soon_threadsafe(answered.set_result, found)
+    def _on_answer(self, _order: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
+        result = _answer(response) if error is None else refusal(error)
+        answered.get_loop().call_soon_threadsafe(answered.set_result, result)
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
-        border = self._borders(border_id)
+        border = self._find_border(border_id)
         if border is None:
             raise CodedError("page_no_border")
         return copy.deepcopy(border)
 
     def _preview(self, request: Request, _source: str) -> Dict[str, Any]:
-        known = request.values["border"]
-        border = apply_draft(request.values["draft"], self._stored(known) if known else VirtualBorder(enabled=True))
+        border_id = request.values["border"]
+        stored = self._stored(border_id) if border_id else VirtualBorder(enabled=True)
+        border = apply_draft(request.values["draft"], stored)
         response = _call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
         return {
             **_answer(response),
@@ -138,12 +140,12 @@ class ActionHandler:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
     def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
-        return {**answer("ok"), **self._give_invitation()}
+        return {**answer("ok"), **self._make_invitation()}
 
 
-def _call(which: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
+def _call(name: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
     """Calls a service with a request of these fields."""
-    return services.call(which, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
+    return services.call(name, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
 
 
 def _undo_or_redo(order: CommandRequest) -> Any:
@@ -152,7 +154,7 @@ def _undo_or_redo(order: CommandRequest) -> Any:
 
 def _answer(response: Any) -> Dict[str, Any]:
     code = response.code or ("ok" if response.success else "page_not_done")
-    found = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
+    result = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
     if hasattr(response, "issues"):
-        found["issues"] = issues_section(response.issues)
-    return found
+        result["issues"] = issues_section(response.issues)
+    return result

@@ -19,14 +19,14 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import page_images
 
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
-_FLOOR_LIFETIME = 5.0  # [s] for which every browser that asks gets the same image, if all cameras are in it
+_FLOOR_LIFETIME = 5.0  # [s] for which all browsers get the same image, if it shows all cameras' images
 
 
 def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
     """Converts an image message to (H, W, 3) bgr uint8.
 
     Raises:
-        CodedError: "bad_image", "unknown_encoding" for one that is no picture, such as depth.
+        CodedError: "bad_image", or "unknown_encoding" for an image that is not a picture, such as depth.
     """
     return PixelReader().read(*decode(message)).bgr()
 
@@ -57,7 +57,7 @@ class CameraImages:
         self._floor_at = -1e9
 
     def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """Returns the newest debug image of a camera; None if the camera is unknown or nothing arrives."""
+        """Returns the newest debug image of a camera, or None if the camera is unknown or nothing arrives."""
         detector = self._detectors().get(camera)
         if detector is None:
             return None
@@ -75,7 +75,7 @@ class CameraImages:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
                 self._floor = page_images.draw_floor(grid, views).data if grid is not None and views else None
-                # with a camera missing, it is made anew next time: that camera may be starting
+                # if a camera is missing, the next request draws the image again, as the camera may be starting
                 self._floor_at = time.monotonic() if len(views) == len(self._cameras) else -1e9
             return self._floor
 

@@ -51,16 +51,16 @@ class ImageCache:
 
     def put(self, kind: str, image: EncodedImage) -> None:
         """Adds an image as the newest one of its kind."""
-        kept = [old for old in self._images.get(kind, ()) if old.name != image.name]
-        self._images[kind] = (image, *kept[:1])
+        previous = [earlier for earlier in self._images.get(kind, ()) if earlier.name != image.name]
+        self._images[kind] = (image, *previous[:1])
 
     def get(self, kind: str, name: str) -> Optional[EncodedImage]:
-        """Returns an image by its name; None if it is not (or no longer) there."""
+        """Returns an image by its name, or None if it is not (or no longer) there."""
         return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
-    """Reduces (H, W) to maxima of blocks, the last padded by the edge; also returns a block's side [cells]."""
+    """Reduces (H, W) to maxima of blocks, the last padded by the edge. Also returns a block's side [cells]."""
     cells = max(1, -(-max(data.shape) // side))
     if cells == 1:
         return data, 1
@@ -103,9 +103,9 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
     }
 
 
-def draw_restricted(before: GridMap, after: GridMap) -> EncodedImage:
-    """Draws stripes where `after` is more occupied than `before`, fainter for lower occupancy."""
-    return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
+def draw_restricted(prior: GridMap, posterior: GridMap) -> EncodedImage:
+    """Draws stripes where the map with borders is more occupied, fainter for lower occupancy."""
+    return draw_region(np.where(posterior.data > prior.data, posterior.data, np.int8(0)), posterior.resolution)
 
 
 def draw_region(
@@ -162,21 +162,21 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
     for view in views:
-        seen = apply(view.pose, places)
-        in_front = seen[:, 2] > 0.05
-        seen[~in_front] = (0.0, 0.0, 1.0)
-        pixels = view.camera.project(seen).astype(np.float32)
+        points = apply(view.pose, places)
+        in_front = points[:, 2] > 0.05
+        points[~in_front] = (0.0, 0.0, 1.0)
+        pixels = view.camera.project(points).astype(np.float32)
         size = np.array([view.camera.width, view.camera.height], np.float32)
         inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
         weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
-        at = pixels.reshape(rows, columns, 2)
-        colors = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
+        pixel_grid = pixels.reshape(rows, columns, 2)
+        colors = cv2.remap(view.image, pixel_grid[..., 0], pixel_grid[..., 1], cv2.INTER_AREA)
         total += colors * weight[..., None]
         weights += weight
     pixels = np.zeros((rows, columns, 4), np.uint8)
-    seen = weights > 0
-    pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
-    pixels[..., 3] = np.where(seen, 255, 0)
+    is_seen = weights > 0
+    pixels[..., :3][is_seen] = (total[is_seen] / weights[is_seen][:, None]).clip(0, 255)
+    pixels[..., 3] = np.where(is_seen, 255, 0)
     return _encode(pixels, cells, _WEBP)
 
 

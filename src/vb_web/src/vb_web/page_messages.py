@@ -27,9 +27,9 @@ _KIND_NAMES = {value: key for key, value in KINDS.items()}
 
 def centimeters(points: Iterable[Point]) -> List[int]:
     """Converts points to whole centimetres in one list, without points that are not finite."""
-    found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
-    found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
-    return np.rint(found * 100.0).astype(int).ravel().tolist()
+    coordinates = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
+    coordinates = coordinates[np.isfinite(coordinates).all(axis=1)].clip(-1e6, 1e6)
+    return np.rint(coordinates * 100.0).astype(int).ravel().tolist()
 
 
 def copy_fields(message: Any, fields: str) -> Dict[str, Any]:
@@ -44,11 +44,11 @@ def coded_sentence(message: Any) -> Dict[str, Any]:
 
 def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
     """Converts the issues that a check reported."""
-    return [{"severity": int(found.severity), **coded_sentence(found)} for found in issues]
+    return [{"severity": int(issue.severity), **coded_sentence(issue)} for issue in issues]
 
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
-    """Converts the state of the interaction; times become seconds."""
+    """Converts the state of the interaction. Times become seconds."""
     ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
         **copy_fields(message, "name available_commands stopped stopped_by stop_number"),
@@ -122,32 +122,34 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
     }
 
 
-def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, Any]:
+def _with_unkept(section: Dict[str, Any], offer: Optional[Offer]) -> Dict[str, Any]:
     """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
-    told = find_unkept(found, section["zone"], section["robots"]) if found is not None and section["in_force"] else None
-    return {**section, "unkept": {"code": told[0], "values": told[1]} if told else None}
+    unkept = (
+        find_unkept(offer, section["zone"], section["robots"]) if offer is not None and section["in_force"] else None
+    )
+    return {**section, "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None}
 
 
-def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) -> Dict[str, Any]:
-    """Converts all borders. `found`: what is connected, if that is known."""
+def borders_section(message: VirtualBorderArray, offer: Optional[Offer] = None) -> Dict[str, Any]:
+    """Converts all borders. `offer`: what is connected, if that is known."""
     return {
         **copy_fields(message, "revision map_id map_name available_commands"),
         "unconfirmed": message.needs_confirmation,
-        "list": [_with_unkept(border_section(border), found) for border in message.borders],
+        "list": [_with_unkept(border_section(border), offer) for border in message.borders],
         **coded_sentence(message),
     }
 
 
-def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
-    """Converts what is offered, and what is said about the robots; `more`: further commands to offer."""
+def offer_section(offer: Offer, message: RobotStatusArray, more_commands: Iterable[str] = ()) -> Dict[str, Any]:
+    """Converts what is offered, and what is said about the robots. `more_commands`: further commands to offer."""
     return {
-        **copy_fields(found, "state zones goes"),
+        **copy_fields(offer, "state zones goes"),
         "interaction": message.interaction,
-        "commands": [*found.commands, *more],
+        "commands": [*offer.commands, *more_commands],
         "robots": [robot.robot for robot in message.robots],
         "lines": [
             {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
-            for line in found.lines
+            for line in offer.lines
         ],
     }
 
@@ -198,7 +200,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft, checked by `action_requests`, into a border's message; fields that it lacks stay as they are."""
+    """Puts a draft, checked by `action_requests`, into a border's message. Fields that it lacks stay as they are."""
     border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
     border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
     border.kind = KINDS[draft["kind"]]

@@ -173,9 +173,9 @@ class PageNode:
         self._maps.put(True)
 
     def _draw_maps(self) -> None:
-        found = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
+        grids = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
         prior, posterior = (
-            found.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
+            grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
         )
         prior = prior or posterior
         if prior is None:
@@ -190,15 +190,15 @@ class PageNode:
         self._view.put("map", page_images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
     def _show_robots(self) -> None:
-        """Shows what is connected; when that is no longer known, browsers get a null offer."""
-        message, found = self._robots.current() or (None, None)
-        changed, self._offer = found != self._offer, found
-        if message is not None and found is not None:
+        """Shows what is connected. When that is no longer known, browsers get a null offer."""
+        message, offer = self._robots.current() or (None, None)
+        changed, self._offer = offer != self._offer, offer
+        if message is not None and offer is not None:
             self._frames = {robot.robot: robot.frame for robot in message.robots}
             # Stop does not vanish from under a finger while a driver is being restarted
-            self._stoppable = self._stoppable or "stop" in found.commands
-            stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
-            self._view.put("offer", page_messages.offer_section(found, message, stop))
+            self._stoppable = self._stoppable or "stop" in offer.commands
+            stop = ("stop", "resume") if self._stoppable and "stop" not in offer.commands else ()
+            self._view.put("offer", page_messages.offer_section(offer, message, stop))
             self._view.put("drives", page_messages.drives_section(message))
         elif changed:
             self._view.put("offer", None)
@@ -207,13 +207,13 @@ class PageNode:
             self._show_borders()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        before, self._borders = self._borders, message
+        previous, self._borders = self._borders, message
         self._show_borders()
-        for kind, border in border_changes(_by_id(before), _by_id(message)) if before is not None else ():
+        for kind, border in border_changes(_by_id(previous), _by_id(message)) if previous is not None else ():
             self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
-        """Shows the newest borders; called from several threads, of which none can bring back an older list."""
+        """Shows the newest borders. Called from several threads, of which none can bring back an older list."""
         with self._showing:
             if self._borders is None:
                 return
@@ -282,18 +282,21 @@ class PageNode:
             return
         poses = {robot: self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT) for robot, frame in self._frames.items()}
         # a robot at rest is reported once
-        seen = {robot: [rounded(value, 2) for value in pose] for robot, pose in poses.items() if pose is not None}
-        self._view.put("robots", seen)
+        poses_on_map = {
+            robot: [rounded(value, 2) for value in pose] for robot, pose in poses.items() if pose is not None
+        }
+        self._view.put("robots", poses_on_map)
 
     def _look_at_health(self) -> None:
         self._show_robots()
         now = time.monotonic()
         with self._lock:
             cameras = [
-                {**entry, "there": now - heard < _SILENCE_TIMEOUT} for heard, _, entry in self._detectors.values()
+                {**entry, "there": now - heard_at < _SILENCE_TIMEOUT} for heard_at, _, entry in self._detectors.values()
             ]
             drivers = {
-                robot: {**entry, "there": now - at < _SILENCE_TIMEOUT} for robot, (at, entry) in self._drivers.items()
+                robot: {**entry, "there": now - heard_at < _SILENCE_TIMEOUT}
+                for robot, (heard_at, entry) in self._drivers.items()
             }
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
@@ -333,11 +336,11 @@ def _warn(error: CodedError) -> None:
 
 def _own_addresses() -> List[str]:
     """Returns this computer's address in the network, and its host name."""
-    found: List[str] = []
+    host_names: List[str] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
         probe.connect(("192.0.2.1", 9))  # a documentation address; connecting a datagram socket sends nothing
-        found.append(probe.getsockname()[0])
-    return [*found, socket.gethostname()]
+        host_names.append(probe.getsockname()[0])
+    return [*host_names, socket.gethostname()]
 
 
 def build() -> PageNode:

@@ -17,7 +17,7 @@ from vb_core.errors import CodedError
 
 
 def rounded(value: float, digits: int = 3) -> Optional[float]:
-    """Rounds a number for JSON; returns None if it is not finite."""
+    """Rounds a number for JSON. Returns None if it is not finite."""
     return round(float(value), digits) if math.isfinite(value) else None
 
 
@@ -57,7 +57,7 @@ class View:
         self._last: Tuple[int, int, str] = (-1, -1, "")
 
     def put(self, section: str, value: Any) -> None:
-        """Replaces a section; browsers get it if it has changed."""
+        """Replaces a section. Browsers get it if it has changed."""
         text = as_message(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
@@ -66,7 +66,7 @@ class View:
             self._sections[section] = (self._revision, text)
         self.on_change()
 
-    def since(self, revision: int) -> Tuple[int, str]:
+    def newer_than(self, revision: int) -> Tuple[int, str]:
         """Returns (revision, message) with all sections newer than a revision.
 
         Revision 0 returns all of them; the message is empty if there are none.
@@ -75,20 +75,20 @@ class View:
             if revision >= self._revision:
                 return self._revision, ""
             if self._last[:2] != (revision, self._revision):
-                newer = [f'"{name}":{text}' for name, (at, text) in self._sections.items() if at > revision]
+                newer = [f'"{name}":{text}' for name, (newest, text) in self._sections.items() if newest > revision]
                 self._last = (revision, self._revision, '{"view":{' + ",".join(newer) + "}}")
             return self._revision, self._last[2]
 
 
-def mark_borders(before: Dict[str, str], ids: List[str]) -> Dict[str, str]:
-    """Gives each border a mark that stands for it where its name has no room; returns the marks by border's id.
+def mark_borders(previous_marks: Dict[str, str], ids: List[str]) -> Dict[str, str]:
+    """Gives each border a mark that stands for it where its name has no room. Returns the marks by border's id.
 
-    A border keeps its mark of `before`; a new one gets the first of A to Z, A1 to Z1, ... that is free there.
+    A border keeps its mark from `previous_marks`; a new one gets the first of A to Z, A1 to Z1, ... that is free there.
     """
-    marks = {key: before[key] for key in ids if key in before}
+    marks = {key: previous_marks[key] for key in ids if key in previous_marks}
     every = (letter + str(turn or "") for turn in itertools.count() for letter in ascii_uppercase)
-    free = (mark for mark in every if mark not in before.values())
+    free_marks = (mark for mark in every if mark not in previous_marks.values())
     for key in ids:
         if key not in marks:
-            marks[key] = next(free)
+            marks[key] = next(free_marks)
     return marks

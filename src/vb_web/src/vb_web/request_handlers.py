@@ -31,14 +31,14 @@ _MAX_FAULTS = 20  # refused messages after which the browser is disconnected
 
 
 def routes(page: Any) -> List[Tuple]:
-    """Lists the handler of each path; `page` is the `server.PageServer`."""
-    given = {"page": page}
+    """Lists the handler of each path. `page` is the `server.PageServer`."""
+    settings = {"page": page}
     return [
-        (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
-        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
-        (r"/session", _SessionHandler, given),
-        (r"/link", _LinkHandler, given),
-        (r"/(.*)", _FileHandler, given),
+        (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, settings),
+        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, settings),
+        (r"/session", _SessionHandler, settings),
+        (r"/link", _LinkHandler, settings),
+        (r"/(.*)", _FileHandler, settings),
     ]
 
 
@@ -113,10 +113,10 @@ class _FileHandler(_Handler):
     NEEDS = Role.NOBODY  # the page's files reveal nothing about the house
 
     def get(self, name: str) -> None:
-        found = self.page.files.get(name or "index.html")
-        if found is None:
+        file = self.page.files.get(name or "index.html")
+        if file is None:
             raise web.HTTPError(404)
-        self.send(*found, keep="no-cache")
+        self.send(*file, keep="no-cache")
 
 
 class _ImageHandler(_Handler):
@@ -128,7 +128,7 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
-    """Sends a camera's image, or the floor as all of them see it; both are made on request."""
+    """Sends a camera's image, or the floor as all of them see it. Both are made on request."""
 
     NEEDS = Role.OPERATOR
 
@@ -141,13 +141,13 @@ class _CameraHandler(_Handler):
 
 
 class _SessionHandler(_Handler):
-    """Tells a browser its role, which a failed WebSocket does not; logs in (POST, with a code) and out (DELETE)."""
+    """Tells a browser its role, which a failed WebSocket does not. Logs in (POST, with a code) and out (DELETE)."""
 
     NEEDS = Role.NOBODY
 
     def get(self) -> None:
-        found = {"role": self.role.name.lower(), "login": self.page.sessions is not None}
-        self.send(json.dumps(found).encode("ascii"), "application/json")
+        status = {"role": self.role.name.lower(), "login": self.page.sessions is not None}
+        self.send(json.dumps(status).encode("ascii"), "application/json")
 
     async def post(self) -> None:
         sessions, address = self.page.sessions, self.request.remote_ip or ""
@@ -156,8 +156,8 @@ class _SessionHandler(_Handler):
         if not self.page.logins.allows(address, time.monotonic()):
             raise web.HTTPError(429)
         try:
-            given = json.loads(self.body.decode("utf-8"))
-            code = given["code"] if set(given) == {"code"} and isinstance(given["code"], str) else ""
+            fields = json.loads(self.body.decode("utf-8"))
+            code = fields["code"] if set(fields) == {"code"} and isinstance(fields["code"], str) else ""
         except (ValueError, TypeError, RecursionError):
             raise web.HTTPError(400) from None
         cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, code)
@@ -206,11 +206,12 @@ class _LinkHandler(_Guarded, WebSocketHandler):
 
         Viewers are served at random moments within that period: otherwise an operator's answer would wait for them all.
         """
-        sent, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
+        revision = 0
+        turn = 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
             while self in self.page.browsers:
                 news = self.page.news
-                sent, text = self.page.view.since(sent)
+                revision, text = self.page.view.newer_than(revision)
                 if text:
                     await self.write_message(text)
                     await asyncio.sleep(_SEND_PERIOD - turn)
@@ -230,8 +231,8 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
-            request_id, found = action_requests.read(message)
-            request = action_requests.check(request_id, found, self.page.bounds())
+            request_id, fields = action_requests.read(message)
+            request = action_requests.check(request_id, fields, self.page.bounds())
             if self.role < Role.OPERATOR:
                 raise CodedError("page_viewer_only")
         except CodedError as error:

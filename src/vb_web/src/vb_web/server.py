@@ -1,8 +1,8 @@
-"""The web server: its thread, its connections' places, and the pools that carry out requests; `request_handlers` answers them.
+"""The web server: its thread, its connections, and the pools that carry out requests (handlers: `request_handlers`).
 
-An attacker must not keep an operator from a *stop*. So connections have places by role (`access_control.ConnectionSlots`), slow work is
-done apart from quick work and one piece at a time for each person, and a connection that reads or writes too slowly is
-closed. No ROS here; `actions.ActionHandler` carries requests out.
+An attacker must not prevent an operator's *stop*. Therefore each role has its own slots for connections
+(`access_control.ConnectionSlots`), slow work is separate from quick work and done one piece at a time for each person,
+and a connection that reads or writes too slowly is closed. No ROS here; `actions.ActionHandler` carries out requests.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".webmanifest": "application/manifest+json",
 }
-# connections: together below the usual limit of open files, with room for ROS
+# numbers of connections; their sum is below the usual limit of open files, with room for ROS
 _PLACES = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
 _PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
-_SEND_PATIENCE = 20  # [s] for a browser to receive what is sent to it
+_SEND_PATIENCE = 20  # [s] for a browser to receive sent data
 
 
 @dataclass(frozen=True)
@@ -68,15 +68,15 @@ class PageParams(Parameters):
         """The files page.crt and page.key beside the codes, for https in a network; None if there are none.
 
         Raises:
-            ParameterError: if there is only one of the two: a person who made one does not want http.
+            ParameterError: if only one exists, as the person who created it does not want http.
         """
         if access_control.is_loopback(self.address):
             return None
         files = tuple(Path(self.codes_file).expanduser().with_name(name) for name in ("page.crt", "page.key"))
-        there = [path.exists() for path in files]
-        if any(there) and not all(there):
+        exist = [path.exists() for path in files]
+        if any(exist) and not all(exist):
             raise ParameterError("codes_file", f"{files[0]} and {files[1]} go together: one of them is missing")
-        return files if all(there) else None  # type: ignore[return-value]
+        return files if all(exist) else None  # type: ignore[return-value]
 
 
 class PageServer:
@@ -84,7 +84,7 @@ class PageServer:
 
     Args:
         sessions: None only for loopback addresses, where every user of this computer is an operator.
-        actions: carries requests out, an `actions.ActionHandler`; cameras: makes their images, a
+        actions: carries out requests, an `actions.ActionHandler`; cameras: provides images, a
             `camera_images.CameraImages`. Their work in the pools' threads may take seconds.
         bounds: returns the map's bounds, for checking points; None without a map.
         on_fault: called once with the error that ended the server's thread.
@@ -134,7 +134,7 @@ class PageServer:
         return as_message({"hello": hello})
 
     def start(self) -> None:
-        """Begins to listen.
+        """Starts the thread and waits until it listens.
 
         Raises:
             CodedError: "page_no_address" if the address or port is not available.
@@ -170,7 +170,8 @@ class PageServer:
 
     async def _serve(self) -> None:
         self._loop, self._closing, self.news = asyncio.get_event_loop(), asyncio.Event(), asyncio.Event()
-        context, certificate = None, self.params.certificate
+        context = None
+        certificate = self.params.certificate
         if certificate is not None:
             context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
             context.load_cert_chain(*map(str, certificate))
@@ -184,13 +185,13 @@ class PageServer:
             body_timeout=_PATIENCE,
         )
         sockets = bind_sockets(self.params.port, self.params.address)
-        for listening in sockets:
-            self._loop.add_reader(listening, server.accept, listening)
+        for listener in sockets:
+            self._loop.add_reader(listener, server.accept, listener)
         self._started.set_result(sockets[0].getsockname()[1])
         await self._closing.wait()
-        for listening in sockets:
-            self._loop.remove_reader(listening)
-            listening.close()
+        for listener in sockets:
+            self._loop.remove_reader(listener)
+            listener.close()
         for browser in list(self.browsers):
             browser.close(1001)
         await asyncio.sleep(0.05)
@@ -211,13 +212,13 @@ class PageServer:
 
     # ------------------------------------------------------------- browsers' requests
     def seat(self, stream: Any, role: Role, *holders: str) -> bool:
-        """Gives a connection a place of its role, and closes the one that has to go; returns whether it got a place."""
+        """Gives a connection a slot of its role, for which another may be closed. Returns whether it got one."""
         for places in self.places.values():
             places.leave(stream)
-        gone = self.places[role].take(stream, *holders)
-        if gone is not None and gone is not stream:
-            gone.close()
-        return gone is not stream
+        evicted = self.places[role].take(stream, *holders)
+        if evicted is not None and evicted is not stream:
+            evicted.close()
+        return evicted is not stream
 
     async def in_turn(self, person: str, work: Callable[..., Any], *args: Any) -> Any:
         """Does slow work, one piece at a time for each person, so that nobody fills the pool for all."""
@@ -226,7 +227,7 @@ class PageServer:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
     def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
-        """Carries out a request and returns its answer; a repeated request gets the same answer."""
+        """Carries out a request and returns its answer. A repeated request gets the same answer."""
         key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self.answers:
             if request.action == "command":
@@ -247,40 +248,40 @@ class PageServer:
 
 
 class _BoundedServer(HTTPServer):
-    """Gives each new connection a place of `Role.NOBODY`, and closes those that come too fast or read too slowly."""
+    """Gives each new connection a slot of `Role.NOBODY`, and closes those that arrive too fast or read too slowly."""
 
     def initialize(self, *args: Any, page: PageServer, **kwargs: Any) -> None:
         super().initialize(*args, **kwargs)
         self._page = page
 
-    def accept(self, listening: socket.socket) -> None:
-        """Accepts one new connection at each turn of the event loop.
+    def accept(self, listener: socket.socket) -> None:
+        """Accepts one new connection in each iteration of the event loop.
 
-        Tornado's own handler accepts all that wait, up to 128, whose TLS handshakes then come in one turn, while open
-        connections wait: a handshake costs more than all the rest.
+        Tornado's handler accepts up to 128 waiting connections at once. Their TLS handshakes, which take longer than
+        all other work, would then run in one iteration, while open connections wait.
         """
         try:
-            connection, address = listening.accept()
+            connection, address = listener.accept()
         except (BlockingIOError, ConnectionError):
-            return  # it has closed again
+            return  # the peer has closed it
         if self._page.connections.allows(address[0], time.monotonic()):
             self._handle_connection(connection, address)
         else:
             connection.close()
 
     def handle_stream(self, stream: Any, address: Any) -> None:
-        # the kernel keeps the time, even while the peer keeps confirming a window of zero
+        # the kernel's timeout also applies while the peer keeps confirming a window of zero
         stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _SEND_PATIENCE * 1000)
         self._page.seat(stream, Role.NOBODY, address[0])
         super().handle_stream(stream, address)
 
 
-def addresses(params: PageParams, port: int, own: List[str]) -> List[str]:
+def addresses(params: PageParams, port: int, own_addresses: List[str]) -> List[str]:
     """Returns the page's addresses, the most useful first.
 
     Args:
-        own: this computer's addresses in the network.
+        own_addresses: this computer's addresses in the network.
     """
-    hosts = own if params.address in ("0.0.0.0", "::", "") else [params.address]
+    hosts = own_addresses if params.address in ("0.0.0.0", "::", "") else [params.address]
     scheme = "https" if params.certificate else "http"
     return [f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/" for host in hosts]

@@ -41,7 +41,7 @@ def make_request(
 
     Args:
         source: the input method that sends it.
-        validity: [s] of ROS time from now until it expires.
+        validity: [s] ROS time from now until it expires.
         uncertain: whether it may have been misunderstood.
         seen_stop: number of the newest stop that the person knew of, see vb_msgs/Command.
     """
@@ -58,7 +58,7 @@ def make_request(
 def send(
     request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = RESPONSE_TIMEOUT
 ) -> CommandResponse:
-    """Sends a command; sends it again if the answer is lost, for instance because the manager restarts.
+    """Sends a command. Sends it again if the answer is lost, for instance because the manager restarts.
 
     Raises:
         CodedError: "no_service" or "no_response", as in `services.call`.
@@ -97,7 +97,7 @@ class CommandSender:
         self._stop: Optional[rospy.Publisher] = None
 
     def connect(self) -> None:
-        """Connects to the interaction's state and the robots; the node must be registered."""
+        """Connects to the interaction's state and the robots. The node must be registered."""
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_robot, queue_size=20)
@@ -117,7 +117,7 @@ class CommandSender:
 
     def stop_number(self, when: float) -> str:
         """Returns the number of the newest stop known to this node at time `when` [s] of the monotonic clock."""
-        return next(number for since, number in reversed(list(self._stop_numbers)) if since <= when)
+        return next(number for time_known, number in reversed(list(self._stop_numbers)) if time_known <= when)
 
     def put(
         self,
@@ -130,7 +130,7 @@ class CommandSender:
         identity: str = "",
         carry_out: Callable[[CommandRequest], Any] = send,
     ) -> bool:
-        """Sends a command after the person's earlier ones; drops it and returns False if too many of these wait.
+        """Sends a command after the person's earlier ones. Drops it and returns False if too many of these wait.
 
         Args:
             context: passed on to `on_answer`.
@@ -140,7 +140,8 @@ class CommandSender:
             identity: the command's id if it already has one and may arrive twice.
             carry_out: carries out any command except a stop; returns the answer or raises a `CodedError`.
         """
-        given, source = min(given, time.monotonic()), source or self._source
+        given = min(given, time.monotonic())
+        source = source or self._source
         if seen_stop is None:
             seen_stop = self.stop_number(given)
         request = make_request(command, source, VALIDITY - (time.monotonic() - given), uncertain, seen_stop)
@@ -185,7 +186,7 @@ class CommandSender:
         self._on_answer(request, context, answer, error)
 
     def _send_stop(self, stop: CommandRequest) -> CommandResponse:
-        """Sends a stop; returns the manager's answer or, if no manager responds, one that names the robots holding it.
+        """Sends a stop. Returns the manager's answer or, if no manager responds, one that names the robots holding it.
 
         Raises:
             CodedError: "stop_unconfirmed" if no robot holds it, or as in `send`.

@@ -60,7 +60,7 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
 
 
 def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
-    """Decodes an image message; returns its pixels and their encoding, as in sensor_msgs/Image.
+    """Decodes an image message. Returns its pixels and their encoding, as in sensor_msgs/Image.
 
     Raises:
         CodedError: "bad_image"
@@ -76,7 +76,7 @@ def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
 
 
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
-    """Converts pixels to a message; inverse of `array_from_image`."""
+    """Converts pixels to a message. Inverse of `array_from_image`."""
     image = np.ascontiguousarray(image)
     message = Image()
     message.header.stamp = stamp
@@ -90,7 +90,7 @@ def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, fram
 
 
 def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
-    """Converts CameraInfo to CameraModel; inverse of `info_from_camera`.
+    """Converts CameraInfo to CameraModel. Inverse of `info_from_camera`.
 
     Args:
         rectified: whether the images are already undistorted (image_rect, image_rect_color); then P describes them.
@@ -113,7 +113,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
 
 
 def info_from_camera(camera: CameraModel, stamp: rospy.Time, frame_id: str) -> CameraInfo:
-    """Converts CameraModel to CameraInfo; inverse of `camera_from_info`."""
+    """Converts CameraModel to CameraInfo. Inverse of `camera_from_info`."""
     info = CameraInfo()
     info.header.stamp = stamp
     info.header.frame_id = frame_id

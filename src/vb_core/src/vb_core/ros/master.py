@@ -39,7 +39,7 @@ class Commanders:
 
 
 def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Commanders:
-    """Finds who can command a base; `driver` is the driver node's full name, in the robot's namespace.
+    """Finds who can command a base. `driver` is the driver node's full name, in the robot's namespace.
 
     Raises:
         rosgraph.MasterException, OSError: if the master does not answer.
@@ -49,6 +49,6 @@ def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Command
         name and rosgraph.names.ns_join(namespace, name) for name in (base.topic, base.output, *base.trusted)
     )
     graph = read_graph(master)
-    others, muxes = graph.find_other_commanders(driver, topic, output)
-    others = {name for name in others - set(trusted) if not is_gone(master, name)}
-    return Commanders(others, {driver, *muxes, *trusted}, graph.is_heard(driver, topic))
+    other_commanders, muxes = graph.find_other_commanders(driver, topic, output)
+    other_commanders = {name for name in other_commanders - set(trusted) if not is_gone(master, name)}
+    return Commanders(other_commanders, {driver, *muxes, *trusted}, graph.is_heard(driver, topic))

@@ -26,7 +26,7 @@ BorderPreviewArray = numpy_msg(BorderPreview)
 
 # ----------------------------------------------------------------- maps
 def grid_from_message(message: OccupancyGrid) -> GridMap:
-    """Converts OccupancyGrid to GridMap; inverse of `message_from_grid`.
+    """Converts OccupancyGrid to GridMap. Inverse of `message_from_grid`.
 
     Raises:
         CodedError: "bad_map" if size and data do not match or the origin is not a planar pose.
@@ -43,7 +43,7 @@ def grid_from_message(message: OccupancyGrid) -> GridMap:
 
 
 def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -> OccupancyGrid:
-    """Converts GridMap to OccupancyGrid; inverse of `grid_from_message`. To be published as OccupancyGridArray."""
+    """Converts GridMap to OccupancyGrid. Inverse of `grid_from_message`. To be published as OccupancyGridArray."""
     message = OccupancyGridArray()
     message.header.stamp = stamp
     message.header.frame_id = frame_id
@@ -57,17 +57,17 @@ def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -
 
 # ----------------------------------------------------------------- poses and points
 def values_from_mapping(values: Mapping[str, Any]) -> List[KeyValue]:
-    """Converts a sentence's values for a message; inverse of `mapping_from_values`."""
+    """Converts a sentence's values for a message. Inverse of `mapping_from_values`."""
     return [KeyValue(key=key, value=str(value)) for key, value in values.items()]
 
 
 def mapping_from_values(values: Iterable[KeyValue]) -> Dict[str, str]:
-    """Converts a sentence's values from a message; inverse of `values_from_mapping`."""
+    """Converts a sentence's values from a message. Inverse of `values_from_mapping`."""
     return {value.key: value.value for value in values}
 
 
 def sentence_in(message: Any, language: str, prefix: str = "") -> str:
-    """Returns a message's sentence in a language; the message has the fields code, values and message (in English).
+    """Returns a message's sentence in a language. The message has the fields code, values and message (in English).
 
     `prefix`: prefix of these fields' names, for instance "last_".
     """
@@ -76,12 +76,12 @@ def sentence_in(message: Any, language: str, prefix: str = "") -> str:
 
 
 def points_from_array(points: np.ndarray) -> List[Point]:
-    """Converts an array (N, 2) or (N, 3) [m] to points; inverse of `array_from_points`."""
+    """Converts an array (N, 2) or (N, 3) [m] to points. Inverse of `array_from_points`."""
     return [Point(float(p[0]), float(p[1]), float(p[2]) if len(p) > 2 else 0.0) for p in points]
 
 
 def array_from_points(points: Iterable[Point]) -> np.ndarray:
-    """Converts points to an array (N, 2) float64 [m] without z; inverse of `points_from_array`."""
+    """Converts points to an array (N, 2) float64 [m] without z. Inverse of `points_from_array`."""
     return np.array([(p.x, p.y) for p in points], dtype=float).reshape(-1, 2)
 
 
@@ -91,18 +91,18 @@ def message_from_quaternion(quaternion) -> Quaternion:
 
 
 def message_from_pose2d(x: float, y: float, yaw: float) -> Pose:
-    """Converts a planar pose [m, m, rad] to a message; inverse of `pose2d_from_message`."""
+    """Converts a planar pose [m, m, rad] to a message. Inverse of `pose2d_from_message`."""
     return Pose(Point(float(x), float(y), 0.0), message_from_quaternion(geometry.quaternion_from_yaw(yaw)))
 
 
 def pose2d_from_message(pose: Pose) -> Tuple[float, float, float]:
-    """Converts a message to a planar pose (x, y, yaw) [m, m, rad]; inverse of `message_from_pose2d`."""
+    """Converts a message to a planar pose (x, y, yaw) [m, m, rad]. Inverse of `message_from_pose2d`."""
     q = pose.orientation
     return pose.position.x, pose.position.y, geometry.yaw_from_quaternion((q.x, q.y, q.z, q.w))
 
 
 def transform_from_message(message: Transform) -> np.ndarray:
-    """Converts a transform to a 4x4 matrix; inverse of `message_from_transform`.
+    """Converts a transform to a 4x4 matrix. Inverse of `message_from_transform`.
 
     Raises:
         CodedError: "bad_transform" if the rotation is zero or not finite.
@@ -116,7 +116,7 @@ def transform_from_message(message: Transform) -> np.ndarray:
 
 
 def message_from_transform(T: np.ndarray, parent: str, child: str, stamp: rospy.Time) -> TransformStamped:
-    """Converts a 4x4 matrix T_parent_child to a stamped transform; inverse of `transform_from_message`."""
+    """Converts a 4x4 matrix T_parent_child to a stamped transform. Inverse of `transform_from_message`."""
     message = TransformStamped()
     message.header.stamp = stamp
     message.header.frame_id = parent

@@ -47,7 +47,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
         sys.exit(1)
     except rospy.ROSInterruptException:
         return
-    _keep_for_good()
+    _freeze_startup_objects()
     if hasattr(node, "close"):
         rospy.on_shutdown(node.close)
     if rospy.get_param("/use_sim_time", False):
@@ -68,7 +68,7 @@ def _log_without_registering() -> None:
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
 
 
-def _keep_for_good() -> None:
+def _freeze_startup_objects() -> None:
     """Excludes the objects made so far, which live as long as the node, from Python's garbage collection.
 
     The collector would halt all threads while it goes through them: 30 to 60 ms of processor time, several times as
@@ -138,7 +138,7 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # malloc.h
 
 
 def _tune_malloc(option: int, value: int) -> None:
-    """Sets an option of glibc's malloc; with another C library nothing changes."""
+    """Sets an option of glibc's malloc. With another C library nothing changes."""
     try:
         ctypes.CDLL(None).mallopt(option, value)
     except (OSError, AttributeError):
@@ -176,7 +176,7 @@ class Queue(Generic[T]):
         self._closed = False
 
     def put(self, item: T) -> bool:
-        """Adds an item; returns False if too many wait already, which the caller must report."""
+        """Adds an item. Returns False if too many wait already, which the caller must report."""
         with self._condition:
             if len(self._items) >= self._size:
                 return False
@@ -232,7 +232,7 @@ class Mailbox(Queue[T]):
             self._condition.wait_for(lambda: not self._items or self._closed)
 
     def close(self) -> None:
-        """Wakes up the waiting thread; `get` then returns None."""
+        """Wakes up the waiting thread. `get` then returns None."""
         with self._condition:
             self._items.clear()
             super().close()
@@ -245,8 +245,8 @@ MAX_PACE = 20.0  # simulated seconds per second of wall time
 class WakeTimer:
     """Wakes a worker when it is notified, or after a period of wall or simulated time, whichever ends first.
 
-    For work that must not pause: a rospy.Timer follows simulated time, which may. Where simulated time runs faster than
-    wall time, other nodes expect the work as often in simulated time.
+    Unlike a rospy.Timer, it also wakes the worker while simulated time stands still. Where simulated time runs faster
+    than wall time, other nodes expect the work as often in simulated time.
     """
 
     def __init__(self, period: float) -> None:
@@ -261,7 +261,7 @@ class WakeTimer:
         self._wake.set()
 
     def get(self) -> Optional[bool]:
-        """Waits; returns whether it was notified, or None once closed."""
+        """Waits. Returns whether it was notified, or None once closed."""
         if rospy.rostime.is_wallclock():
             woken = not self._closed and self._wake.wait(self._period)
         else:
@@ -271,21 +271,23 @@ class WakeTimer:
         return None if self._closed else woken
 
     def _get_simulated(self) -> bool:
-        began, then = time.monotonic(), rospy.get_time()
-        if not 0.0 <= self._due - then <= self._period:
-            self._due = then + self._period  # this is the first wait, the last one ended too late, or time has jumped
-        wall, now, woken = began, then, False
+        began, began_simulated = time.monotonic(), rospy.get_time()
+        if not 0.0 <= self._due - began_simulated <= self._period:
+            # this is the first wait, the last one ended too late, or time has jumped
+            self._due = began_simulated + self._period
+        wall, now = began, began_simulated
+        woken = False
         while not (self._closed or woken) and wall < began + self._period and now < self._due:
-            rest = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
-            woken = self._wake.wait(min(began + self._period - wall, rest))
+            remaining_time = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
+            woken = self._wake.wait(min(began + self._period - wall, remaining_time))
             wall, now = time.monotonic(), rospy.get_time()
         self._due += self._period
         if wall > began:
-            self._pace = min(max((now - then) / (wall - began), 1.0), MAX_PACE)
+            self._pace = min(max((now - began_simulated) / (wall - began), 1.0), MAX_PACE)
         return woken
 
     def close(self) -> None:
-        """Wakes up the worker; `get` then returns None."""
+        """Wakes up the worker. `get` then returns None."""
         self._closed = True
         self._wake.set()
 
@@ -339,37 +341,37 @@ LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and
 INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 
-def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
+def watch_input(input_name: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
     """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up after a timeout.
 
     Args:
-        what: the input's name in the log, for instance "the map on /map".
+        input_name: the input's name in the log, for instance "the map on /map".
         arrived: returns whether it is there.
-        timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
+        timeout: [s] wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """
-    threading.Thread(target=_await, args=(what, arrived, timeout), daemon=True).start()
+    threading.Thread(target=_await, args=(input_name, arrived, timeout), daemon=True).start()
 
 
-def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
-    began = said = time.monotonic()
+def _await(input_name: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
+    began = logged_at = time.monotonic()
     while not arrived():
         now = time.monotonic()
         if rospy.is_shutdown():
             return False
         if timeout is not None and now - began > timeout:
-            shut_down_with_error(CodedError("input_timeout", what=what, seconds=round(now - began)))
+            shut_down_with_error(CodedError("input_timeout", what=input_name, seconds=round(now - began)))
             return False
-        if now - said > LOG_DELAY:
-            rospy.logwarn("%s waits for %s", rospy.get_name(), what)
+        if now - logged_at > LOG_DELAY:
+            rospy.logwarn("%s waits for %s", rospy.get_name(), input_name)
             # the pause doubles each time: 5, 10, 20 s ...
-            said = now + max(0.0, now - began - LOG_DELAY)
+            logged_at = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)
     return True
 
 
 def wait_for_clock() -> None:
-    """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
+    """Waits for the first time on /clock if simulated time is used. Returns at once otherwise.
 
     If none comes within `INPUT_TIMEOUT`, the node ends with "input_timeout".
     """

@@ -21,7 +21,7 @@ LOG_PERIOD = 60.0  # [s] before an intermittent notice is logged again
 
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
-    """Converts a notice to a message with its English sentence; inverse of `notice_from_message`."""
+    """Converts a notice to a message with its English sentence. Inverse of `notice_from_message`."""
     values: List[KeyValue] = values_from_mapping(notice.values)
     return NoticeMessage(
         severity=int(notice.severity),
@@ -35,7 +35,7 @@ def message_from_notice(notice: Notice) -> NoticeMessage:
 
 
 def notice_from_message(message: NoticeMessage) -> Notice:
-    """Converts a message to a notice; inverse of `message_from_notice`.
+    """Converts a message to a notice. Inverse of `message_from_notice`.
 
     An unknown severity counts as an error: it may come from a newer version.
     """
@@ -51,7 +51,7 @@ def notice_from_message(message: NoticeMessage) -> Notice:
 
 
 class NoticeListener:
-    """Keeps the notices of all nodes; its methods may be called from any thread.
+    """Keeps the notices of all nodes. Its methods may be called from any thread.
 
     Notices are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
 
@@ -82,7 +82,7 @@ class NoticePublisher:
     Warnings and errors are also logged, once while they hold: roslaunch's terminal shows only the log.
 
     Args:
-        source: whose notices they are, if they are not the whole node's.
+        source: name of whoever reports the notices, if it is not the whole node.
     """
 
     def __init__(self, source: str = "") -> None:
@@ -96,7 +96,7 @@ class NoticePublisher:
         self._publish()
 
     def set(self, notices: Iterable[Notice]) -> None:
-        """Replaces this source's notices; if none changes, nothing is sent before the next repetition."""
+        """Replaces this source's notices. If none changes, nothing is sent before the next repetition."""
         notices = list(notices)
         with self._lock:
             if notices == self._notices:
@@ -112,21 +112,22 @@ class NoticePublisher:
     def _publish(self) -> None:
         with self._lock:
             message = NoticeArray(source=self._source, notices=[message_from_notice(n) for n in self._notices])
-            new = self._find_new()
+            new_notices = self._find_new()
         message.header.stamp = rospy.Time.now()
         self._publisher.publish(message)
-        for notice in new:
+        for notice in new_notices:
             log = rospy.logerr if notice.severity is Severity.ERROR else rospy.logwarn
             log("%s: %s [%s]", self._source, notice.sentence(), notice.code)
 
     def _find_new(self) -> List[Notice]:
         """Returns the warnings and errors that did not hold within LOG_PERIOD: an intermittent one is logged once."""
-        now, new = time.monotonic(), []
+        now = time.monotonic()
+        new_notices = []
         for notice in self._notices:
             # a warning that becomes an error is news
             key = (notice.code, notice.robot, notice.border_id, notice.camera, notice.severity)
             if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
-                new.append(notice)
+                new_notices.append(notice)
             self._logged[key] = now
-        self._logged = {key: at for key, at in self._logged.items() if now - at <= LOG_PERIOD}
-        return new
+        self._logged = {key: logged_at for key, logged_at in self._logged.items() if now - logged_at <= LOG_PERIOD}
+        return new_notices

@@ -15,14 +15,14 @@ def read(cls: Type[P], namespace: str = "~") -> P:
     """Reads a parameter class from the parameter server and logs what differs from the defaults.
 
     Args:
-        cls: the class.
+        cls: the class of the parameters.
         namespace: "~" for the node's private parameters, or for instance "~stationary".
 
     Raises:
         ParameterError: names the full key that is unknown, of a wrong type or out of range.
     """
-    where = rospy.resolve_name(namespace).rstrip("/")
-    params = cls.from_mapping(rospy.get_param(where, {}), where)
+    full_namespace = rospy.resolve_name(namespace).rstrip("/")
+    params = cls.from_mapping(rospy.get_param(full_namespace, {}), full_namespace)
     if params.describe():  # defaults are not logged: those of twenty nodes would bury the warnings
-        rospy.loginfo("%s: %s", where, params.describe())
+        rospy.loginfo("%s: %s", full_namespace, params.describe())
     return params

@@ -10,6 +10,6 @@ PreviewBorderArrayResponse = numpy_msg(PreviewBorderResponse)
 
 
 class PreviewBorderArray(PreviewBorder):
-    """The service PreviewBorder with numpy arrays in its response; the same on the wire."""
+    """The service PreviewBorder with numpy arrays in its response. It is the same on the wire."""
 
     _response_class = PreviewBorderArrayResponse

@@ -26,7 +26,7 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
     """Describes a parameter class's numbers and booleans as a compiled .cfg file does.
 
     Args:
-        params: their current values become the defaults.
+        params: the parameters whose current values become the defaults.
         fixed: names of fields that cannot be changed while the node runs.
     """
     entries: List[Dict[str, Any]] = []

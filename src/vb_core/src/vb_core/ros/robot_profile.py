@@ -10,7 +10,7 @@ PARAMETER = "robot_profile"
 
 
 def read_radius(robot: str, default: float) -> float:
-    """Reads a robot's radius [m] from its profile; returns `default` if no profile is set.
+    """Reads a robot's radius [m] from its profile. Returns `default` if no profile is set.
 
     For nodes that need nothing else from the profile.
 
@@ -22,7 +22,7 @@ def read_radius(robot: str, default: float) -> float:
 
 
 def read(robot: str = "") -> RobotProfile:
-    """Reads a robot's profile; returns a TurtleBot 2's if none is set.
+    """Reads a robot's profile. Returns a TurtleBot 2's if none is set.
 
     Args:
         robot: the robot's name, which is its namespace; empty for the node's own namespace.

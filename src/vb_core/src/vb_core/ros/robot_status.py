@@ -47,7 +47,7 @@ class OfferListener:
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
     def current(self) -> Optional[Tuple[RobotStatusArray, Offer]]:
-        """Returns the newest message and the offer made from it; None if it is too old, or there was none."""
+        """Returns the newest message and the offer made from it, or None if it is too old, or there was none."""
         newest = self._newest
         if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
             return None

@@ -16,14 +16,14 @@ UNANSWERED = ("no_service", "no_response")  # codes for a service that does not 
 def call(
     name: str, service: Type, request: Any, who: str, service_timeout: float = 1.0, response_timeout: float = 5.0
 ) -> Any:
-    """Calls a service; returns its response, or raises an error, within a known time.
+    """Calls a service. Returns its response, or raises an error, within a known time.
 
     rospy itself waits without limit for a process that accepts the connection and hangs. The limits are in wall time on
     purpose, since simulated time may stand still.
 
     Args:
         name: the service's name.
-        service: its class, for instance vb_msgs.srv.AddBorder.
+        service: the service's class, for instance vb_msgs.srv.AddBorder.
         who: the node's name in the error's sentence: "the map integrator", or "$map_integrator" to translate it.
         service_timeout: [s] how long to wait for the service to appear.
         response_timeout: [s] how long to wait for its response after that.
@@ -33,12 +33,12 @@ def call(
             but no response came, so that it may or may not have been carried out.
     """
     answers: "queue.Queue" = queue.Queue()
-    sent = threading.Event()
+    is_sent = threading.Event()
 
     def call_service() -> None:
         try:
             rospy.wait_for_service(name, timeout=service_timeout)
-            sent.set()
+            is_sent.set()
             answers.put((rospy.ServiceProxy(name, service)(request), None))
         except Exception as error:  # the caller's thread reports anything that the transport raises
             answers.put((None, error))
@@ -49,6 +49,6 @@ def call(
     except queue.Empty:
         response, error = None, TimeoutError(f"no response within {response_timeout:g} s")
     if error is not None:
-        code = "no_response" if sent.is_set() else "no_service"
+        code = "no_response" if is_sent.is_set() else "no_service"
         raise CodedError(code, who=who) from error
     return response

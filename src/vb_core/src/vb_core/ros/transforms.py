@@ -35,8 +35,8 @@ class TransformLookup:
             stamped = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout))
         except (tf2_ros.TransformException, rospy.ROSException) as error:
             # for a frame that tf does not know, its error says only that the argument is wrong
-            known = f"Frame {source} exists" in self._buffer.all_frames_as_string()
-            reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
+            exists = f"Frame {source} exists" in self._buffer.all_frames_as_string()
+            reason = error if exists else "nothing publishes one, as before a camera is calibrated or a robot localised"
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
         return transform_from_message(stamped.transform)
 
@@ -52,7 +52,7 @@ class TransformLookup:
         return pose if np.isfinite(pose).all() else None
 
     def newest(self, target: str, source: str) -> rospy.Time:
-        """Returns the time of the newest transform; zero if it is static or missing."""
+        """Returns the time of the newest transform, or zero if it is static or missing."""
         try:
             return self._buffer.get_latest_common_time(target, source)
         except (tf2_ros.TransformException, rospy.ROSException):
