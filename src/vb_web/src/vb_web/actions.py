@@ -143,9 +143,9 @@ class ActionHandler:
         return {**answer("ok"), **self._make_invitation()}
 
 
-def _call(name: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
+def _call(service_name: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
     """Calls a service with a request of these fields."""
-    return services.call(name, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
+    return services.call(service_name, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
 
 
 def _undo_or_redo(order: CommandRequest) -> Any:
