@@ -96,7 +96,7 @@ def find_dwells(
     # a balanced tree takes longer to build than its queries take
     tree = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
     is_known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    gains = np.where(is_known, KNOWN_PLACE_GAIN, 1.0) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
+    gains = np.where(is_known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
     track = backtrack(
         *find_best_predecessors(positions, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN)
     )

@@ -82,7 +82,7 @@ class NoticePublisher:
     Warnings and errors are also logged, once while they hold: roslaunch's terminal shows only the log.
 
     Args:
-        source: name of whoever reports the notices, if it is not the whole node.
+        source: name of the reporter, if it is not the whole node.
     """
 
     def __init__(self, source: str = "") -> None:
