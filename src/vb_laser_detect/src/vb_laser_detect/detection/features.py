@@ -113,7 +113,8 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
         # even bounds keep each pixel's position in the Bayer pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         window = slice(y0, bottom + margin), slice(x0, right + margin)
-        now, floor = image[window], searched.reference[window]
+        now = image[window]
+        floor = searched.floor(x0, y0, x0 + now.shape[1], y0 + now.shape[0])
         if max_width < math.inf:
             floor = cv2.max(floor, relight(floor, now, max_width))
         # the kernel [1 2 1] averages out noise and a Bayer image's mosaic

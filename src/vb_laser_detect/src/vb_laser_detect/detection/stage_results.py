@@ -84,7 +84,7 @@ class SearchedImage(NamedTuple):
         bright: [grey levels] level of the room's bright surfaces at the current exposure; spots are judged relative to it.
         min_level: [grey levels] lowest level of a spot's brightest sample.
         regions: regions to examine, the brightest first.
-        reference: what the picture would show without anything new; None if no region may contain a spot.
+        reference: what the searched pixels would show without anything new.
         motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
         shifted: whether the camera has moved since the reference was taken.
         changed: (rows, columns) bool, blocks that became brighter or darker.
@@ -96,11 +96,20 @@ class SearchedImage(NamedTuple):
     bright: float
     min_level: float
     regions: Sequence[Region]
-    reference: Optional[np.ndarray]
+    reference: np.ndarray
     motion: Optional[np.ndarray]
     shifted: bool
     changed: np.ndarray
     ghost_s: np.ndarray
+
+    def floor(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
+        """Returns what a part of the picture's pixels would show without anything new; `left` and `top` are even."""
+        scale = self.picture.scale
+        part = self.reference[top // scale : -(-bottom // scale), left // scale : -(-right // scale)]
+        if scale == 1:
+            return part
+        part = cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
+        return part[: bottom - top, : right - left]
 
 
 @dataclass(frozen=True)
