@@ -16,6 +16,7 @@ import numpy as np
 from vb_core.image_format import AnyPicture
 
 Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
+Part = Tuple[slice, slice]  # rows and columns [px]
 
 
 class ExpectedSpot(NamedTuple):
@@ -102,14 +103,14 @@ class SearchedImage(NamedTuple):
     changed: np.ndarray
     ghost_s: np.ndarray
 
-    def floor(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
-        """Returns what a part of the picture's pixels would show without anything new; `left` and `top` are even."""
+    def floor(self, part: Part) -> np.ndarray:
+        """Returns what a part of the picture's pixels would show without anything new; it begins at even pixels."""
         scale = self.picture.scale
-        part = self.reference[top // scale : -(-bottom // scale), left // scale : -(-right // scale)]
         if scale == 1:
-            return part
-        part = cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
-        return part[: bottom - top, : right - left]
+            return self.reference[part]
+        small = tuple(slice(side.start // scale, -(-side.stop // scale)) for side in part)
+        enlarged = cv2.resize(self.reference[small], None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
+        return enlarged[: part[0].stop - part[0].start, : part[1].stop - part[1].start]
 
 
 @dataclass(frozen=True)
