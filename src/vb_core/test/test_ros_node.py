@@ -11,12 +11,15 @@ from vb_core.ros import node
 from vb_core.ros.node import Mailbox, Queue, WakeTimer
 
 
-def test_the_newest_item_wins_and_the_others_are_counted():
-    mailbox = Mailbox()
+@pytest.mark.parametrize("size", [1, 2])
+def test_the_newest_items_win_and_the_others_are_counted(size):
+    added = []
+    mailbox = Mailbox(lambda: added.append(1), size)
     for number in range(5):
         mailbox.put(number)
-    assert mailbox.get() == 4
-    assert (mailbox.received, mailbox.dropped) == (5, 4)
+    assert len(added) == size
+    assert [mailbox.get() for _ in added] == [3, 4][-size:]
+    assert (mailbox.received, mailbox.dropped) == (5, 5 - size)
 
 
 def test_closing_a_mailbox_wakes_its_reader():

@@ -39,11 +39,12 @@ from vb_msgs.msg import DetectorStatus, LaserSpot
 
 # when a spot is confirmed, its spots in all of these images are published at once
 _MAX_UNCONFIRMED_IMAGES = 256
+_MAX_WAITING_IMAGES = 2  # with one, each pause of the computer that is longer than an image period would lose an image
 _DEBUG_PERIOD = 0.2  # [s] between two debug images, as drawing one takes longer than the detection
 
 
 class SpotDetectorNode:
-    """Detects the spot in cameras' images. Only a camera's newest image is searched; older ones are dropped and counted.
+    """Detects the spot in cameras' images. If they come too fast, only the newest are searched; others are counted.
 
     A camera with bad parameters is reported, and left out. If none has good parameters, the node ends.
 
@@ -97,7 +98,7 @@ class SpotDetectorNode:
                 self._left_out[-1].set([Notice.from_error(error, Severity.ERROR, camera)])
         if not self._cameras:
             raise refusals[0] if refusals else ParameterError(rospy.resolve_name("~cameras"), "no camera is named")
-        Worker(self._cameras_with_new_image, CameraDetector.detect_newest_image)
+        Worker(self._cameras_with_new_image, CameraDetector.detect_next_image)
 
     def close(self) -> None:
         """Stops searching, releases the cameras, and withdraws the notices."""
@@ -132,7 +133,7 @@ class CameraDetector:
         # a float of seconds would lose a stamp's nanoseconds
         self._stamps: Deque[rospy.Time] = deque(maxlen=_MAX_UNCONFIRMED_IMAGES)
         self._last_debug: Optional[rospy.Time] = None
-        self._mailbox: Mailbox = Mailbox(partial(queue.put, self))
+        self._mailbox: Mailbox = Mailbox(partial(queue.put, self), _MAX_WAITING_IMAGES)
         self._report = DetectorDiagnostics(namespace, params.camera, self._mailbox, self._mobile, bool(params.source))
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=_MAX_UNCONFIRMED_IMAGES, tcp_nodelay=True)
         self._debug = rospy.Publisher(f"{namespace}/debug_image", Image, queue_size=1)
@@ -191,8 +192,8 @@ class CameraDetector:
             self._floor_projection.params = params
 
     # ------------------------------------------------------------- images
-    def detect_newest_image(self) -> None:
-        """Detects spots in the newest image, unless it has been dropped meanwhile."""
+    def detect_next_image(self) -> None:
+        """Detects spots in the oldest image that waits."""
         try:
             received = self._mailbox.get()
             if received is not None:  # None while the node shuts down

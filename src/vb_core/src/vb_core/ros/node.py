@@ -200,34 +200,36 @@ class Queue(Generic[T]):
 
 
 class Mailbox(Queue[T]):
-    """A queue of one item: the newest wins, and the one it replaces counts as dropped. Closing it empties it.
+    """A queue of the newest items, usually of one: the oldest is dropped for a new one, and counted. Closing it empties it.
 
     A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
 
     Args:
-        on_filled: called when an item arrives in the empty mailbox, for a worker that serves several of them.
+        on_added: called when an item has been added and none was dropped for it, for a worker that serves several mailboxes.
+        size: number of items that may wait.
     """
 
-    def __init__(self, on_filled: Callable[[], Any] = lambda: None) -> None:
-        super().__init__(1)
-        self._on_filled = on_filled
+    def __init__(self, on_added: Callable[[], Any] = lambda: None, size: int = 1) -> None:
+        super().__init__(size)
+        self._on_added = on_added
         self.received = 0
         self.dropped = 0
 
     def put(self, item: T) -> bool:
-        """Stores an item, in place of one that is still there."""
+        """Stores an item, in place of the oldest one if too many are still there."""
         with self._condition:
             self.received += 1
-            replaced = len(self._items)
-            self.dropped += replaced
-            self._items.clear()
+            is_full = len(self._items) == self._size
+            if is_full:
+                self.dropped += 1
+                self._items.popleft()
             super().put(item)
-        if not replaced:
-            self._on_filled()
+        if not is_full:
+            self._on_added()
         return True
 
     def wait_until_taken(self) -> None:
-        """Waits until the item is taken or the mailbox closed: for a source that can wait."""
+        """Waits until all items are taken or the mailbox is closed: for a source that can wait."""
         with self._condition:
             self._condition.wait_for(lambda: not self._items or self._closed)
 
