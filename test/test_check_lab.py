@@ -113,7 +113,7 @@ ELSEWHERE = "on 192.0.2.7:\nrosrun vb_bringup check_lab --camera /dev/x"
 )
 def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments, code, host, said):
     monkeypatch.setattr(report, "CameraSource", camera)
-    monkeypatch.setattr(report, "_SECONDS", 0.0)
+    monkeypatch.setattr(report, "_WATCH_TIME", 0.0)
     monkeypatch.setattr(report, "run_v4l2", lambda *_: "Driver Info")
     monkeypatch.setattr(check_lab, "observe_lab", lambda _: [Notice(code, Severity.WARNING, camera="north")])
     monkeypatch.setattr(check_lab.rosgraph, "is_master_online", lambda: bool(code))
