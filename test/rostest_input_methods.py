@@ -31,9 +31,7 @@ SEED = (2.0, 1.6)
 
 def room():
     """Makes a room of 8 m x 5 m with walls."""
-    data = np.zeros((100, 160), np.int8)
-    data[:2], data[-2:], data[:, :2], data[:, -2:] = 100, 100, 100, 100
-    return GridMap(data, 0.05, (0.0, 0.0, 0.0))
+    return GridMap(np.pad(np.zeros((96, 156), np.int8), 2, constant_values=100), 0.05)
 
 
 def drawn():
@@ -166,10 +164,7 @@ class InputMethods(unittest.TestCase):
         while late is None or terminal.text.count("Too late") > late:
             late = terminal.text.count("Too late")
             terminal.press(key)
-            wait_until(
-                lambda: self.state.message.last_code == code or terminal.text.count("Too late") > late,  # noqa: B023
-                f"an answer to {command}",
-            )
+            wait_until(lambda: self.state.message.last_code == code or terminal.text.count("Too late") > late, command)
 
     def press(self, command):
         buttons = [0] * 5
@@ -184,7 +179,7 @@ class InputMethods(unittest.TestCase):
             told = len(self.heard.all)
             for piece in pieces(say(said, seed=seed)):
                 self.audio.publish(piece)
-            heard = wait_until(lambda: self.heard.all[told:], "what was made of a command")[0]  # noqa: B023
+            heard = wait_until(lambda: self.heard.all[told:], "what was made of a command")[0]
             if heard.success:
                 return
             if heard.code.startswith("confirm_"):

@@ -94,14 +94,11 @@ class LocalPlanner:
     def limit(self):
         return self._values["max_vel_trans"]
 
-    def set(self, values):
-        self._values.update(values)
+    def _on_request(self, request):
+        self._values.update({entry.name: entry.value for entry in request.config.doubles})
         config = Config(doubles=[DoubleParameter(name, value) for name, value in self._values.items()])
         self._updates.publish(config)
-        return config
-
-    def _on_request(self, request):
-        return ReconfigureResponse(self.set({entry.name: entry.value for entry in request.config.doubles}))
+        return ReconfigureResponse(config)
 
 
 class OwnRobots(unittest.TestCase):
@@ -162,7 +159,7 @@ class OwnRobots(unittest.TestCase):
         return [text for level, text in self.logged if level >= Log.WARN]
 
     def status(self, robot):
-        return next(one for one in self.heard[names.ROBOTS].robots if one.robot == robot)
+        return next(status for status in self.heard[names.ROBOTS].robots if status.robot == robot)
 
     def add(self, name, corners=CARPET, **fields):
         border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, **fields)

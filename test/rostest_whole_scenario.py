@@ -62,9 +62,7 @@ class WholeScenario(unittest.TestCase):
         wait_until(lambda: observer.outcome is not None, lambda: f"the end; the state is {observer.state}", 500.0)
         self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
         wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, "the saved border")
-
         self.assertEqual(alarms, set())
-
         # the person's line became one open border, which no ceiling camera saw alone
         border = observer.borders[0]
         self.assertEqual(border.id, observer.state.last_border_id)
@@ -81,17 +79,14 @@ class WholeScenario(unittest.TestCase):
         self.assertTrue(not len(left_out) or "strokes_left_out" in told, told)
         self.assertLess(directed_hausdorff(line[[0, -1]], seen)[0], NEAR)
         self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
-
         # it restricts the intended area, and nothing else changed
         truth = floor_plan.ground_truth(world, scenario)
         region = metrics.restricted_cells(observer.prior, observer.posterior)
         self.assertGreater(metrics.jaccard(truth, region), 0.9)
         kept = ~region
         self.assertTrue((observer.posterior.data[kept] == observer.prior.data[kept]).all())
-
         # exact times are tested where the test controls the clock (rostest_input_methods.py)
         self.assertGreater(min(observer.state.border_s, observer.state.seed_s), 0.0)
-
         # navigation respects it: the room cannot be reached, the floor outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
         start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)
