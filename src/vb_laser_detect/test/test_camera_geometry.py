@@ -58,8 +58,7 @@ def test_robots_are_where_they_were_at_the_images_time(lab):
 def test_a_pose_that_has_not_arrived_makes_a_robot_larger(lab):
     camera, buffer, _ = lab
     drive(buffer, "base_link", 2.0, 5.0)
-    (at_once,) = camera.robot_cylinders(rospy.Time(5.0))
-    (later,) = camera.robot_cylinders(rospy.Time(5.25))
+    at_once, later = (camera.robot_cylinders(rospy.Time(stamp))[0] for stamp in (5.0, 5.25))
     assert later.x == at_once.x
     assert later.radius == pytest.approx(at_once.radius + 0.25 * 0.4)
 

@@ -29,10 +29,10 @@ _EDGE_MM = 8.0  # printers leave a margin
 _MIN_MARKER_PX = 6 * 2.3  # side of a marker: its 6 modules (4 x 4 and a black border) need 2.3 px each to be told apart
 _MIN_CORNERS_TO_FIND_BOARD = 6
 _MIN_CORNERS_TO_FIT_LENS = 8  # in a view: fewer say little about the lens
-MIN_VIEWS = 12
+_MIN_VIEWS = 12
 _MAX_VIEWS = 30  # the newest ones: more make the estimate slower, but hardly better
 _CELLS = (8, 6)  # columns and rows of the image; a cell is covered once a corner was seen in it
-MIN_COVERAGE = 0.6  # share of the cells
+_MIN_COVERAGE = 0.6  # share of the cells
 _MIN_SHIFT = 0.06  # share of the image's width by which the corners of a new view must have moved on average
 # far more steps than OpenCV's default, which ends 3 % off a wide lens's focal length
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-9)
@@ -219,7 +219,7 @@ class LensCalibration:
             CodedError: "too_few_views" while there are not enough, "lens_not_determined" if they do not fit one lens.
         """
         if len(self.views) < 4:
-            raise CodedError("too_few_views", views=len(self.views), least=MIN_VIEWS)
+            raise CodedError("too_few_views", views=len(self.views), least=_MIN_VIEWS)
         if self._estimated is None:
             corners = [np.pad(view.corners, ((0, 0), (0, 1))).astype(np.float32) for view in self.views]  # z = 0
             pixels = [view.pixels.astype(np.float32) for view in self.views]
@@ -241,11 +241,11 @@ class LensCalibration:
         Raises:
             CodedError: "too_few_views", "little_coverage", "lens_not_determined", "board_not_tilted", "lens_uncertain".
         """
-        if len(self.views) < MIN_VIEWS:
-            raise CodedError("too_few_views", views=len(self.views), least=MIN_VIEWS)
+        if len(self.views) < _MIN_VIEWS:
+            raise CodedError("too_few_views", views=len(self.views), least=_MIN_VIEWS)
         coverage = self.covered.mean()
-        if coverage < MIN_COVERAGE:
-            raise CodedError("little_coverage", percent=round(100 * coverage), least=round(100 * MIN_COVERAGE))
+        if coverage < _MIN_COVERAGE:
+            raise CodedError("little_coverage", percent=round(100 * coverage), least=round(100 * _MIN_COVERAGE))
         lens = self.estimate()
         if lens.rms > _MAX_RMS:
             raise CodedError("lens_not_determined")
