@@ -180,8 +180,8 @@ class OwnRobots(unittest.TestCase):
     def test_a_robot_reports_whether_it_plans_round_borders(self):
         self.start(MAP_ONLY)
         # within a minute this launch file alone prints what is wired and what is not
-        told = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
-        self.wait(lambda: all(any(one in text for _, text in self.logged) for one in told), "what is connected")
+        expected = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
+        self.wait(lambda: all(any(part in text for _, text in self.logged) for part in expected), "what is connected")
         self.wait(lambda: ("robot_ignores_borders", "bob") in self.notices(), "the notice about bob")
         self.assertFalse([code for code, robot in self.notices() if robot == "ada"])
         # no node complains about cameras, detectors or a manager, which this launch file does not have
@@ -296,8 +296,8 @@ class OwnRobots(unittest.TestCase):
         self.addCleanup(setattr, self.robots, "localized", True)
         self.robots.localized = False
         self.wait(lambda: not self.status("bob").localized, "bob to be lost")
-        seen = self.heard[names.ROBOTS].header.seq
-        self.wait(lambda: self.heard[names.ROBOTS].header.seq > seen + 1, "another look")
+        number = self.heard[names.ROBOTS].header.seq
+        self.wait(lambda: self.heard[names.ROBOTS].header.seq > number + 1, "another look")
         self.assertEqual(planner.limit(), 0.1)
         self.robots.put("bob", (5.5, 3.0, math.pi))
         self.addCleanup(self.robots.put, "bob", START["bob"])

@@ -129,9 +129,9 @@ class StopSequences(unittest.TestCase):
         for messages in (self.state, self.driver):
             messages.next(4)
         codes = ("stopped", "stop_released")
-        told = [at for command, _, at, code in self.answers if command == "stop" and code in codes]
-        newest = bool(told) and max(told) > max(resumes, default=0.0)
-        if newest:
+        stops = [at for command, _, at, code in self.answers if command == "stop" and code in codes]
+        is_stop_newest = bool(stops) and max(stops) > max(resumes, default=0.0)
+        if is_stop_newest:
             self.assertTrue(self.state.message.stopped, "the newest stop is lost, or was released by an older resume")
             self.assertEqual(self.driver.message.source, "stop")
         obeyed = any(command == "resume" and code == "resumed" for command, _, _, code in self.answers)
@@ -139,7 +139,7 @@ class StopSequences(unittest.TestCase):
         self.press_page("cancel", time.monotonic())
         for messages in (self.state, self.driver):
             del messages.all[:-5]
-        return obeyed, newest
+        return obeyed, is_stop_newest
 
     def resume(self):
         """Gives a resume as somebody who looks at the state; returns whether robots may drive."""

@@ -181,8 +181,8 @@ def own_sentences(source):
 def test_a_code_has_one_sentence():
     files = [path for pattern in ("src/*/src/**/*.py", "bench/**/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
     sources = {path.relative_to(TOP): path.read_text(encoding="utf-8") for path in files}
-    found = [f"{path}: {code}" for path, source in sources.items() for code in own_sentences(source)]
-    assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
+    doubles = [f"{path}: {code}" for path, source in sources.items() for code in own_sentences(source)]
+    assert not doubles, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *doubles])
     assert own_sentences("raise CodedError('no_map', f'no map in {folder}')") == ["no_map"]
     assert own_sentences("Notice('robot_inside', message=f'{robot} is in it')") == ["robot_inside"]
 
@@ -258,16 +258,16 @@ def missing_commands(text):
     for program, rest in COMMAND.findall(text):
         words = rest.split()
         if program == "make":
-            found = words[0] in targets
+            exists = words[0] in targets
         elif program == "roslaunch" and words[0].endswith(".launch"):
-            found = (TOP / words[0]).is_file() or (words[0].startswith("~") and Path(words[0]).name in MADE_BY_NEW_LAB)
+            exists = (TOP / words[0]).is_file() or (words[0].startswith("~") and Path(words[0]).name in MADE_BY_NEW_LAB)
         elif words[0] in PACKAGES:
             folder = "launch" if program == "roslaunch" else "scripts"
             place = (TOP / "src" / words[0] / folder).resolve()  # roslaunch also looks into subfolders
-            found = len(words) > 1 and any(place.rglob(words[1]))
+            exists = len(words) > 1 and any(place.rglob(words[1]))
         else:
-            found = not words[0].startswith("vb_")  # other people's packages
-        missing += [] if found else [f"{program} {' '.join(words[:2])}"]
+            exists = not words[0].startswith("vb_")  # other people's packages
+        missing += [] if exists else [f"{program} {' '.join(words[:2])}"]
     return missing
 
 
