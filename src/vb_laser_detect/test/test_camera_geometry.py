@@ -87,7 +87,7 @@ def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch
     monkeypatch.setattr(camera_geometry, "time", clock)
     info = SimpleNamespace(model_for=lambda size: lookups.append(size) or CameraModel.ideal(*size, 500.0))
     transforms = TransformLookup()
-    red = CameraGeometry(False, transforms, info, None, FloorProjection(), (), SimpleNamespace())
+    red = CameraGeometry(False, transforms, info, None, FloorProjection(), (), Mock())
     drive(transforms._buffer, "red", 2.0, 5.0, static=True)
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
