@@ -27,7 +27,7 @@ _MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations
 # [m] extraction assumes that cameras agree within the hand's tremor; calibrated ones differ by one or two centimetres
 _MAX_DISAGREEMENT = 0.05
 _MAX_SIGHTINGS = 200  # per camera: enough for a median
-_SIGHTING_LIFETIME = 300.0  # [s] soon replaced after a calibration
+_SIGHTING_LIFETIME = 300.0  # [s] so that those from before a calibration soon no longer count
 _MIN_COMMON = 20  # sightings that two cameras must share before they are compared
 # positions are interpolated over at most one lost image, and no longer than a straight part of a slow drawing lasts
 _MAX_GAP_PERIODS = 2.5  # of a camera's usual interval between sightings
@@ -46,7 +46,7 @@ class Report:
         arrival: [s] time at which it arrived.
         frame: frame of the images; "": not known.
         focal: [px] focal length of the lens; 0: not known.
-        age: [s] time from the status' stamp until its arrival.
+        age: [s] time from the status's stamp until its arrival.
     """
 
     arrival: float
@@ -159,8 +159,8 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     previous = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1  # row of b before each row of a
     is_between = (previous >= 0) & (previous < len(intervals))
     a, previous = a[is_between], previous[is_between]
-    is_seamless = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
-    a, previous = a[is_seamless], previous[is_seamless]
+    is_short = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
+    a, previous = a[is_short], previous[is_short]
     if len(a) < _MIN_COMMON:
         return math.nan
     share = ((a[:, 0] - b[previous, 0]) / intervals[previous])[:, None]

@@ -29,8 +29,8 @@ from vb_core.errors import CodedError
 MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points, 50 sets hold one without any in 99.9 % of cases
 # points nearer to each other are one place, seen twice
-_SAME_PLACE_DIAGONALS = 0.005  # of the image
-_SAME_PLACE_DISTANCE = 0.01  # [m]
+_SAME_PLACE_DIAGONALS = 0.005  # in diagonals of the image
+_SAME_PLACE_DISTANCE = 0.01  # [m] on the floor
 _SAME_ORIENTATION = math.radians(2.0)  # poses that differ by less are the same
 _PLAUSIBLE = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 _PIXEL_SIGMA = 0.3  # [px] of a point in the image
